@@ -1,0 +1,1 @@
+"""State, run and gate performance benchmarks of ROS 2 graphs."""

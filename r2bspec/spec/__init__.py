@@ -1,0 +1,1 @@
+"""The language: YAML text with positions in, a frozen and typed `Spec` out."""
