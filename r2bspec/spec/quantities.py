@@ -12,9 +12,9 @@ fraction of one. A bare number has no unit and is refused: its meaning would be 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from decimal import Decimal
-from typing import ClassVar
+from functools import total_ordering
+from typing import ClassVar, Self
 
 _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"(?P<number>{_NUMBER})\s*(?P<unit>[A-Za-zµμ%/]+)")
@@ -32,13 +32,42 @@ class QuantityError(ValueError):
         self.suggestion = suggestion
 
 
-@dataclass(frozen=True, slots=True, order=True)
+@total_ordering
 class Quantity:
-    """A number with the dimension that its class names; `text` is what the user wrote."""
+    """A number with the dimension that its class names: immutable, ordered, hashable.
 
+    Not a dataclass: msgspec would read those from JSON objects, and a quantity is a string in
+    every document (see `r2bspec.spec.codec`).
+    """
+
+    __slots__ = ("_value",)
     units: ClassVar[dict[str, Decimal]] = {}
     kind: ClassVar[str] = "quantity"
     example: ClassVar[str] = ""
+    _value: int | float
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and other._value == self._value
+
+    def __lt__(self, other: Self) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return self._value < other._value
+
+    def __hash__(self) -> int:
+        return hash((self.kind, self._value))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._value!r})"
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a text such as `example`.
+
+        Raises:
+            QuantityError: the text is no quantity of this kind.
+        """
+        raise NotImplementedError
 
     @classmethod
     def _scaled(cls, text: str) -> Decimal:
@@ -69,11 +98,10 @@ class Quantity:
         return number * cls.units[unit]
 
 
-@dataclass(frozen=True, slots=True, order=True)
 class Duration(Quantity):
     """A length of time in whole nanoseconds."""
 
-    ns: int
+    __slots__ = ()
     kind: ClassVar[str] = "duration"
     example: ClassVar[str] = "10 s"
     units: ClassVar[dict[str, Decimal]] = {
@@ -86,13 +114,17 @@ class Duration(Quantity):
         "h": Decimal(3600 * 10**9),
     }
 
-    @classmethod
-    def parse(cls, text: str) -> Duration:
-        """Parse a duration such as ``10 s`` or ``150ms``.
+    def __init__(self, ns: int) -> None:
+        self._value = ns
 
-        Raises:
-            QuantityError: the text is no duration.
-        """
+    @property
+    def ns(self) -> int:
+        """The value in nanoseconds."""
+        return int(self._value)
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a duration such as ``10 s`` or ``150ms``."""
         return cls(int(cls._scaled(text).to_integral_value()))
 
     @property
@@ -108,11 +140,10 @@ class Duration(Quantity):
         return f"{self.ns} ns" if self.ns else "0 s"
 
 
-@dataclass(frozen=True, slots=True, order=True)
 class Rate(Quantity):
     """A frequency in hertz."""
 
-    hz: float
+    __slots__ = ()
     kind: ClassVar[str] = "rate"
     example: ClassVar[str] = "30 Hz"
     units: ClassVar[dict[str, Decimal]] = {
@@ -122,24 +153,27 @@ class Rate(Quantity):
         "mHz": Decimal("0.001"),
     }
 
-    @classmethod
-    def parse(cls, text: str) -> Rate:
-        """Parse a rate such as ``30 Hz``.
+    def __init__(self, hz: float) -> None:
+        self._value = hz
 
-        Raises:
-            QuantityError: the text is no rate.
-        """
+    @property
+    def hz(self) -> float:
+        """The value in hertz."""
+        return self._value
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a rate such as ``30 Hz``."""
         return cls(float(cls._scaled(text)))
 
     def __str__(self) -> str:
         return f"{_plain(Decimal(repr(self.hz)))} Hz"
 
 
-@dataclass(frozen=True, slots=True, order=True)
 class Size(Quantity):
     """An amount of memory or data in bytes."""
 
-    bytes: int
+    __slots__ = ()
     kind: ClassVar[str] = "size"
     example: ClassVar[str] = "64 MiB"
     units: ClassVar[dict[str, Decimal]] = {
@@ -152,13 +186,17 @@ class Size(Quantity):
         "GB": Decimal(10**9),
     }
 
-    @classmethod
-    def parse(cls, text: str) -> Size:
-        """Parse a size such as ``64 MiB``.
+    def __init__(self, count: int) -> None:
+        self._value = count
 
-        Raises:
-            QuantityError: the text is no size.
-        """
+    @property
+    def bytes(self) -> int:
+        """The value in bytes."""
+        return int(self._value)
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a size such as ``64 MiB``."""
         return cls(int(cls._scaled(text).to_integral_value()))
 
     def __str__(self) -> str:
@@ -169,22 +207,25 @@ class Size(Quantity):
         return f"{self.bytes} B"
 
 
-@dataclass(frozen=True, slots=True, order=True)
 class Share(Quantity):
     """A fraction; ``2 %`` is kept as 0.02."""
 
-    fraction: float
+    __slots__ = ()
     kind: ClassVar[str] = "share"
     example: ClassVar[str] = "2 %"
     units: ClassVar[dict[str, Decimal]] = {"%": Decimal("0.01")}
 
-    @classmethod
-    def parse(cls, text: str) -> Share:
-        """Parse a share such as ``0.5 %``.
+    def __init__(self, fraction: float) -> None:
+        self._value = fraction
 
-        Raises:
-            QuantityError: the text is no share.
-        """
+    @property
+    def fraction(self) -> float:
+        """The value in parts of one."""
+        return self._value
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a share such as ``0.5 %``."""
         return cls(float(cls._scaled(text)))
 
     def __str__(self) -> str:

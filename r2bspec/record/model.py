@@ -1,0 +1,123 @@
+"""What was observed in a run, as frozen values. The samples themselves are arrays in files.
+
+A run folder holds::
+
+    spec.yaml          the spec with every substitution done
+    plan.json          the plan that was carried out
+    record.json        a `RunRecord`: this module, written last, whole or not at all
+    result.json        metrics and verdicts, computed from all of the above
+    samples/SEGMENT/   playback.npy, and monitor.NAME.npy for each monitor
+    resources.npy      CPU and memory of every process over the whole run
+    logs/PROCESS.log   what each process printed
+
+All times are CLOCK_MONOTONIC nanoseconds of the host, unless the name says otherwise.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import msgspec
+
+PLAYBACK_FIELDS = (
+    ("stamp_ns", "<i8"),
+    ("due_ns", "<i8"),
+    ("published_ns", "<i8"),
+    ("done_ns", "<i8"),
+)
+"""One row per step: the unique header stamp (system clock) that all inputs of the step carry, when
+publishing was due, when it began, and when the last input of the step was handed over."""
+
+MONITOR_FIELDS = (
+    ("stamp_ns", "<i8"),
+    ("received_ns", "<i8"),
+    ("taken_ns", "<i8"),
+    ("bytes", "<i8"),
+)
+"""One row per received message, in the order of arrival: its header stamp (0 where the type has
+none), when the middleware received it, when the monitor had it, and its serialised size."""
+
+RESOURCE_FIELDS = (
+    ("time_ns", "<i8"),
+    ("process", "<i4"),
+    ("cpu_s", "<f8"),
+    ("memory_bytes", "<i8"),
+)
+"""One row per process and sampling time: `process` indexes `RunRecord.processes`, with -1 for the
+whole machine; `cpu_s` is the processor time used so far, in seconds, summed over all cores and the
+process's descendants; `memory_bytes` is the resident set (for -1: memory in use)."""
+
+
+class Segment(msgspec.Struct, frozen=True, kw_only=True):
+    """One stretch of playing at one rate.
+
+    `id` names its folder below ``samples/``. `steps` is how many steps were asked for. The
+    sending window runs from the first due time to `ended_ns`, the end of the last period.
+    `complete` is False if playing was cut short.
+    """
+
+    id: str
+    kind: Literal["warm_up", "probe", "sustained", "iteration"]
+    rate_hz: float
+    index: int
+    steps: int
+    began_ns: int
+    ended_ns: int
+    complete: bool
+
+
+class Probe(msgspec.Struct, frozen=True, kw_only=True):
+    """One probe of a search: what was offered, what came out, and whether the rate holds."""
+
+    segment: str
+    rate_hz: float
+    delivered_hz: float
+    holds: bool
+    reason: str
+
+
+class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """The outcome of a search for the peak rate.
+
+    The peak lies between `holds_hz`, the highest rate that held, and `fails_hz`, the lowest that
+    did not (None where nothing failed). `limited_by` says what set it.
+    """
+
+    probes: tuple[Probe, ...]
+    holds_hz: float | None
+    fails_hz: float | None
+    limited_by: Literal["graph", "player", "range", "interrupted"]
+
+
+class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """A process that ran. `exit_code` is negative for a signal, None if it was never collected."""
+
+    name: str
+    role: str
+    pid: int
+    exit_code: int | None
+
+
+class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """A run, complete or not.
+
+    `sustained` has one probe for each rate of the plan's `sustained_hz`. `dataset` says which
+    bag was read, with its hash; `machine` and `versions` where and with what.
+    `events` are (monotonic time, text): phases entered and everything notable.
+    """
+
+    r2bspec_record: Literal[1] = 1
+    run_id: str
+    plan_hash: str
+    started_at: str
+    ended_at: str
+    status: Literal["complete", "incomplete", "invalid"]
+    reason: str
+    dataset: dict[str, Any]
+    machine: dict[str, Any]
+    versions: dict[str, str]
+    processes: tuple[ProcessRecord, ...]
+    segments: tuple[Segment, ...]
+    search: SearchRecord | None
+    sustained: tuple[Probe, ...]
+    events: tuple[tuple[int, str], ...]

@@ -1,0 +1,200 @@
+"""The grammar of a requirement, and of the conditions under which a probed rate holds.
+
+Grammar (white space between tokens is free)::
+
+    requirement = "sustained" | metric op bound
+    metric      = [monitor "."] name ["." part]
+    op          = "<" | "<=" | ">" | ">="  | "==" | "!="
+    bound       = quantity | integer | share " of offered"
+    name, part, monitor = letter { letter | digit | "_" }
+
+Which metrics exist, and their dimensions, is known to `r2bspec.measure.catalogue`; this module
+knows only the shape of the sentence.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Literal
+
+import msgspec
+
+from r2bspec.spec.quantities import Duration, QuantityError, Rate, Share, Size
+
+Operator = Literal["<", "<=", ">", ">=", "==", "!="]
+
+_WORD = r"[A-Za-z][A-Za-z0-9_]*"
+_METRIC = re.compile(rf"\s*(?P<metric>{_WORD}(?:\.{_WORD})*)")
+_OPERATOR = re.compile(r"\s*(?P<op><=|>=|==|!=|<|>)")
+_OF = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
+
+
+class RequirementError(ValueError):
+    """A text that is not a requirement.
+
+    Attributes:
+        column: offset into the text, counted from 0, at which the problem begins.
+        suggestion: a text that would have been accepted there, or empty.
+    """
+
+    def __init__(self, message: str, column: int, suggestion: str = "") -> None:
+        super().__init__(message)
+        self.column = column
+        self.suggestion = suggestion
+
+
+class Bound(msgspec.Struct, frozen=True, kw_only=True):
+    """The right-hand side: a value in SI base units (s, Hz, bytes, fraction, or a count)."""
+
+    value: float
+    dimension: Literal["time", "rate", "size", "share", "count"]
+    of_offered: bool = False
+
+
+class Requirement:
+    """One parsed requirement; immutable, and equal to any other of the same text.
+
+    Not a struct: in every document a requirement is its text (see `r2bspec.spec.codec`).
+
+    Attributes:
+        text: what the user wrote.
+        metric: the dotted name as written: ``latency.p99``, ``detections.latency.p99``, or
+            ``sustained``, which has neither operator nor bound.
+        metric_column: offset of the metric into `text`.
+        bound_column: offset of the bound into `text`.
+    """
+
+    __slots__ = ("bound", "bound_column", "metric", "metric_column", "op", "text")
+
+    def __init__(
+        self,
+        *,
+        text: str,
+        metric: str,
+        op: Operator | None = None,
+        bound: Bound | None = None,
+        metric_column: int = 0,
+        bound_column: int = 0,
+    ) -> None:
+        self.text = text
+        self.metric = metric
+        self.op = op
+        self.bound = bound
+        self.metric_column = metric_column
+        self.bound_column = bound_column
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Requirement) and other.text == self.text
+
+    def __hash__(self) -> int:
+        return hash(self.text)
+
+    def __repr__(self) -> str:
+        return f"Requirement({self.text!r})"
+
+    def __str__(self) -> str:
+        return self.text
+
+    def holds(self, value: float, limit: float) -> bool:
+        """Compare one value with a limit, both in the bound's SI unit."""
+        match self.op:
+            case "<":
+                return value < limit
+            case "<=":
+                return value <= limit
+            case ">":
+                return value > limit
+            case ">=":
+                return value >= limit
+            case "==":
+                return value == limit
+            case "!=":
+                return value != limit
+        raise ValueError(f"{self.text!r} is not a comparison")
+
+
+def parse_requirement(text: str) -> Requirement:
+    """Parse one requirement.
+
+    Raises:
+        RequirementError: with the offset at which the text stops making sense.
+    """
+    found = _METRIC.match(text)
+    if found is None:
+        raise RequirementError(
+            "a requirement begins with a metric, such as latency.p99",
+            _first(text),
+            "latency.p99 < 50 ms",
+        )
+    metric = found["metric"]
+    metric_column = found.start("metric")
+    if metric == "sustained":
+        if text[found.end() :].strip():
+            raise RequirementError("nothing may follow 'sustained'", found.end(), "sustained")
+        return Requirement(text=text, metric=metric, metric_column=metric_column)
+    compared = _OPERATOR.match(text, found.end())
+    if compared is None:
+        raise RequirementError(
+            f"after {metric!r} comes one of < <= > >= == !=",
+            _first(text, found.end()),
+            f"{metric} < ...",
+        )
+    column = _first(text, compared.end())
+    return Requirement(
+        text=text,
+        metric=metric,
+        op=compared["op"],  # type: ignore[arg-type]  # the pattern admits only operators
+        bound=_parse_bound(text[column:].rstrip(), column),
+        metric_column=metric_column,
+        bound_column=column,
+    )
+
+
+def _parse_bound(text: str, column: int) -> Bound:
+    if not text:
+        raise RequirementError("the bound is missing", column, "50 ms")
+    relative = _OF.fullmatch(text)
+    if relative is not None:
+        return _relative_bound(relative, column)
+    if re.fullmatch(r"\d+", text):
+        return Bound(value=float(text), dimension="count")
+    problem: QuantityError | None = None
+    for kind in (Duration, Rate, Size, Share):
+        try:
+            quantity = kind.parse(text)
+        except QuantityError as error:
+            problem = problem or error
+            continue
+        if isinstance(quantity, Duration):
+            return Bound(value=quantity.seconds, dimension="time")
+        if isinstance(quantity, Rate):
+            return Bound(value=quantity.hz, dimension="rate")
+        if isinstance(quantity, Size):
+            return Bound(value=float(quantity.bytes), dimension="size")
+        return Bound(value=quantity.fraction, dimension="share")
+    raise RequirementError(
+        f"{text!r} is not a bound; write a number with a unit, such as 50 ms, 30 Hz, 2 % "
+        "or 64 MiB, or a whole number for a count",
+        column,
+        problem.suggestion if problem is not None else "",
+    )
+
+
+def _relative_bound(found: re.Match[str], column: int) -> Bound:
+    try:
+        share = Share.parse(found["share"])
+    except QuantityError as error:
+        raise RequirementError(str(error), column, error.suggestion) from None
+    if found["reference"] != "offered":
+        raise RequirementError(
+            f"a bound is relative to 'offered', the rate that was asked for, not to "
+            f"{found['reference']!r}",
+            column + found.start("reference"),
+            f"{found['share']} of offered",
+        )
+    return Bound(value=share.fraction, dimension="share", of_offered=True)
+
+
+def _first(text: str, start: int = 0) -> int:
+    """The offset of the first character that is not white space, from `start` on."""
+    return len(text) - len(text[start:].lstrip()) if text[start:].strip() else len(text)
