@@ -1,6 +1,27 @@
 """Problems as values: where they are, what they are, and the way out."""
 
-from r2bspec.diagnostics.model import Certainty, Diagnostic, Edit, Related, Severity, Span
+from r2bspec.diagnostics.model import (
+    Certainty,
+    Diagnostic,
+    Edit,
+    Path,
+    Related,
+    Severity,
+    Span,
+    format_path,
+)
+from r2bspec.diagnostics.pages import Page
 from r2bspec.diagnostics.suggest import did_you_mean
 
-__all__ = ["Certainty", "Diagnostic", "Edit", "Related", "Severity", "Span", "did_you_mean"]
+__all__ = [
+    "Certainty",
+    "Diagnostic",
+    "Edit",
+    "Page",
+    "Path",
+    "Related",
+    "Severity",
+    "Span",
+    "did_you_mean",
+    "format_path",
+]

@@ -15,8 +15,8 @@ from r2bspec.spec.model import Objective, QoS, Scalar
 from r2bspec.spec.requirement import Requirement
 
 
-class _Value(msgspec.Struct, frozen=True):
-    """Base of all plan values."""
+class _Value(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of all plan values: immutable and closed."""
 
 
 class BagTopicPlan(_Value, frozen=True, kw_only=True):
@@ -58,7 +58,8 @@ class ProcessPlan(_Value, frozen=True, kw_only=True):
     """One process. `env` holds only the changes to the environment that the run gives to all.
 
     ``$(python)`` in `argv` stands for the interpreter that runs r2bspec; ``$(executable P E)``
-    for the path of executable E of package P in the ament index.
+    for the path of executable E of package P in the ament index. `nodes` of a command are what the
+    spec calls it; a bare command need not be a ROS node.
     """
 
     name: str
@@ -72,8 +73,9 @@ class ProcessPlan(_Value, frozen=True, kw_only=True):
 class TopicPlan(_Value, frozen=True, kw_only=True):
     """A topic: who writes and who reads it, by process-independent names.
 
-    Writers and readers are node names, ``loader``, ``player`` or ``monitor``. Where a node's
-    interface is unknown, it is listed in neither.
+    Writers and readers are full node names (``/r2b/apriltag``), ``loader``, ``player`` or
+    ``monitor``; the loader reads what it records for playback. Where a node's interface is unknown,
+    it is listed in neither. An empty type is unknown.
     """
 
     name: str
@@ -86,8 +88,8 @@ class TopicPlan(_Value, frozen=True, kw_only=True):
 class InputPlan(_Value, frozen=True, kw_only=True):
     """An input of the graph: the topic played, and where its messages come from.
 
-    `bag_topic` is set where they come straight from the bag; otherwise they are what the
-    preprocessors publish on `source`.
+    `bag_topic`, as the spec writes it, is set where they come straight from the bag; otherwise
+    they are what the preprocessors publish on `source`.
     """
 
     topic: str
@@ -128,8 +130,10 @@ class PlayPlan(_Value, frozen=True, kw_only=True):
 class Plan(_Value, frozen=True, kw_only=True):
     """The whole run.
 
-    `sustained_hz` are the rates that an objective requires to be sustained and that get one
-    sequential probe each.
+    `phases` are those of load, preprocess, start, warm_up, search, sustained, play and collect
+    that happen, in this order. `sustained_hz` are the rates that an objective requires to be
+    sustained and that get one sequential probe each. `largest_message_bytes` is over the bag topics
+    that are used, and 0 if unknown.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -139,6 +143,7 @@ class Plan(_Value, frozen=True, kw_only=True):
     description: str
     labels: dict[str, Scalar]
     namespace: str
+    environment: tuple[str, ...]
     transport: Literal["inherit", "shared_memory", "udp"]
     largest_message_bytes: int
     dataset: DatasetPlan

@@ -1,0 +1,48 @@
+"""Running all rules over a spec, and leaving out what follows from something already said.
+
+A rule sees only the whole spec, so one wrong word looks wrong to several of them: a misspelt
+remapping leaves one topic that nobody publishes, another that nobody reads, and a monitor that
+nothing reaches. Each finding therefore names the subjects that it is `about`, and those that it
+`explains`. Rules run in the order of their codes, causes before consequences; a finding about a
+subject that an earlier rule has explained is left out.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from r2bspec.check.context import Context
+from r2bspec.check.place import place
+from r2bspec.check.registry import all_rules
+from r2bspec.diagnostics.model import Diagnostic
+
+if TYPE_CHECKING:
+    from r2bspec.spec.load import Loaded
+
+
+def check(loaded: Loaded, *, offline: bool = False) -> list[Diagnostic]:
+    """Everything that is wrong with a spec, sorted by place.
+
+    Where reading the document found errors, there is no spec to apply rules to, and those errors
+    are all that is returned. Nothing that the spec names is executed or imported.
+
+    Args:
+        loaded: what `load_spec` gave.
+        offline: leave recorded data alone; rules that need it find nothing.
+    """
+    found = list(loaded.diagnostics)
+    if loaded.spec is not None:
+        found += _apply_rules(Context(loaded, loaded.spec, offline=offline))
+    return sorted(found, key=lambda each: each.sort_key)
+
+
+def _apply_rules(context: Context) -> list[Diagnostic]:
+    found: list[Diagnostic] = []
+    explained: set[str] = set()
+    for rule in all_rules():
+        # What a rule explains counts for the rules after it, not for its own other findings.
+        kept = [each for each in rule.find(context) if not each.about & explained]
+        for finding in kept:
+            explained |= finding.explains
+            found.append(place(finding, rule.code, rule.severity, context.loaded))
+    return found

@@ -1,0 +1,49 @@
+"""What a rule yields: a problem at a path of the spec, before it has a place in a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from r2bspec.diagnostics.model import Certainty, Path, Severity
+
+
+@dataclass(frozen=True, slots=True)
+class Pointer:
+    """Another value of the spec that explains a finding; `key` means its key."""
+
+    message: str
+    path: Path
+    key: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One problem.
+
+    Attributes:
+        message: one sentence without a full stop; names are in single quotes.
+        path: the value that is wrong.
+        key: whether the key there is wrong, rather than the value.
+        part: offset and length, in characters of the value's text, of the piece that is wrong.
+        help: the way out.
+        related: other places that explain it.
+        replacement: a text that may safely stand in place of the value, or of its `part`.
+        severity: if not the rule's own.
+        certainty: whether it holds on every machine.
+        code: if not the rule's own, as for errors of the data.
+        about: the subjects that the finding is a statement about; see `r2bspec.check.engine`.
+        explains: the subjects about which nothing more needs to be said once this is known.
+    """
+
+    message: str
+    path: Path
+    key: bool = False
+    part: tuple[int, int] | None = None
+    help: str = ""
+    related: tuple[Pointer, ...] = ()
+    replacement: str | None = None
+    severity: Severity | None = None
+    certainty: Certainty = Certainty.CERTAIN
+    code: str = ""
+    about: frozenset[str] = frozenset()
+    explains: frozenset[str] = frozenset()

@@ -1,0 +1,19 @@
+"""All rules: every module of `r2bspec.check.rules` holds one, called RULE."""
+
+from __future__ import annotations
+
+import pkgutil
+from functools import cache
+from importlib import import_module
+
+from r2bspec.check import rules
+from r2bspec.check.rule import Rule
+
+
+@cache
+def all_rules() -> tuple[Rule, ...]:
+    """Every rule, in the order of their codes, in which causes come before consequences."""
+    found: list[Rule] = []
+    for module in pkgutil.iter_modules(rules.__path__, f"{rules.__name__}."):
+        found.append(import_module(module.name).RULE)
+    return tuple(sorted(found, key=lambda rule: rule.code))

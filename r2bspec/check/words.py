@@ -1,0 +1,39 @@
+"""Pieces of sentences that many rules need."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from r2bspec.diagnostics import did_you_mean
+from r2bspec.diagnostics.quote import quote
+
+LONGEST_LIST = 8
+"""Names that a message lists at most."""
+
+
+def listed(names: Iterable[str], last: str = "and") -> str:
+    """``'a', 'b' and 'c'``; a long list is cut and says how many more there are."""
+    quoted = [quote(name) for name in dict.fromkeys(names)]
+    if len(quoted) > LONGEST_LIST:
+        return f"{', '.join(quoted[:LONGEST_LIST])} {last} {len(quoted) - LONGEST_LIST} more"
+    return f" {last} ".join([", ".join(quoted[:-1]), quoted[-1]]) if quoted[1:] else "".join(quoted)
+
+
+def suggestion(wrong: str, known: Iterable[str], what: str) -> str:
+    """What to write instead: the known name that is close, or else all of them.
+
+    Args:
+        wrong: the name as written.
+        known: the names that would be right.
+        what: begins the list, as in ``published are``.
+    """
+    names = sorted(set(known))
+    close = did_you_mean(wrong, names)
+    if close:
+        return f"did you mean {quote(close)}?"
+    return f"{what} {listed(names)}" if names else ""
+
+
+def counted(number: int, noun: str) -> str:
+    """``1 message``, ``3,000 messages``."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"

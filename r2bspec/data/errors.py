@@ -1,0 +1,29 @@
+"""What can be wrong with recorded data, and what to do about it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from r2bspec.errors import R2bspecError
+
+BAG_NOT_FOUND: Final = "R2B301"
+METADATA_UNREADABLE: Final = "R2B302"
+STORAGE_MISSING: Final = "R2B303"
+STORAGE_UNREADABLE: Final = "R2B304"
+LFS_POINTER: Final = "R2B305"
+SERIALIZATION_UNSUPPORTED: Final = "R2B306"
+DATASET_UNKNOWN: Final = "R2B307"
+TOPIC_NOT_IN_BAG: Final = "R2B308"
+WINDOW_OUTSIDE_BAG: Final = "R2B309"
+METADATA_DISAGREES: Final = "R2B310"
+DATASET_NOT_WRITTEN: Final = "R2B311"
+
+
+class DataError(R2bspecError):
+    """A bag or dataset that cannot be used as it was asked for.
+
+    The message names the file or the dataset; `hint` says the way out.
+    """
+
+    code = BAG_NOT_FOUND
+    exit_code = 2

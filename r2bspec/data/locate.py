@@ -1,0 +1,72 @@
+"""From what a spec calls a bag to where it is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from r2bspec.data.errors import BAG_NOT_FOUND, DataError
+from r2bspec.data.index import index_bag
+from r2bspec.data.model import BagIndex, BagLocation
+from r2bspec.data.sequences import SEQUENCES, describe, unknown_dataset
+
+DATASETS_VARIABLE = "R2B_DATASETS"
+
+
+def locate(bag: str, base_dir: Path) -> BagLocation:
+    """Decide whether a bag is a path, a real dataset or a synthetic one.
+
+    What has a ``/``, or exists relative to `base_dir`, is a path. Anything else names a dataset:
+    the folder of that name under ``$R2B_DATASETS`` if there is one, else the catalogue's.
+
+    Args:
+        bag: as written in the spec.
+        base_dir: folder of the spec.
+
+    Raises:
+        DataError: the path does not exist (R2B301), the name is unknown (R2B307), or
+            ``$R2B_DATASETS`` is no folder (R2B301).
+    """
+    path = base_dir / Path(bag).expanduser()
+    if bag and path.exists():
+        return BagLocation(kind="recorded", path=path)
+    if "/" in bag:
+        raise DataError(
+            f"{path} does not exist",
+            code=BAG_NOT_FOUND,
+            hint=f"paths are relative to {base_dir}; a dataset name has no '/'",
+        )
+    real = _datasets_folder()
+    if real is not None and bag and (real / bag).exists():
+        return BagLocation(kind="recorded", path=real / bag, dataset=bag)
+    if bag not in SEQUENCES:
+        recorded = [each.name for each in real.iterdir() if each.is_dir()] if real else []
+        raise unknown_dataset(bag, {*SEQUENCES, *recorded})
+    return BagLocation(kind="synthetic", dataset=bag)
+
+
+def index(location: BagLocation) -> BagIndex:
+    """Index a located bag; a synthetic one is described without being made.
+
+    Raises:
+        DataError: as `index_bag`.
+    """
+    if location.path is not None:
+        return index_bag(location.path)
+    return describe(location.dataset or "")
+
+
+def _datasets_folder() -> Path | None:
+    """The folder of real datasets, or None where the user names none."""
+    value = os.environ.get(DATASETS_VARIABLE, "")
+    if not value:
+        return None
+    folder = Path(value).expanduser()
+    if not folder.is_dir():
+        # Falling back to rendered data would measure something else than was asked for.
+        raise DataError(
+            f"${DATASETS_VARIABLE} names {folder}, which is no folder",
+            code=BAG_NOT_FOUND,
+            hint="point it at the folder that holds the r2b bags, or unset it",
+        )
+    return folder

@@ -1,0 +1,1 @@
+"""The rendered world behind the synthetic datasets: rooms, motion, sensors."""

@@ -1,0 +1,76 @@
+"""How the rig moves: sums of sines, so that every derivative is known exactly."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from r2bspec.data.scene.geometry import (
+    Pose,
+    Vector,
+    apply,
+    from_yaw_pitch_roll,
+    transpose,
+)
+
+GRAVITY_M_S2 = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """One coordinate over time: a rest value and waves of (amplitude, hertz, phase in radians)."""
+
+    rest: float
+    waves: tuple[tuple[float, float, float], ...] = ()
+
+    def at(self, seconds: float) -> tuple[float, float, float]:
+        """Value and first and second derivative, in the track's unit and seconds."""
+        value, speed, acceleration = self.rest, 0.0, 0.0
+        for amplitude, hertz, phase in self.waves:
+            omega = 2 * math.pi * hertz
+            sine = amplitude * math.sin(omega * seconds + phase)
+            value += sine
+            speed += amplitude * omega * math.cos(omega * seconds + phase)
+            acceleration -= omega * omega * sine
+        return value, speed, acceleration
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """The body's path through the world: metres and radians."""
+
+    x: Track
+    y: Track
+    z: Track
+    yaw: Track
+    pitch: Track
+    roll: Track
+
+    def pose(self, seconds: float) -> Pose:
+        """World from body at a time after the sequence's start."""
+        return Pose(
+            (self.x.at(seconds)[0], self.y.at(seconds)[0], self.z.at(seconds)[0]),
+            from_yaw_pitch_roll(
+                self.yaw.at(seconds)[0], self.pitch.at(seconds)[0], self.roll.at(seconds)[0]
+            ),
+        )
+
+    def angular_velocity_rad_s(self, seconds: float) -> Vector:
+        """Angular velocity in body axes, from the derivatives of yaw, pitch and roll."""
+        _, yaw_rate, _ = self.yaw.at(seconds)
+        pitch, pitch_rate, _ = self.pitch.at(seconds)
+        roll, roll_rate, _ = self.roll.at(seconds)
+        return (
+            roll_rate - yaw_rate * math.sin(pitch),
+            pitch_rate * math.cos(roll) + yaw_rate * math.sin(roll) * math.cos(pitch),
+            yaw_rate * math.cos(roll) * math.cos(pitch) - pitch_rate * math.sin(roll),
+        )
+
+    def specific_force_m_s2(self, seconds: float) -> Vector:
+        """What an accelerometer at the origin reads: acceleration less gravity, body axes."""
+        force = (
+            self.x.at(seconds)[2],
+            self.y.at(seconds)[2],
+            self.z.at(seconds)[2] + GRAVITY_M_S2,
+        )
+        return apply(transpose(self.pose(seconds).rotation), force)

@@ -1,0 +1,28 @@
+"""What `r2bspec explain CODE` says: one page for each code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from r2bspec.diagnostics.model import Severity
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """The explanation of one diagnostic code.
+
+    Attributes:
+        code: such as ``R2B204``.
+        title: what is wrong, in a few words, without a full stop.
+        severity: how bad a finding of this code is by default.
+        why: one or two sentences: what would go wrong if it were let through.
+        failing: YAML that leads to this code; a whole spec or the part that matters.
+        passing: the same, put right.
+    """
+
+    code: str
+    title: str
+    severity: Severity
+    why: str
+    failing: str
+    passing: str

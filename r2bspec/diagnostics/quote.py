@@ -1,0 +1,25 @@
+"""Values of a document as they are quoted in messages: short, on one line, harmless."""
+
+from __future__ import annotations
+
+LONGEST = 60
+"""Characters of a value that a message shows at most."""
+
+
+def printable(text: str) -> str:
+    """The text with every character that a terminal might act on replaced by U+FFFD."""
+    if text.isprintable():
+        return text
+    return "".join(char if char.isprintable() else "\ufffd" for char in text)
+
+
+def clip(text: str, longest: int = LONGEST) -> str:
+    """The text on one line, cut to `longest` characters."""
+    short = text[: longest + 1]
+    line = printable(short.replace("\n", "⏎").replace("\t", " "))
+    return line if len(line) <= longest else line[: longest - 1] + "…"
+
+
+def quote(text: str) -> str:
+    """The text in single quotes, clipped."""
+    return f"'{clip(text)}'"

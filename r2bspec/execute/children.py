@@ -1,0 +1,321 @@
+"""The processes of a run: started, listened to, watched for death, and ended in order.
+
+Everything happens in the controller's one thread: `Children.pump` waits for messages and looks at
+every process, and raises as soon as one has died that was not told to.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
+from r2bspec.harness import protocol
+from r2bspec.harness.reaping import clean_up
+from r2bspec.record.model import ProcessRecord
+
+_POLL_S = 0.05
+_SHUTDOWN_S = 3.0
+_GRACE_S = 2.0
+_LOG_TAIL_LINES = 12
+
+_Answer = TypeVar("_Answer")
+
+
+class Child:
+    """One process. A harness child has a control channel, a command process has none."""
+
+    def __init__(
+        self,
+        name: str,
+        role: str,
+        process: subprocess.Popen[bytes],
+        log: Path,
+        connection: socket.socket | None,
+    ) -> None:
+        self.name = name
+        self.role = role
+        self.process = process
+        self.log = log
+        self.connection = connection
+        self.inbox: deque[Any] = deque()
+        self.ending = False
+        self._pending = bytearray()
+
+    @property
+    def pid(self) -> int:
+        """The process id, which is also the id of its session and process group."""
+        return self.process.pid
+
+    def send(self, message: Any) -> None:
+        """Send a command; a child that cannot take it is dead, which `pump` will notice."""
+        if self.connection is not None:
+            with contextlib.suppress(OSError):
+                self.connection.sendall(protocol.encode(message))
+
+    def read(self) -> bool:
+        """Put what has arrived into the inbox; False at the end of the channel."""
+        if self.connection is None:
+            return False
+        try:
+            received = self.connection.recv(1 << 16)
+        except OSError:
+            return False
+        self._pending += received
+        *lines, rest = self._pending.split(b"\n")
+        self._pending = bytearray(rest)
+        for line in lines:
+            # Whatever else a node may write to this socket by mistake is not for the controller.
+            with contextlib.suppress(msgspec.DecodeError):
+                self.inbox.append(protocol.decode_reply(bytes(line)))
+        return bool(received)
+
+    def log_tail(self) -> str:
+        """The last lines that the process printed."""
+        try:
+            with self.log.open("rb") as file:
+                file.seek(0, 2)
+                file.seek(max(0, file.tell() - 8192))
+                text = file.read().decode(errors="replace")
+        except OSError:
+            return ""
+        return "\n".join(text.splitlines()[-_LOG_TAIL_LINES:])
+
+
+class Children:
+    """All processes of a run, and the watchdog that ends them should the controller be killed."""
+
+    def __init__(self, run_id: str, check_interrupt: Callable[[], None]) -> None:
+        self._run_id = run_id
+        self._check_interrupt = check_interrupt
+        self._selector = selectors.DefaultSelector()
+        self._living: dict[str, Child] = {}
+        self._all: list[Child] = []
+        self._began_s = time.time()
+        # The process environment is the controller's: the watchdog is no part of the run.
+        self._watchdog = subprocess.Popen(
+            [sys.executable, "-P", "-m", "r2bspec.harness.watchdog", run_id],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+
+    def __iter__(self) -> Any:
+        return iter(list(self._living.values()))
+
+    def __getitem__(self, name: str) -> Child:
+        return self._living[name]
+
+    def start(
+        self,
+        name: str,
+        role: str,
+        argv: Iterable[str],
+        env: dict[str, str],
+        *,
+        cwd: Path,
+        log: Path,
+    ) -> Child:
+        """Start a process in a session of its own, with its output going to `log`.
+
+        Raises:
+            NotInstalledError: there is no such program, or it may not be executed.
+        """
+        command = list(argv)
+        ours, theirs = (None, None) if role == "command" else socket.socketpair()
+        if theirs is not None:
+            env = env | {protocol.CONTROL_FD_VARIABLE: str(theirs.fileno())}
+        try:
+            with log.open("ab") as output:
+                process = subprocess.Popen(
+                    command,
+                    cwd=cwd,
+                    env=env,
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                    pass_fds=() if theirs is None else (theirs.fileno(),),
+                )
+        except OSError as error:
+            if ours is not None:
+                ours.close()
+            raise NotInstalledError(
+                f"process {name} cannot be started: {command[0]}: {error.strerror or error}",
+                hint="Check the command in the spec, and that it is installed on this machine.",
+                code="R2B621",
+            ) from error
+        finally:
+            if theirs is not None:
+                theirs.close()
+        self._tell_watchdog(f"session {process.pid}\n")
+        child = Child(name, role, process, log, ours)
+        if ours is not None:
+            self._selector.register(ours, selectors.EVENT_READ, child)
+        self._living[name] = child
+        self._all.append(child)
+        return child
+
+    def pump(self, timeout_s: float = _POLL_S) -> None:
+        """Wait for messages for at most `timeout_s` seconds, and look after every process.
+
+        Raises:
+            ProcessFailedError: a process said why it cannot go on.
+            ProcessDiedError: a process ended unasked.
+            InterruptedRunError: the user or the system asked for an end.
+        """
+        self._check_interrupt()
+        for key, _ in self._selector.select(timeout_s):
+            child: Child = key.data
+            if not child.read():
+                self._selector.unregister(key.fileobj)
+        for child in self._living.values():
+            self._raise_failure(child)
+        for child in list(self._living.values()):
+            if child.process.poll() is not None and not child.ending:
+                self._raise_death(child)
+        self._check_interrupt()
+
+    def _raise_failure(self, child: Child) -> None:
+        for message in child.inbox:
+            if isinstance(message, protocol.Failed):
+                raise ProcessFailedError(
+                    f"{child.name}: {message.message}",
+                    hint=message.hint or f"Its output is in {child.log}",
+                    code=message.code,
+                )
+
+    def _raise_death(self, child: Child) -> None:
+        # Its last words may still be in the socket.
+        if child.read():
+            self._raise_failure(child)
+        tail = child.log_tail()
+        said = f"; the last it printed:\n{tail}" if tail else "; it printed nothing"
+        raise ProcessDiedError(
+            f"process {child.name} {describe_exit(child.process.returncode)}{said}",
+            hint=f"Its whole output is in {child.log}",
+        )
+
+    def ask(self, child: Child, command: Any, kind: type[_Answer], timeout_s: float) -> _Answer:
+        """Send a command and wait for its answer.
+
+        Raises:
+            RunError: no answer came in time, or what `pump` raises.
+        """
+        child.send(command)
+        return self.answer(child, kind, timeout_s)
+
+    def answer(self, child: Child, kind: type[_Answer], timeout_s: float) -> _Answer:
+        """Wait for an answer of a kind.
+
+        Raises:
+            RunError: none came in time, or what `pump` raises.
+        """
+        deadline = time.monotonic() + timeout_s
+        while True:
+            while child.inbox:
+                message = child.inbox.popleft()
+                if isinstance(message, kind):
+                    return message
+            if time.monotonic() > deadline:
+                raise RunError(
+                    f"process {child.name} did not answer within {timeout_s:g} s",
+                    hint=f"It may be blocked in a callback or a constructor; see {child.log}",
+                    code="R2B632",
+                )
+            self.pump()
+
+    def end(self, children: Iterable[Child]) -> None:
+        """End some processes in order: ask, then SIGTERM, then SIGKILL, each to the whole group."""
+        ended = [child for child in children if child.name in self._living]
+        for child in ended:
+            child.ending = True
+            child.send(protocol.Shutdown())
+            if child.connection is None:
+                _signal_group(child, signal.SIGINT)
+        for step, patience_s in (
+            (None, _SHUTDOWN_S),
+            (signal.SIGTERM, _GRACE_S),
+            (signal.SIGKILL, 5.0),
+        ):
+            if step is not None:
+                for child in ended:
+                    if child.process.poll() is None:
+                        _signal_group(child, step)
+            _wait_for_all(ended, patience_s)
+        for child in ended:
+            # Grandchildren in the group that outlived their parent.
+            _signal_group(child, signal.SIGKILL)
+            self._forget(child)
+
+    def close(self) -> list[str]:
+        """End everything, and leave nothing behind. Returns the names of what had to be killed."""
+        self.end(list(self._living.values()))
+        sessions = [child.pid for child in self._all]
+        killed = clean_up(
+            self._run_id, sessions, grace_s=_GRACE_S, since_s=self._began_s - 1.0
+        )
+        self._tell_watchdog("done\n")
+        with contextlib.suppress(OSError):
+            if self._watchdog.stdin is not None:
+                self._watchdog.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._watchdog.wait(5.0)
+        self._selector.close()
+        return killed
+
+    def records(self) -> tuple[ProcessRecord, ...]:
+        """Every process that was started, with how it ended."""
+        return tuple(
+            ProcessRecord(
+                name=child.name, role=child.role, pid=child.pid, exit_code=child.process.poll()
+            )
+            for child in self._all
+        )
+
+    def _forget(self, child: Child) -> None:
+        del self._living[child.name]
+        if child.connection is not None:
+            with contextlib.suppress(KeyError, ValueError):
+                self._selector.unregister(child.connection)
+            child.connection.close()
+
+    def _tell_watchdog(self, line: str) -> None:
+        if self._watchdog.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._watchdog.stdin.write(line.encode())
+                self._watchdog.stdin.flush()
+
+
+def describe_exit(status: int) -> str:
+    """Put a return code of `subprocess` in words."""
+    if status >= 0:
+        return f"ended with status {status}"
+    with contextlib.suppress(ValueError):
+        return f"was killed by {signal.Signals(-status).name}"
+    return f"was killed by signal {-status}"
+
+
+def _signal_group(child: Child, which: signal.Signals) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, which)
+
+
+def _wait_for_all(children: list[Child], patience_s: float) -> None:
+    deadline = time.monotonic() + patience_s
+    for child in children:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.process.wait(max(0.0, deadline - time.monotonic()))

@@ -1,0 +1,314 @@
+"""The controller: carries a plan out, phase by phase, and records what it sees.
+
+Whatever happens, three things hold at the end: no process of the run is left, the run folder has
+what was observed until then, and its record says whether that is all.
+"""
+
+from __future__ import annotations
+
+import datetime
+import tempfile
+import time
+from pathlib import Path
+from typing import Literal
+
+from r2bspec.data.index import measure_largest
+from r2bspec.errors import R2bspecError
+from r2bspec.execute.alignment import align
+from r2bspec.execute.buffering import buffer_bag
+from r2bspec.execute.children import Child, Children
+from r2bspec.execute.dataset import Dataset, obtain
+from r2bspec.execute.domain import reserved_domain
+from r2bspec.execute.environment import RunEnvironment
+from r2bspec.execute.errors import InterruptedRunError, NoOutputError, RunError
+from r2bspec.execute.graph import Launcher, diagnose_silence, readers_wanted, wait_until_matched
+from r2bspec.execute.interrupts import Interrupts
+from r2bspec.execute.machine import describe_machine, describe_versions
+from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
+from r2bspec.execute.preprocess import preprocess
+from r2bspec.execute.probing import Prober
+from r2bspec.execute.progress import Progress
+from r2bspec.execute.resources import ResourceSampler
+from r2bspec.execute.search import PeakSearch
+from r2bspec.harness import protocol
+from r2bspec.harness.buffers import read_index
+from r2bspec.plan.canonical import canonical_json, plan_hash
+from r2bspec.plan.model import Plan
+from r2bspec.record.model import Probe, RunRecord, SearchRecord
+from r2bspec.record.store import RunFolder
+
+_PHASE = "measure"
+_WARM_UP_HZ = 10.0
+_WARM_UP_STEPS = 10
+
+
+def run_plan(
+    plan: Plan,
+    *,
+    base_dir: Path,
+    folder: RunFolder,
+    run_id: str,
+    spec_text: str,
+    progress: Progress,
+) -> RunRecord:
+    """Carry out a plan; the run folder is complete when this returns or raises.
+
+    Args:
+        plan: what to do.
+        base_dir: the folder of the spec, to which its paths are relative.
+        folder: where everything observed goes.
+        run_id: names the run; also marks its processes.
+        spec_text: the resolved spec, for the record.
+        progress: is told what happens.
+
+    Raises:
+        RunError: the run failed; its record is marked as incomplete and says why.
+        DataError: the bag is not there or not readable.
+        InterruptedRunError: a signal asked for an end.
+    """
+    folder.write_plan(canonical_json(plan).decode())
+    folder.write_spec(spec_text)
+    with Interrupts() as interrupts, tempfile.TemporaryDirectory(prefix="r2bspec-") as scratch:
+        controller = _Controller(plan, base_dir, folder, run_id, Path(scratch), progress, interrupts)
+        return controller.run()
+
+
+class _Controller:
+    """The state of one run."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        base_dir: Path,
+        folder: RunFolder,
+        run_id: str,
+        scratch: Path,
+        progress: Progress,
+        interrupts: Interrupts,
+    ) -> None:
+        self._plan = plan
+        self._base_dir = base_dir
+        self._folder = folder
+        self._run_id = run_id
+        self._progress = progress
+        self._interrupts = interrupts
+        self._scratch = scratch
+        self._buffer_dir = scratch / "buffers"
+        self._rows_dir = scratch / "rows"
+        self._buffer_dir.mkdir()
+        self._rows_dir.mkdir()
+        self._started_at = _now()
+        self._events: list[tuple[int, str]] = []
+        self._dataset: Dataset | None = None
+        self._children: Children | None = None
+        self._stage: Stage | None = None
+        self._search: PeakSearch | None = None
+        self._sustained: list[Probe] = []
+        self._resources = ResourceSampler()
+
+    def run(self) -> RunRecord:
+        """Carry the plan out, clean up, and write the record, in that order, whatever happens."""
+        failure: BaseException | None = None
+        try:
+            self._load()
+            with reserved_domain() as domain:
+                self._with_processes(domain)
+        except BaseException as error:
+            failure = error
+            raise
+        finally:
+            record = self._record(failure)
+            self._folder.write_resources(self._resources.stop())
+            self._folder.write_record(record)
+        return record
+
+    def _with_processes(self, domain: int) -> None:
+        self._children = children = Children(self._run_id, self._interrupts.check)
+        try:
+            self._resources.start()
+            launcher = self._launcher(children, domain)
+            if "preprocess" in self._plan.phases:
+                self._phase("preprocess", "running the preprocessors")
+                preprocess(self._plan, children, launcher, self._buffer_dir, self._progress)
+            stage, player, monitor = self._start(children, launcher)
+            self._stage = stage
+            self._warm_up(stage, children, monitor)
+            self._measure(stage)
+            self._phase("collect", "collecting")
+        finally:
+            killed = children.close()
+            if killed:
+                self._note(f"had to be killed: {', '.join(sorted(set(killed)))}")
+
+    def _load(self) -> None:
+        self._phase("load", f"reading {self._plan.dataset.source}")
+        self._dataset = obtain(self._plan.dataset, self._base_dir, self._progress)
+        counts = buffer_bag(
+            self._dataset.path, self._plan.dataset, self._buffer_dir, self._progress
+        )
+        self._note(", ".join(f"{topic}: {count} messages" for topic, count in counts.items()))
+        self._interrupts.check()
+
+    def _launcher(self, children: Children, domain: int) -> Launcher:
+        assert self._dataset is not None  # noqa: S101 - loading came first
+        largest = self._plan.largest_message_bytes or measure_largest(
+            self._dataset.path, [each.bag_topic for each in self._plan.dataset.topics]
+        )
+        environment = RunEnvironment(
+            self._plan,
+            run_id=self._run_id,
+            domain=domain,
+            scratch=self._scratch,
+            largest_message_bytes=largest,
+        )
+        return Launcher(
+            children,
+            environment,
+            self._folder,
+            self._base_dir,
+            lambda child: self._resources.add(child.pid),
+        )
+
+    def _start(self, children: Children, launcher: Launcher) -> tuple[Stage, Child, Child]:
+        """Writers, then nodes, then readers; then wait until all are matched."""
+        plan = self._plan
+        self._phase("start", "starting the graph")
+        processes = [each for each in plan.processes if each.phase == _PHASE]
+        player = launcher.start(next(each for each in processes if each.role == "player"))
+        aligned = align(
+            [read_index(self._buffer_dir, each.source) for each in plan.inputs], plan.buffer
+        )
+        for topic, count in aligned.unpaired.items():
+            self._note(f"{topic}: {count} messages have no partner of the same stamp")
+        launcher.configure(
+            player,
+            protocol.ConfigurePlayer(
+                inputs=plan.inputs,
+                buffer_dir=str(self._buffer_dir),
+                steps=aligned.steps,
+                rows=str(self._rows_dir / PLAYBACK_ROWS),
+            ),
+        )
+        launcher.start_nodes(
+            (each for each in processes if each.role in {"host", "command"}),
+            plan.start_timeout_ns / 1e9,
+        )
+        monitor = launcher.start(next(each for each in processes if each.role == "monitor"))
+        launcher.configure(
+            monitor,
+            protocol.ConfigureMonitor(monitors=plan.monitors, rows_dir=str(self._rows_dir)),
+        )
+        children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+        wait_until_matched(
+            children,
+            {
+                player: {
+                    each.topic: readers_wanted(plan, each.topic, _PHASE) for each in plan.inputs
+                },
+                monitor: {each.topic: 1 for each in plan.monitors},
+            },
+            plan,
+            _PHASE,
+        )
+        stage = Stage(
+            children, player, plan.monitors, self._rows_dir, self._folder, self._progress
+        )
+        return stage, player, monitor
+
+    def _warm_up(self, stage: Stage, children: Children, monitor: Child) -> None:
+        """Play until every monitor has seen something, at least for the planned time.
+
+        The first messages cost ten times the median: pages are touched for the first time, and
+        nodes set themselves up. Nothing measured may contain that.
+        """
+        plan = self._plan
+        self._phase("warm_up", "warming up")
+        rates = [each.rate_hz for each in plan.play]
+        rates += [plan.search.min_hz] if plan.search else []
+        rate_hz = min([_WARM_UP_HZ, *rates])
+        steps = max(_WARM_UP_STEPS, round(plan.warm_up_ns / 1e9 * rate_hz))
+        deadline = time.monotonic() + plan.start_timeout_ns / 1e9
+        for attempt in range(1, 1000):
+            stage.play("warm_up", f"warm_up-{attempt:03d}", rate_hz, steps, index=attempt)
+            silent = [name for name, count in stage.received().items() if not count]
+            if not silent:
+                return
+            if time.monotonic() > deadline:
+                topics = [each.topic for each in plan.monitors if each.name in silent]
+                raise NoOutputError(
+                    diagnose_silence(children, plan, monitor, topics, _PHASE),
+                    hint="The inputs were played, but the graph published nothing there.",
+                )
+
+    def _measure(self, stage: Stage) -> None:
+        plan = self._plan
+        prober = Prober(plan, stage)
+        if plan.search:
+            self._phase("search", "searching for the peak rate")
+            self._search = PeakSearch(
+                plan.search.min_hz,
+                plan.search.max_hz,
+                plan.search.precision,
+                prober.probe,
+            )
+            self._search.run()
+        if plan.sustained_hz:
+            self._phase("sustained", "probing the rates to be sustained")
+            self._sustained += [prober.sustain(rate_hz).probe for rate_hz in plan.sustained_hz]
+        if plan.play:
+            self._phase("play", "playing at fixed rates")
+            self._play_iterations(stage)
+
+    def _play_iterations(self, stage: Stage) -> None:
+        """All rates in turn in each iteration, so that a slow drift of the machine hits all."""
+        for index in range(1, max(each.iterations for each in self._plan.play) + 1):
+            for play in self._plan.play:
+                if index > play.iterations:
+                    continue
+                steps = max(2, round(play.duration_ns / 1e9 * play.rate_hz))
+                stage.play(
+                    "iteration",
+                    f"rate-{play.rate_hz:g}Hz-{index:03d}",
+                    play.rate_hz,
+                    steps,
+                    index=index,
+                )
+
+    def _phase(self, name: str, text: str) -> None:
+        self._events.append((time.monotonic_ns(), f"phase {name}"))
+        self._progress.phase(name, text)
+
+    def _note(self, text: str) -> None:
+        self._events.append((time.monotonic_ns(), text))
+        self._progress.note(text)
+
+    def _record(self, failure: BaseException | None) -> RunRecord:
+        status: Literal["complete", "incomplete"] = "incomplete" if failure else "complete"
+        return RunRecord(
+            run_id=self._run_id,
+            plan_hash=plan_hash(self._plan),
+            started_at=self._started_at,
+            ended_at=_now(),
+            status=status,
+            reason=_reason(failure),
+            dataset=self._dataset.provenance if self._dataset else {},
+            machine=describe_machine(),
+            versions=describe_versions(),
+            processes=self._children.records() if self._children else (),
+            segments=tuple(self._stage.segments) if self._stage else (),
+            search=self._search.record() if self._search else None,
+            sustained=tuple(self._sustained),
+            events=tuple(self._events),
+        )
+
+
+def _reason(failure: BaseException | None) -> str:
+    if failure is None:
+        return ""
+    if isinstance(failure, InterruptedRunError | RunError | R2bspecError):
+        return f"{failure.code}: {failure}"
+    return f"{type(failure).__name__}: {failure}"
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

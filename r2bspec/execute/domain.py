@@ -1,0 +1,42 @@
+"""A ROS domain of one's own, so that two runs on one machine never meet."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import socket
+from collections.abc import Iterator
+
+from r2bspec.execute.errors import RunError
+
+_FIRST, _LAST = 1, 100
+"""Domains whose UDP ports (7400 + 250 x domain) stay clear of the ephemeral range of Linux."""
+
+_PORT_BASE = 32768
+"""The convention of ROS's own `domain_coordinator`: whoever holds TCP port 32768 + N has domain N.
+Following it, runs keep clear of test suites that use it."""
+
+
+@contextlib.contextmanager
+def reserved_domain() -> Iterator[int]:
+    """Reserve a free domain for as long as the context lasts.
+
+    The reservation is a bound port, so the kernel ends it with the process, whatever happens.
+
+    Raises:
+        RunError: all domains are taken.
+    """
+    candidates = list(range(_FIRST, _LAST + 1))
+    random.shuffle(candidates)
+    for domain in candidates:
+        with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as guard:
+            try:
+                guard.bind(("127.0.0.1", _PORT_BASE + domain))
+            except OSError:
+                continue
+            yield domain
+            return
+    raise RunError(
+        f"all ROS domains from {_FIRST} to {_LAST} are in use on this machine",
+        hint="Wait until other runs have ended.",
+    )

@@ -1,0 +1,131 @@
+"""The environment of every process of a run: what is inherited, and what the run adds.
+
+Only variables that running ROS programs need are inherited. Secrets that a CI system keeps in
+the environment therefore never reach a node, unless the spec names them under ``environment:``.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from r2bspec.harness.protocol import RUN_ID_VARIABLE
+from r2bspec.plan.model import Plan
+
+_INHERITED = (
+    *("PATH", "HOME", "USER", "LOGNAME", "SHELL", "LANG", "LC_*", "TZ", "TMPDIR", "TERM"),
+    *("PYTHON*", "VIRTUAL_ENV", "CONDA_PREFIX", "LD_LIBRARY_PATH", "LD_PRELOAD", "XDG_*"),
+    *("ROS_*", "_ROS_*", "AMENT_*", "COLCON_*", "CMAKE_PREFIX_PATH", "RMW_*", "RCUTILS_*", "RCL_*"),
+    *("FASTRTPS_*", "FASTDDS_*", "CYCLONEDDS_*", "ZENOH_*", "R2B_DATASETS"),
+    *("CUDA_*", "NVIDIA_*", "OMP_*", "MKL_*", "OPENBLAS_*", "OPENCV_*", "DISPLAY", "COVERAGE_*"),
+)
+
+_HARNESS_ALLOCATOR = {
+    # glibc gives every large buffer back to the kernel and faults it in again for the next
+    # message; keeping them saves three quarters of the time of a raw receive of an image.
+    "MALLOC_MMAP_MAX_": "0",
+    "MALLOC_TRIM_THRESHOLD_": str(1 << 30),
+    "MALLOC_TOP_PAD_": str(64 << 20),
+}
+
+_SEGMENT_MESSAGES = 24
+"""How many of the largest message a shared-memory segment holds: a writer's queue of ten, the
+same again on its way through readers, and room for small ones."""
+
+_SEGMENT_MINIMUM = 8 << 20
+
+_PROFILE = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <profiles>
+    <transport_descriptors>
+{transports}
+    </transport_descriptors>
+    <participant profile_name="r2bspec" is_default_profile="true">
+      <rtps>
+        <userTransports>{names}</userTransports>
+        <useBuiltinTransports>false</useBuiltinTransports>
+      </rtps>
+    </participant>
+  </profiles>
+</dds>
+"""
+
+_UDP = """\
+      <transport_descriptor>
+        <transport_id>udp</transport_id>
+        <type>UDPv4</type>
+        <sendBufferSize>4194304</sendBufferSize>
+        <receiveBufferSize>4194304</receiveBufferSize>
+      </transport_descriptor>"""
+
+_SHARED_MEMORY = """\
+      <transport_descriptor>
+        <transport_id>shm</transport_id>
+        <type>SHM</type>
+        <segment_size>{segment}</segment_size>
+        <maxMessageSize>{message}</maxMessageSize>
+      </transport_descriptor>"""
+
+
+def inherited(environ: Mapping[str, str], named: Iterable[str]) -> dict[str, str]:
+    """The part of an environment that processes of a run get."""
+    patterns = (*_INHERITED, *named)
+    return {
+        name: value
+        for name, value in environ.items()
+        if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
+    }
+
+
+def segment_bytes(largest_message_bytes: int) -> int:
+    """The size of a shared-memory segment for messages up to this size, in bytes."""
+    return max(_SEGMENT_MINIMUM, _SEGMENT_MESSAGES * (largest_message_bytes + 4096))
+
+
+def transport_profile(transport: str, largest_message_bytes: int) -> str:
+    """The Fast DDS profile of a transport, as XML.
+
+    Discovery needs UDP; messages between processes of one host then take shared memory where
+    both sides have it. With the default segment of 512 KiB an image would travel in fragments
+    over UDP, at ten times the latency.
+    """
+    if transport == "udp":
+        return _PROFILE.format(transports=_UDP, names="<transport_id>udp</transport_id>")
+    segment = segment_bytes(largest_message_bytes)
+    shared = _SHARED_MEMORY.format(segment=segment, message=segment // 2)
+    return _PROFILE.format(
+        transports=f"{shared}\n{_UDP}",
+        names="<transport_id>shm</transport_id><transport_id>udp</transport_id>",
+    )
+
+
+class RunEnvironment:
+    """The environments of one run's processes."""
+
+    def __init__(
+        self, plan: Plan, *, run_id: str, domain: int, scratch: Path, largest_message_bytes: int
+    ) -> None:
+        self._common = inherited(os.environ, plan.environment)
+        self._common |= {
+            RUN_ID_VARIABLE: run_id,
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "PYTHONUNBUFFERED": "1",
+        }
+        self._common.pop("ROS_LOCALHOST_ONLY", None)
+        if plan.transport != "inherit":
+            profile = scratch / "transport.xml"
+            profile.write_text(transport_profile(plan.transport, largest_message_bytes))
+            self._common["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
+            self._common["FASTDDS_DEFAULT_PROFILES_FILE"] = str(profile)
+
+    def of_harness(self) -> dict[str, str]:
+        """The environment of loader, player and monitor."""
+        return self._common | _HARNESS_ALLOCATOR
+
+    def of_node(self, changes: Mapping[str, str]) -> dict[str, str]:
+        """The environment of a process that runs nodes: nothing but what the plan states."""
+        return self._common | dict(changes)

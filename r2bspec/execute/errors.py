@@ -1,0 +1,57 @@
+"""What can go wrong with a run. Each is a `RunError`: the run failed, not the input."""
+
+from __future__ import annotations
+
+from r2bspec.errors import R2bspecError
+
+
+class RunError(R2bspecError):
+    """The run itself failed; what it had observed is kept. Safe to try again."""
+
+    code = "R2B630"
+    exit_code = 4
+
+
+class NotInstalledError(RunError):
+    """Something that the plan needs is not installed on this machine."""
+
+    code = "R2B620"
+    exit_code = 2
+
+
+class DatasetMismatchError(RunError):
+    """The bag is not the one that the spec pins."""
+
+    code = "R2B312"
+    exit_code = 2
+
+
+class ProcessDiedError(RunError):
+    """A process ended although nobody had told it to."""
+
+    code = "R2B631"
+
+
+class ProcessFailedError(RunError):
+    """A process said why it could not go on."""
+
+    code = "R2B630"
+
+
+class NotReadyError(RunError):
+    """The graph did not come up as planned within the time allowed."""
+
+    code = "R2B640"
+
+
+class NoOutputError(RunError):
+    """The graph stands but nothing comes out."""
+
+    code = "R2B641"
+
+
+class InterruptedRunError(RunError):
+    """The user or the system asked for an end."""
+
+    code = "R2B650"
+    exit_code = 130

@@ -1,0 +1,177 @@
+"""Bringing a phase's processes up in order, and knowing when they are ready.
+
+Writers come first, then nodes, then readers: a node that copies its QoS from publishers present
+at its start, or that subscribes only when someone listens, needs that order. Ready means that
+every planned endpoint is matched; what is missing when time is up is named.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from r2bspec.execute.children import Child, Children
+from r2bspec.execute.environment import RunEnvironment
+from r2bspec.execute.errors import NotReadyError
+from r2bspec.execute.programs import resolve_argv
+from r2bspec.harness import protocol
+from r2bspec.plan.model import Plan, ProcessPlan
+from r2bspec.record.store import RunFolder
+
+_CONFIGURE_S = 60.0
+_ASK_S = 10.0
+_POLL_S = 0.02
+
+
+class Launcher:
+    """Starts the processes of a plan."""
+
+    def __init__(
+        self,
+        children: Children,
+        environment: RunEnvironment,
+        folder: RunFolder,
+        base_dir: Path,
+        on_start: Any,
+    ) -> None:
+        self._children = children
+        self._environment = environment
+        self._folder = folder
+        self._base_dir = base_dir
+        self._on_start = on_start
+
+    def start(self, plan: ProcessPlan) -> Child:
+        """Start one process; a harness process then waits to be configured.
+
+        Raises:
+            NotInstalledError: its program is not there.
+        """
+        harness = plan.role in {"loader", "player", "monitor"}
+        child = self._children.start(
+            plan.name,
+            plan.role,
+            resolve_argv(plan),
+            self._environment.of_harness() if harness else self._environment.of_node(plan.env),
+            cwd=self._base_dir,
+            log=self._folder.log_path(plan.name),
+        )
+        self._on_start(child)
+        return child
+
+    def start_nodes(self, plans: Iterable[ProcessPlan], timeout_s: float) -> list[Child]:
+        """Start processes that hold nodes; returns when every Python node has been made.
+
+        Raises:
+            RunError: a node cannot be made, is not made in time, or dies.
+            UndeclaredParameterError: a node does not declare a parameter that the spec gives it.
+        """
+        plans = list(plans)
+        children = [self.start(plan) for plan in plans]
+        hosts = [
+            (child, plan) for child, plan in zip(children, plans, strict=True) if plan.role == "host"
+        ]
+        for child, plan in hosts:
+            child.send(protocol.ConfigureHost(nodes=plan.nodes, base_dir=str(self._base_dir)))
+        for child, _ in hosts:
+            _refuse_undeclared(self._children.answer(child, protocol.Ready, timeout_s))
+        return children
+
+    def configure(self, child: Child, command: Any) -> None:
+        """Give a harness process its role and wait until it has taken it."""
+        self._children.ask(child, command, protocol.Ready, _CONFIGURE_S)
+
+
+def _refuse_undeclared(ready: protocol.Ready) -> None:
+    """A parameter that no node declares is ignored by ROS, and so is the typing error in it."""
+    if not ready.undeclared:
+        return
+    node, name = ready.undeclared[0]
+    known = ", ".join(sorted(ready.parameters.get(node, ()))) or "none"
+    raise NotReadyError(
+        f"node {node} declares no parameter {name!r}; it declares {known}",
+        hint=f"Correct or remove parameters.{name} of {node.rpartition('/')[2]} in the spec.",
+        code="R2B642",
+    )
+
+
+def wait_until_matched(
+    children: Children, askers: dict[Child, dict[str, int]], plan: Plan, phase: str
+) -> None:
+    """Wait until the harness's own endpoints have found their partners.
+
+    Args:
+        children: all processes.
+        askers: for each harness process, the topics it has endpoints on, and how many endpoints
+            of others each must be matched with.
+        plan: for the time allowed, and for naming what is missing.
+        phase: ``preprocess`` or ``measure``.
+
+    Raises:
+        NotReadyError: some have not, in the time that the plan allows.
+    """
+    deadline = time.monotonic() + plan.start_timeout_ns / 1e9
+    while True:
+        missing: dict[str, tuple[int, int]] = {}
+        for child, wanted in askers.items():
+            matched = children.ask(child, protocol.CountMatches(), protocol.Matched, _ASK_S)
+            missing |= {
+                topic: (matched.counts.get(topic, 0), count)
+                for topic, count in wanted.items()
+                if matched.counts.get(topic, 0) < count
+            }
+        if not missing:
+            return
+        if time.monotonic() > deadline:
+            raise _not_ready(children, plan, phase, missing)
+        children.pump(_POLL_S)
+
+
+def _not_ready(
+    children: Children, plan: Plan, phase: str, missing: dict[str, tuple[int, int]]
+) -> NotReadyError:
+    """Say which topics lack whom, with what discovery shows on them."""
+    observer = next(child for child in children if child.role in {"monitor", "loader"})
+    seen = children.ask(
+        observer, protocol.Discover(topics=tuple(missing)), protocol.Discovered, _ASK_S
+    )
+    lines = [
+        f"  {topic}: {have} of {want} endpoints matched; "
+        f"writers: {_listed(seen.writers[topic])}; readers: {_listed(seen.readers[topic])}"
+        for topic, (have, want) in sorted(missing.items())
+    ]
+    seconds = plan.start_timeout_ns / 1e9
+    return NotReadyError(
+        f"the {phase} graph was not ready after {seconds:g} s:\n" + "\n".join(lines),
+        hint="Check remappings, message types and QoS of the nodes on these topics.",
+    )
+
+
+def _listed(endpoints: tuple[protocol.Endpoint, ...]) -> str:
+    return (
+        ", ".join(f"{each.node} ({each.type}, {each.reliability})" for each in endpoints) or "none"
+    )
+
+
+def readers_wanted(plan: Plan, topic: str, phase: str) -> int:
+    """How many readers a topic of the harness must find: those planned, and at least one."""
+    planned = (each for each in plan.topics if each.name == topic and each.phase == phase)
+    readers = {
+        reader for each in planned for reader in each.readers if reader not in {"loader", "monitor"}
+    }
+    return max(1, len(readers))
+
+
+def diagnose_silence(
+    children: Children, plan: Plan, observer: Child, silent: list[str], phase: str
+) -> str:
+    """Walk the planned topics and say, for each, who writes and who reads it in the real graph."""
+    topics = tuple(each.name for each in plan.topics if each.phase == phase)
+    seen = children.ask(observer, protocol.Discover(topics=topics), protocol.Discovered, _ASK_S)
+    lines = [
+        f"  {topic}: writers: {_listed(seen.writers[topic])}; readers: "
+        f"{_listed(seen.readers[topic])}"
+        for topic in topics
+    ]
+    return f"nothing arrived on {', '.join(silent)}; the graph as discovered:\n" + "\n".join(lines)

@@ -1,0 +1,56 @@
+"""Signals that ask for an end: taken note of at once, acted on where it is safe."""
+
+from __future__ import annotations
+
+import os
+import signal
+from types import FrameType, TracebackType
+from typing import Any
+
+from r2bspec.execute.errors import InterruptedRunError
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Interrupts:
+    """While active, the first signal makes `check` raise and a second ends the process at once.
+
+    What the second leaves behind, the watchdog ends.
+    """
+
+    def __init__(self) -> None:
+        self._received: signal.Signals | None = None
+        self._reported = False
+        self._previous: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Interrupts:
+        for each in _SIGNALS:
+            self._previous[each] = signal.signal(each, self._note)
+        return self
+
+    def __exit__(
+        self,
+        _kind: type[BaseException] | None,
+        _error: BaseException | None,
+        _trace: TracebackType | None,
+    ) -> None:
+        for each, handler in self._previous.items():
+            signal.signal(each, handler)
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        if self._received is not None:
+            os._exit(128 + number)
+        self._received = signal.Signals(number)
+
+    def check(self) -> None:
+        """Raise once after a signal; cleaning up afterwards is not disturbed again.
+
+        Raises:
+            InterruptedRunError: a signal has arrived since the last call.
+        """
+        if self._received is not None and not self._reported:
+            self._reported = True
+            raise InterruptedRunError(
+                f"interrupted by {self._received.name}",
+                hint="What was measured until then is in the run folder, marked as incomplete.",
+            )

@@ -1,0 +1,215 @@
+"""Playing one segment: offer a rate, let the graph drain, and cut the samples out.
+
+Player and monitors write rows for the whole run; a segment is the stretch between two row counts.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+from r2bspec.execute.children import Child, Children
+from r2bspec.execute.errors import RunError
+from r2bspec.execute.progress import Progress
+from r2bspec.harness import protocol
+from r2bspec.harness.rows import RowReader
+from r2bspec.measure.matching import Matching, match
+from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
+from r2bspec.plan.model import MonitorPlan
+from r2bspec.record.arrays import Rows
+from r2bspec.record.model import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment
+from r2bspec.record.store import RunFolder
+
+PLAYBACK_ROWS = "playback"
+"""The player's sample file; those of the monitors end in ``.rows``."""
+
+_WATCH_S = 0.25
+_QUIET_LEAST_S = 0.3
+_QUIET_MOST_S = 3.0
+_DRAIN_MOST_S = 60.0
+_PLAYER_SLACK_S = 30.0
+
+Watch = Callable[["Observed", float], bool]
+"""Called every quarter second with what is there so far and the seconds played; True stops."""
+
+
+class Observed:
+    """The samples of one segment, all there is at the moment they were read."""
+
+    def __init__(self, playback: Rows, monitors: dict[str, Rows], plans: tuple[MonitorPlan, ...]) -> None:
+        self.playback = playback
+        self.monitors = monitors
+        self.now_ns = time.monotonic_ns()
+        self._plans = plans
+
+    def matching(self, name: str) -> Matching:
+        """How the messages of a monitor answer the steps of the playback."""
+        return match(self.playback, self.monitors[name], self._mode(name))
+
+    def samples(self, segment: Segment) -> SegmentSamples:
+        """The samples as metrics need them, without those of processes."""
+        return SegmentSamples(
+            segment=segment,
+            playback=playback_samples(self.playback),
+            monitors={
+                name: monitor_samples(segment, self.playback, rows, self._mode(name))
+                for name, rows in self.monitors.items()
+            },
+            processes={},
+            machine=None,
+        )
+
+    def _mode(self, name: str) -> Literal["stamp", "order"]:
+        return next(plan.match for plan in self._plans if plan.name == name)
+
+
+class Stage:
+    """The player, the monitors and their sample files: everything that playing needs."""
+
+    def __init__(
+        self,
+        children: Children,
+        player: Child,
+        monitors: tuple[MonitorPlan, ...],
+        rows_dir: Path,
+        folder: RunFolder,
+        progress: Progress,
+    ) -> None:
+        self._children = children
+        self._player = player
+        self._plans = monitors
+        self._playback = RowReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        self._monitors = {
+            plan.name: RowReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
+            for plan in monitors
+        }
+        self._folder = folder
+        self._progress = progress
+        self.segments: list[Segment] = []
+
+    def play(
+        self,
+        kind: Literal["warm_up", "probe", "sustained", "iteration"],
+        segment_id: str,
+        rate_hz: float,
+        steps: int,
+        *,
+        index: int = 1,
+        watch: Watch | None = None,
+    ) -> Observed:
+        """Play a segment and record it; one that ends with an exception is kept as incomplete.
+
+        Returns:
+            The samples, after the graph has drained.
+
+        Raises:
+            RunError: the player does not answer, or a process died or failed.
+        """
+        first = self._counts()
+        complete = False
+        try:
+            played = self._play(rate_hz, steps, first, watch)
+            self._drain(first, played)
+            complete = True
+        finally:
+            observed = self._observed(first)
+            self._write(kind, segment_id, rate_hz, steps, index, observed, complete)
+        return observed
+
+    def received(self) -> dict[str, int]:
+        """How many messages each monitor has received since it was started."""
+        return {name: rows.count() for name, rows in self._monitors.items()}
+
+    def _counts(self) -> dict[str, int]:
+        return self.received() | {"": self._playback.count()}
+
+    def _observed(self, first: dict[str, int]) -> Observed:
+        # Monitors first: a step that is in the monitors' rows must be in the player's.
+        monitors = {name: rows.read(first[name]) for name, rows in self._monitors.items()}
+        return Observed(self._playback.read(first[""]), monitors, self._plans)
+
+    def _play(
+        self, rate_hz: float, steps: int, first: dict[str, int], watch: Watch | None
+    ) -> int:
+        begin = time.monotonic()
+        deadline = begin + steps / rate_hz * 1.5 + _PLAYER_SLACK_S
+        next_watch = begin + _WATCH_S
+        stopping = False
+        self._player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
+        while True:
+            self._children.pump()
+            while self._player.inbox:
+                message = self._player.inbox.popleft()
+                if isinstance(message, protocol.Played):
+                    return message.steps
+            now = time.monotonic()
+            if now > deadline:
+                raise RunError(
+                    f"the player has not finished {steps} steps at {rate_hz:g} Hz in time",
+                    hint="The machine may be overloaded, or a publication blocks.",
+                    code="R2B645",
+                )
+            if now >= next_watch:
+                next_watch = now + _WATCH_S
+                self._report(rate_hz, steps, first)
+                if watch and not stopping and watch(self._observed(first), now - begin):
+                    self._player.send(protocol.Stop())
+                    stopping = True
+
+    def _report(self, rate_hz: float, steps: int, first: dict[str, int]) -> None:
+        counts = self._counts()
+        received = min(
+            (counts[name] - first[name] for name in self._monitors), default=0
+        )
+        self._progress.playing(rate_hz, counts[""] - first[""], steps, received)
+
+    def _drain(self, first: dict[str, int], played: int) -> None:
+        """Wait until every step is answered, or nothing has come for longer than it ever took."""
+        last_counts = self._counts()
+        changed = time.monotonic()
+        deadline = changed + _DRAIN_MOST_S
+        longest_pause_s = 0.0
+        while time.monotonic() < deadline:
+            if all(last_counts[name] - first[name] >= played for name in self._monitors):
+                return
+            self._children.pump(0.01)
+            counts = self._counts()
+            now = time.monotonic()
+            if counts != last_counts:
+                longest_pause_s = max(longest_pause_s, now - changed)
+                last_counts, changed = counts, now
+            quiet_s = min(max(_QUIET_LEAST_S, 5 * longest_pause_s), _QUIET_MOST_S)
+            if now - changed > quiet_s:
+                return
+
+    def _write(
+        self,
+        kind: Literal["warm_up", "probe", "sustained", "iteration"],
+        segment_id: str,
+        rate_hz: float,
+        steps: int,
+        index: int,
+        observed: Observed,
+        complete: bool,
+    ) -> None:
+        playback = observed.playback
+        if not playback.size:
+            return
+        self._folder.write_playback(segment_id, playback)
+        for name, rows in observed.monitors.items():
+            self._folder.write_monitor(segment_id, name, rows)
+        self.segments.append(
+            Segment(
+                id=segment_id,
+                kind=kind,
+                rate_hz=rate_hz,
+                index=index,
+                steps=steps,
+                began_ns=int(playback["due_ns"][0]),
+                ended_ns=int(playback["due_ns"][-1]) + round(1e9 / rate_hz),
+                complete=complete,
+            )
+        )
+

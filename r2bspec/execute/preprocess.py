@@ -1,0 +1,74 @@
+"""The preprocess phase: recorded messages go through the preprocessors, and what comes out is kept.
+
+The preprocessors are ended before anything is measured, so that they take no processor time from
+the graph under test.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from r2bspec.execute.children import Child, Children
+from r2bspec.execute.errors import NoOutputError
+from r2bspec.execute.graph import Launcher, diagnose_silence, readers_wanted, wait_until_matched
+from r2bspec.execute.progress import Progress
+from r2bspec.harness import protocol
+from r2bspec.plan.model import Plan
+
+_PHASE = "preprocess"
+_PATIENCE_NS = 5_000_000_000
+_LOAD_S = 3600.0
+
+
+def preprocess(
+    plan: Plan, children: Children, launcher: Launcher, buffer_dir: Path, progress: Progress
+) -> None:
+    """Run the preprocessors over everything that was buffered from the bag.
+
+    Raises:
+        NoOutputError: a recorded topic got no message.
+        RunError: a process died, failed, or was not ready in time.
+    """
+    processes = [each for each in plan.processes if each.phase == _PHASE]
+    recorded = {each.source: each.type for each in plan.inputs if not each.bag_topic}
+    consumed = {
+        each.name for each in plan.topics if each.phase == _PHASE and set(each.readers) - {"loader"}
+    }
+    sources = {
+        each.topic: each.type for each in plan.dataset.topics if each.topic in consumed
+    }
+    loader = launcher.start(next(each for each in processes if each.role == "loader"))
+    launcher.configure(
+        loader,
+        protocol.ConfigureLoader(sources=sources, recorded=recorded, buffer_dir=str(buffer_dir)),
+    )
+    nodes = launcher.start_nodes(
+        (each for each in processes if each.role != "loader"), plan.start_timeout_ns / 1e9
+    )
+    children.ask(loader, protocol.Subscribe(), protocol.Matched, 10.0)
+    wanted = {topic: readers_wanted(plan, topic, _PHASE) for topic in sources}
+    wanted |= dict.fromkeys(recorded, 1)
+    wait_until_matched(children, {loader: wanted}, plan, _PHASE)
+    loaded = children.ask(loader, protocol.Load(patience_ns=_PATIENCE_NS), protocol.Loaded, _LOAD_S)
+    _check(plan, children, loader, loaded, progress)
+    children.end([loader, *nodes])
+
+
+def _check(
+    plan: Plan,
+    children: Children,
+    loader: Child,
+    loaded: protocol.Loaded,
+    progress: Progress,
+) -> None:
+    """Compare what came out with what went in."""
+    silent = [topic for topic, count in loaded.recorded.items() if count == 0]
+    if silent:
+        raise NoOutputError(
+            diagnose_silence(children, plan, loader, silent, _PHASE),
+            hint="The preprocessors were fed, but published nothing there.",
+        )
+    sent = max(loaded.published.values(), default=0)
+    for topic, count in loaded.recorded.items():
+        if count < sent:
+            progress.note(f"{topic}: {count} messages came out of the preprocessors for {sent} in")

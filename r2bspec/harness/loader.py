@@ -1,0 +1,146 @@
+"""The loader: sends the recorded messages through the preprocessors and records what comes out.
+
+Nothing may be lost here, so the loader does not play at a rate. It keeps a few stamps in flight:
+the next messages go out when the outputs of earlier ones have come back, or when none has come
+for so long (`patience`) that none can be expected.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from r2bspec.harness import buffers, protocol, ros
+from r2bspec.harness.channel import Channel
+from r2bspec.harness.monitor import discover
+from r2bspec.harness.stamps import read_stamp
+from r2bspec.spec.model import QoS
+
+_IN_FLIGHT = 4
+"""Stamps that may be under way at once: fewer than the ten that a default queue holds."""
+
+_DEFAULT_QOS = QoS()
+
+
+class _Recording:
+    """One recorded topic."""
+
+    def __init__(self, node: ros.Node, topic: str, type_name: str, folder: Path) -> None:
+        self.topic = topic
+        self._stamped = ros.begins_with_header(type_name)
+        self._buffer = buffers.BufferWriter(folder, topic, type_name, has_header=self._stamped)
+        self.reader = ros.RawReader(node, topic, type_name, ros.profile(_DEFAULT_QOS))
+        self.stamps: set[int] = set()
+
+    def drain(self) -> int:
+        """Record every message that has arrived; how many there were."""
+        count = 0
+        while (taken := self.reader.take()) is not None:
+            data, received_ns = taken
+            stamp_ns = read_stamp(data) if self._stamped else received_ns
+            self._buffer.append(stamp_ns, data)
+            self.stamps.add(stamp_ns)
+            count += 1
+        return count
+
+    def finish(self) -> int:
+        self._buffer.close()
+        return len(self._buffer)
+
+
+class Loader:
+    """Publishes the sources and records the outputs of the preprocessors."""
+
+    def __init__(self, channel: Channel, settings: protocol.ConfigureLoader) -> None:
+        self._channel = channel
+        self._settings = settings
+        self._folder = Path(settings.buffer_dir)
+        self._node = ros.start_node("loader")
+        self._loop = ros.WaitLoop(self._node)
+        self._writers = {
+            topic: ros.RawWriter(self._node, topic, type_name, ros.profile(_DEFAULT_QOS))
+            for topic, type_name in settings.sources.items()
+        }
+        self._recordings: list[_Recording] = []
+
+    def serve(self) -> None:
+        """Answer commands until told to shut down."""
+        self._channel.send(protocol.Ready())
+        while True:
+            match self._channel.receive():
+                case protocol.Subscribe():
+                    self._subscribe()
+                    self._channel.send(protocol.Matched(counts=self._matches()))
+                case protocol.CountMatches():
+                    self._channel.send(protocol.Matched(counts=self._matches()))
+                case protocol.Discover(topics=topics):
+                    self._channel.send(discover(self._node, topics))
+                case protocol.Load(patience_ns=patience_ns):
+                    self._channel.send(self._load(patience_ns))
+                case protocol.Shutdown():
+                    return
+                case _:
+                    continue
+
+    def _subscribe(self) -> None:
+        if self._recordings:
+            return
+        for topic, type_name in self._settings.recorded.items():
+            recording = _Recording(self._node, topic, type_name, self._folder)
+            self._recordings.append(recording)
+            self._loop.add(recording.reader)
+
+    def _matches(self) -> dict[str, int]:
+        counts = {topic: writer.matches() for topic, writer in self._writers.items()}
+        counts |= {each.topic: each.reader.matches() for each in self._recordings}
+        return counts
+
+    def _load(self, patience_ns: int) -> protocol.Loaded:
+        published = dict.fromkeys(self._writers, 0)
+        in_flight: list[int] = []
+        for stamp_ns, topic, message in self._schedule():
+            if stamp_ns not in in_flight:
+                self._wait_for_room(in_flight, patience_ns)
+                in_flight.append(stamp_ns)
+            self._writers[topic].publish(message)
+            published[topic] += 1
+        self._collect_rest(in_flight, patience_ns)
+        recorded = {each.topic: each.finish() for each in self._recordings}
+        return protocol.Loaded(published=published, recorded=recorded)
+
+    def _schedule(self) -> list[tuple[int, str, bytearray]]:
+        """Every source message with its stamp, by stamp, so that partners follow each other."""
+        schedule = []
+        for topic in self._writers:
+            index = buffers.read_index(self._folder, topic)
+            messages = buffers.read_messages(self._folder, topic, set(range(len(index.sizes))))
+            schedule += [
+                (stamp_ns, topic, messages[position])
+                for position, stamp_ns in enumerate(index.stamps_ns)
+            ]
+        return sorted(schedule, key=lambda each: each[0])
+
+    def _wait_for_room(self, in_flight: list[int], patience_ns: int) -> None:
+        """Record outputs until fewer than `_IN_FLIGHT` stamps are under way, or patience ends."""
+        last_ns = time.monotonic_ns()
+        while len(in_flight) >= _IN_FLIGHT:
+            if self._record(0.05):
+                last_ns = time.monotonic_ns()
+                in_flight[:] = [stamp_ns for stamp_ns in in_flight if not self._answered(stamp_ns)]
+            elif time.monotonic_ns() - last_ns > patience_ns:
+                # Some graphs answer only some messages; what is missing is counted at the end.
+                in_flight.clear()
+
+    def _collect_rest(self, in_flight: list[int], patience_ns: int) -> None:
+        last_ns = time.monotonic_ns()
+        while not all(self._answered(stamp_ns) for stamp_ns in in_flight):
+            if self._record(0.05):
+                last_ns = time.monotonic_ns()
+            elif time.monotonic_ns() - last_ns > patience_ns:
+                return
+
+    def _answered(self, stamp_ns: int) -> bool:
+        return all(stamp_ns in each.stamps for each in self._recordings)
+
+    def _record(self, timeout_s: float) -> int:
+        return sum(self._recordings[each].drain() for each in self._loop.wait(timeout_s))

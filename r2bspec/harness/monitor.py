@@ -1,0 +1,147 @@
+"""The monitor: records when each message of the watched topics arrived, and never looks inside.
+
+The time of arrival is the one that the middleware took when the sample reached the reader, so the
+monitor's own copying is not charged to the graph. It is on the system clock and is brought to the
+monotonic clock with the difference of the two at the moment of taking.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import queue
+import threading
+import time
+from pathlib import Path
+
+from r2bspec.harness import protocol, ros
+from r2bspec.harness.channel import Channel, ChannelClosedError
+from r2bspec.harness.rows import RowWriter
+from r2bspec.harness.stamps import read_stamp
+from r2bspec.plan.model import MonitorPlan
+
+_IDLE_S = 0.5
+_DISCOVERY_POLL_S = 0.02
+
+
+class _Watch:
+    """One watched topic: its reader and its rows."""
+
+    def __init__(self, plan: MonitorPlan, rows: RowWriter, reader: ros.RawReader) -> None:
+        self.plan = plan
+        self._rows = rows
+        self._reader = reader
+        self._stamped = ros.begins_with_header(plan.type)
+
+    def matches(self) -> int:
+        return self._reader.matches()
+
+    def drain(self) -> None:
+        """Record every message that has arrived."""
+        while (taken := self._reader.take()) is not None:
+            taken_ns = time.monotonic_ns()
+            system_ns = time.time_ns()
+            data, received_system_ns = taken
+            received_ns = received_system_ns - (system_ns - taken_ns)
+            stamp_ns = read_stamp(data) if self._stamped else 0
+            self._rows.append(stamp_ns, received_ns, taken_ns, len(data))
+
+
+class Monitor:
+    """Watches topics; commands arrive on a thread of their own and are served between messages."""
+
+    def __init__(self, channel: Channel, settings: protocol.ConfigureMonitor) -> None:
+        self._channel = channel
+        self._node = ros.start_node("monitor")
+        self._loop = ros.WaitLoop(self._node)
+        self._waiting = list(settings.monitors)
+        for plan in settings.monitors:
+            ros.message_class(plan.type)
+        self._rows = {
+            plan.name: RowWriter(Path(settings.rows_dir) / f"{plan.name}.rows", width=4)
+            for plan in settings.monitors
+        }
+        self._topics = [plan.topic for plan in settings.monitors]
+        self._watches: list[_Watch] = []
+        self._commands: queue.SimpleQueue[protocol.Command] = queue.SimpleQueue()
+
+    def serve(self) -> None:
+        """Record and answer commands until told to shut down."""
+        self._channel.send(protocol.Ready())
+        threading.Thread(target=self._listen, daemon=True).start()
+        subscribing = False
+        gc.collect()
+        gc.disable()
+        while True:
+            timeout_s = _DISCOVERY_POLL_S if subscribing and self._waiting else _IDLE_S
+            for position in self._loop.wait(timeout_s):
+                self._watches[position].drain()
+            if subscribing and self._waiting:
+                self._subscribe()
+            with contextlib.suppress(queue.Empty):
+                while True:
+                    match self._commands.get_nowait():
+                        case protocol.Subscribe():
+                            subscribing = True
+                            self._subscribe()
+                            self._channel.send(protocol.Matched(counts=self._matches()))
+                        case protocol.CountMatches():
+                            self._channel.send(protocol.Matched(counts=self._matches()))
+                        case protocol.Discover(topics=topics):
+                            self._channel.send(discover(self._node, topics))
+                        case protocol.Shutdown():
+                            return
+                        case _:
+                            continue
+
+    def _listen(self) -> None:
+        with contextlib.suppress(ChannelClosedError):
+            while True:
+                command = self._channel.receive()
+                self._commands.put(command)
+                self._loop.wake()
+        self._commands.put(protocol.Shutdown())
+        self._loop.wake()
+
+    def _subscribe(self) -> None:
+        """Subscribe to every waiting topic whose QoS is known by now."""
+        still_waiting = []
+        for plan in self._waiting:
+            qos = (
+                ros.profile(plan.qos)
+                if plan.qos is not None
+                else ros.profile_heard_from(self._node, plan.topic)
+            )
+            if qos is None:
+                still_waiting.append(plan)
+                continue
+            reader = ros.RawReader(self._node, plan.topic, plan.type, qos)
+            self._watches.append(_Watch(plan, self._rows[plan.name], reader))
+            self._loop.add(reader)
+        self._waiting = still_waiting
+
+    def _matches(self) -> dict[str, int]:
+        counts = dict.fromkeys(self._topics, 0)
+        for watch in self._watches:
+            counts[watch.plan.topic] = watch.matches()
+        return counts
+
+
+def discover(node: ros.Node, topics: tuple[str, ...]) -> protocol.Discovered:
+    """Which endpoints discovery shows on these topics, those of the harness included."""
+
+    def described(infos: list[object]) -> tuple[protocol.Endpoint, ...]:
+        return tuple(
+            protocol.Endpoint(
+                node=f"{info.node_namespace.rstrip('/')}/{info.node_name}",  # type: ignore[attr-defined]
+                type=info.topic_type,  # type: ignore[attr-defined]
+                reliability=info.qos_profile.reliability.name.lower(),  # type: ignore[attr-defined]
+                durability=info.qos_profile.durability.name.lower(),  # type: ignore[attr-defined]
+            )
+            for info in infos
+        )
+
+    return protocol.Discovered(
+        writers={each: described(node.get_publishers_info_by_topic(each)) for each in topics},
+        readers={each: described(node.get_subscriptions_info_by_topic(each)) for each in topics},
+    )

@@ -1,0 +1,197 @@
+"""What the controller and its children say to each other.
+
+Each message is one line of JSON on a local socket (`r2bspec.harness.channel`). The controller
+sends a `Command` and the child answers with one `Reply`; a child may send `Failed` at any time.
+Samples do not travel here: they are rows in files that both sides map (`r2bspec.harness.rows`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from r2bspec.plan.model import InputPlan, MonitorPlan, NodePlan
+
+CONTROL_FD_VARIABLE = "R2BSPEC_CONTROL_FD"
+RUN_ID_VARIABLE = "R2BSPEC_RUN_ID"
+
+
+class _Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="say"):
+    """Base of all messages; the JSON key `say` names the class."""
+
+
+class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
+    """Be the loader: publish `sources` (topic: type), record `recorded` (topic: type).
+
+    `buffer_dir` holds one buffer per source and receives one per recorded topic.
+    """
+
+    sources: dict[str, str]
+    recorded: dict[str, str]
+    buffer_dir: str
+
+
+class ConfigurePlayer(_Message, frozen=True, kw_only=True, tag=True):
+    """Be the player: publish `inputs` from the buffers, `steps[i][k]` being an index into them."""
+
+    inputs: tuple[InputPlan, ...]
+    buffer_dir: str
+    steps: tuple[tuple[int, ...], ...]
+    rows: str
+
+
+class ConfigureMonitor(_Message, frozen=True, kw_only=True, tag=True):
+    """Be the monitor: watch `monitors`, writing rows to ``ROWS_DIR/NAME.rows``."""
+
+    monitors: tuple[MonitorPlan, ...]
+    rows_dir: str
+
+
+class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
+    """Be the host of these Python nodes; `base_dir` is where ``./file.py`` is looked for."""
+
+    nodes: tuple[NodePlan, ...]
+    base_dir: str
+
+
+class Subscribe(_Message, frozen=True, kw_only=True, tag=True):
+    """Make the subscriptions. A topic without QoS of its own waits for its writer to be seen.
+
+    The answer, `Matched`, comes at once; a topic that still waits counts 0.
+    """
+
+
+class CountMatches(_Message, frozen=True, kw_only=True, tag=True):
+    """Ask how many endpoints of others each own endpoint is matched with."""
+
+
+class Discover(_Message, frozen=True, kw_only=True, tag=True):
+    """Ask which endpoints exist on these topics."""
+
+    topics: tuple[str, ...]
+
+
+class Load(_Message, frozen=True, kw_only=True, tag=True):
+    """Publish every source message once and record what comes out.
+
+    `patience_ns` is how long no output may come before the loader stops waiting for more.
+    """
+
+    patience_ns: int
+
+
+class Play(_Message, frozen=True, kw_only=True, tag=True):
+    """Publish `steps` steps at `rate_hz`. The answer, `Played`, comes when that is done."""
+
+    rate_hz: float
+    steps: int
+
+
+class Stop(_Message, frozen=True, kw_only=True, tag=True):
+    """Stop playing after the step at hand. Only `Played` answers it."""
+
+
+class Shutdown(_Message, frozen=True, kw_only=True, tag=True):
+    """Clean up and exit with status 0. Not answered."""
+
+
+Command = (
+    ConfigureLoader
+    | ConfigurePlayer
+    | ConfigureMonitor
+    | ConfigureHost
+    | Subscribe
+    | CountMatches
+    | Discover
+    | Load
+    | Play
+    | Stop
+    | Shutdown
+)
+
+
+class Ready(_Message, frozen=True, kw_only=True, tag=True):
+    """The child is configured. The rest is what a host found of its nodes.
+
+    `endpoints` lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the
+    parameters given that the node does not declare, as (node, parameter), and `parameters` what
+    each node does declare.
+    """
+
+    endpoints: tuple[tuple[str, str, str, str], ...] = ()
+    undeclared: tuple[tuple[str, str], ...] = ()
+    parameters: dict[str, tuple[str, ...]] = {}
+
+
+class Matched(_Message, frozen=True, kw_only=True, tag=True):
+    """How many endpoints of others each topic is matched with."""
+
+    counts: dict[str, int]
+
+
+class Endpoint(msgspec.Struct, frozen=True, kw_only=True):
+    """One endpoint as discovery shows it."""
+
+    node: str
+    type: str
+    reliability: str
+    durability: str
+
+
+class Discovered(_Message, frozen=True, kw_only=True, tag=True):
+    """Which endpoints exist: topic to writers, topic to readers."""
+
+    writers: dict[str, tuple[Endpoint, ...]]
+    readers: dict[str, tuple[Endpoint, ...]]
+
+
+class Loaded(_Message, frozen=True, kw_only=True, tag=True):
+    """How many messages went out and came in, by topic."""
+
+    published: dict[str, int]
+    recorded: dict[str, int]
+
+
+class Played(_Message, frozen=True, kw_only=True, tag=True):
+    """How many steps were published."""
+
+    steps: int
+
+
+class Failed(_Message, frozen=True, kw_only=True, tag=True):
+    """The child cannot go on. `message` is for the user, `detail` for the log."""
+
+    code: str
+    message: str
+    hint: str = ""
+    detail: str = ""
+
+
+Reply = Ready | Matched | Discovered | Loaded | Played | Failed
+
+_COMMANDS = msgspec.json.Decoder(Command)
+_REPLIES = msgspec.json.Decoder(Reply)
+
+
+def encode(message: Any) -> bytes:
+    """Write a message as one line."""
+    return msgspec.json.encode(message) + b"\n"
+
+
+def decode_command(line: bytes) -> Command:
+    """Read a command.
+
+    Raises:
+        msgspec.ValidationError: the line is no command.
+    """
+    return _COMMANDS.decode(line)
+
+
+def decode_reply(line: bytes) -> Reply:
+    """Read a reply.
+
+    Raises:
+        msgspec.ValidationError: the line is no reply.
+    """
+    return _REPLIES.decode(line)

@@ -1,0 +1,188 @@
+"""The few things of rclpy that every role needs: message classes, QoS, and a lean wait loop."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+from typing import Any
+
+import rclpy
+from rclpy.impl.implementation_singleton import rclpy_implementation as _implementation
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from r2bspec.spec.model import QoS
+
+_started: list[Node] = []
+
+READER_DEPTH = 100
+"""History depth of what the harness reads: deep enough that a monitor that was not scheduled for
+a while loses nothing that its writer still holds."""
+
+
+class TypeNotFoundError(Exception):
+    """A message type that is not installed here."""
+
+
+def message_class(type_name: str) -> Any:
+    """The class of a message type such as ``sensor_msgs/msg/Image``.
+
+    Raises:
+        TypeNotFoundError: the package is not installed or has no such message.
+    """
+    package, _, name = type_name.partition("/msg/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise TypeNotFoundError(f"message type {type_name} is not installed here") from error
+
+
+def begins_with_header(type_name: str) -> bool:
+    """Whether the first field of a type is a std_msgs/Header, so that its stamp can be reached.
+
+    Raises:
+        TypeNotFoundError: the type is not installed.
+    """
+    fields = message_class(type_name).get_fields_and_field_types()
+    return next(iter(fields.values()), "") == "std_msgs/Header"
+
+
+def profile(qos: QoS) -> QoSProfile:
+    """The rclpy profile of a QoS of the language."""
+    return QoSProfile(
+        reliability=ReliabilityPolicy[qos.reliability.upper()],
+        durability=DurabilityPolicy[qos.durability.upper()],
+        history=HistoryPolicy[qos.history.upper()],
+        depth=qos.depth,
+    )
+
+
+def profile_heard_from(node: Node, topic: str) -> QoSProfile | None:
+    """A profile that hears every writer of a topic, or None while there is no writer.
+
+    A reader that asks for less than a writer offers still hears it, so the weakest offer decides.
+    """
+    writers = node.get_publishers_info_by_topic(topic)
+    if not writers:
+        return None
+    offers = [writer.qos_profile for writer in writers]
+    reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
+    transient = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+    return QoSProfile(
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if transient else DurabilityPolicy.VOLATILE,
+        history=HistoryPolicy.KEEP_LAST,
+        depth=READER_DEPTH,
+    )
+
+
+class RawReader:
+    """A subscription that is read by `take`, as serialised bytes, without an executor."""
+
+    def __init__(self, node: Node, topic: str, type_name: str, qos: QoSProfile) -> None:
+        self._class = message_class(type_name)
+        # The callback is never called: no executor knows this node.
+        self._subscription = node.create_subscription(
+            self._class, topic, lambda _message: None, qos, raw=True
+        )
+        self.handle = self._subscription.handle
+
+    def take(self) -> tuple[bytes, int] | None:
+        """The next message and its time of arrival (system clock, ns), or None if there is none."""
+        taken = self.handle.take_message(self._class, True)
+        if taken is None:
+            return None
+        data, info = taken
+        return data, int(info["received_timestamp"])
+
+    def matches(self) -> int:
+        """How many writers this reader is matched with."""
+        return int(self.handle.get_publisher_count())
+
+
+class RawWriter:
+    """A publisher of serialised bytes."""
+
+    def __init__(self, node: Node, topic: str, type_name: str, qos: QoSProfile) -> None:
+        self._publisher = node.create_publisher(message_class(type_name), topic, qos)
+        self._handle = self._publisher.handle
+
+    def publish(self, message: bytes | bytearray) -> None:
+        """Publish one serialised message.
+
+        The handle takes a bytearray as it is, where `Publisher.publish` would want `bytes` and
+        with it a copy of every message whose stamp is patched in place.
+        """
+        self._handle.publish_raw(message)
+
+    def matches(self) -> int:
+        """How many readers this writer is matched with."""
+        return int(self._handle.get_subscription_count())
+
+
+class WaitLoop:
+    """Waits on raw readers through rclpy's wait set.
+
+    An rclpy executor costs a multiple of this per message, because it rebuilds its wait set and
+    dispatches through tasks; a monitor must not be what it measures.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._guard = _implementation.GuardCondition(node.context.handle)
+        self._readers: list[RawReader] = []
+        self._set: Any = None
+
+    def add(self, reader: RawReader) -> None:
+        """Wait on one more reader, from the next `wait` on."""
+        self._readers.append(reader)
+        self._set = None
+
+    def wake(self) -> None:
+        """End the current or next `wait`; may be called from another thread."""
+        self._guard.trigger_guard_condition()
+
+    def wait(self, timeout_s: float) -> list[int]:
+        """Wait for messages, at most `timeout_s` seconds; the positions of readers that have some."""
+        if self._set is None:
+            self._set = _implementation.WaitSet(
+                len(self._readers), 1, 0, 0, 0, 0, self._node.context.handle
+            )
+        ready = self._set
+        ready.clear_entities()
+        ready.add_guard_condition(self._guard)
+        for reader in self._readers:
+            ready.add_subscription(reader.handle)
+        ready.wait(int(timeout_s * 1e9))
+        return [
+            index for index in range(len(self._readers)) if ready.is_ready("subscription", index)
+        ]
+
+
+def start_node(name: str) -> Node:
+    """Initialise rclpy and make the harness node of a role.
+
+    The node has no parameter services, no /rosout and no clock subscription: what does not exist
+    takes no time and does not show in the graph under test.
+    """
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = Node(
+        name,
+        namespace="/r2bspec",
+        use_global_arguments=False,
+        enable_rosout=False,
+        start_parameter_services=False,
+    )
+    _started.append(node)
+    return node
+
+
+def finish() -> None:
+    """Destroy the harness nodes and shut rclpy down, so that no shared memory stays behind."""
+    for node in _started:
+        with contextlib.suppress(Exception):
+            node.destroy_node()
+    _started.clear()
+    with contextlib.suppress(Exception):
+        rclpy.try_shutdown()

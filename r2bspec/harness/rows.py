@@ -1,0 +1,92 @@
+"""Sample files that one process appends to while another reads them.
+
+A file begins with a head of 64 bytes, of which the first eight are the number of complete rows
+(little-endian int64); fixed-size rows of int64 follow. The file is mapped by both sides. Rows are
+written before the count, so a reader that copies the first `count` rows sees only complete ones,
+and whatever a killed writer had recorded is still there.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_HEAD = 64
+_COUNT = struct.Struct("<q")
+
+
+class RowWriter:
+    """Appends rows of `width` int64 values; grows the file by doubling."""
+
+    def __init__(self, path: Path, width: int, capacity: int = 4096) -> None:
+        self._row = struct.Struct(f"<{width}q")
+        self._capacity = capacity
+        self._count = 0
+        self._file = path.open("xb+")
+        self._map = self._grown(capacity)
+
+    def _grown(self, capacity: int) -> mmap.mmap:
+        size = _HEAD + capacity * self._row.size
+        # Without the allocation a full disk would show as SIGBUS at some later row.
+        os.posix_fallocate(self._file.fileno(), 0, size)
+        return mmap.mmap(self._file.fileno(), size)
+
+    def append(self, *values: int) -> None:
+        """Append one row.
+
+        Raises:
+            OSError: the disk is full.
+        """
+        if self._count == self._capacity:
+            self._capacity *= 2
+            old = self._map
+            self._map = self._grown(self._capacity)
+            old.close()
+        self._row.pack_into(self._map, _HEAD + self._count * self._row.size, *values)
+        self._count += 1
+        _COUNT.pack_into(self._map, 0, self._count)
+
+    def close(self) -> None:
+        """Unmap and close."""
+        self._map.close()
+        self._file.close()
+
+
+class RowReader:
+    """Reads what a `RowWriter`, possibly in another process, has written so far."""
+
+    def __init__(self, path: Path, fields: tuple[tuple[str, str], ...]) -> None:
+        import numpy as np
+
+        self._path = path
+        self._dtype = np.dtype(list(fields))
+
+    def count(self) -> int:
+        """The number of complete rows; 0 before the file is there."""
+        try:
+            with self._path.open("rb") as file:
+                head = file.read(_COUNT.size)
+        except FileNotFoundError:
+            return 0
+        return int(_COUNT.unpack(head)[0]) if len(head) == _COUNT.size else 0
+
+    def read(self, start: int = 0, stop: int | None = None) -> NDArray[np.void[Any]]:
+        """Copy the rows from `start` up to `stop`, or up to the last complete one."""
+        import numpy as np
+
+        last = self.count() if stop is None else min(stop, self.count())
+        if last <= start:
+            return np.empty(0, self._dtype)
+        return np.fromfile(
+            self._path,
+            self._dtype,
+            count=last - start,
+            offset=_HEAD + start * self._dtype.itemsize,
+        )

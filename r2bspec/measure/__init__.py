@@ -1,0 +1,1 @@
+"""From raw samples to metrics, with the formula of each in its docstring."""

@@ -1,0 +1,111 @@
+"""The metrics of a run as frozen values that serialise to JSON.
+
+Times are seconds, rates hertz, sizes bytes and shares fractions of one; of processor time, one
+core is 1. None stands for 'no value': nothing arrived, or nothing was sampled.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from r2bspec.record.model import Probe, SearchRecord
+
+
+class Distribution(msgspec.Struct, frozen=True, kw_only=True):
+    """A summary of `n` times, in seconds. Percentiles are observed values (nearest rank).
+
+    Latencies are those of the outputs that arrived; what was lost is in `MonitorMetrics.missed`,
+    and counts as over every bound when a requirement is judged.
+    """
+
+    n: int
+    min: float | None
+    mean: float | None
+    p50: float | None
+    p90: float | None
+    p95: float | None
+    p99: float | None
+    p99_9: float | None
+    max: float | None
+
+
+class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
+    """What one monitor saw.
+
+    ``sent = answered + missed`` counts steps; ``received = answered + duplicates + unmatched``
+    counts messages; ``drop_rate = missed / sent``.
+    """
+
+    sent: int
+    answered: int
+    missed: int
+    drop_rate: float | None
+    received: int
+    duplicates: int
+    reordered: int
+    unmatched: int
+    throughput_hz: float
+    latency: Distribution
+    latency_from_due: Distribution
+    interval: Distribution
+    jitter: Distribution
+
+
+class PlaybackMetrics(msgspec.Struct, frozen=True, kw_only=True):
+    """What was played: the rate really published, and how late publications began."""
+
+    sent: int
+    rate_hz: float
+    lateness: Distribution
+
+
+class UseMetrics(msgspec.Struct, frozen=True, kw_only=True):
+    """What a process and its descendants used; or, for the machine, everything that ran."""
+
+    cpu_mean: float | None
+    cpu_max: float | None
+    memory_max_bytes: int | None
+
+
+class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
+    """One iteration, or several pooled (then `segment` is empty and `index` is None)."""
+
+    segment: str
+    index: int | None
+    playback: PlaybackMetrics
+    monitors: dict[str, MonitorMetrics]
+    processes: dict[str, UseMetrics]
+    machine: UseMetrics | None
+
+
+class Spread(msgspec.Struct, frozen=True, kw_only=True):
+    """The smallest and the largest value of a metric over the iterations."""
+
+    low: float
+    high: float
+
+
+class RateMetrics(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything measured at one offered rate.
+
+    `pooled` adds counts and pools single messages over all iterations; its rates and processor
+    shares are the mean of the iterations' values. `spread` holds, for each monitor, how far
+    metrics differ between iterations, by the metric's name.
+    """
+
+    offered_hz: float
+    iterations: tuple[SegmentMetrics, ...]
+    pooled: SegmentMetrics
+    spread: dict[str, dict[str, Spread]]
+
+
+class RunMetrics(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything measured in a run, by offered rate in ascending order.
+
+    `incomplete` names the iterations that were cut short; they are in no number.
+    """
+
+    rates: tuple[RateMetrics, ...]
+    search: SearchRecord | None
+    sustained: tuple[Probe, ...]
+    incomplete: tuple[str, ...]

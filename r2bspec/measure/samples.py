@@ -1,0 +1,204 @@
+"""The samples of one segment and of a whole run, matched and in seconds, ready to be judged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.measure.latency import (
+    Seconds,
+    arrivals,
+    intervals,
+    jitter,
+    latencies,
+    latencies_from_due,
+    seconds,
+)
+from r2bspec.measure.matching import match
+from r2bspec.measure.resources import MACHINE, Use, use
+from r2bspec.measure.throughput import Silence, mean_rate, silence, throughput
+from r2bspec.record.arrays import Rows
+from r2bspec.record.model import ProcessRecord, RunRecord, Segment
+from r2bspec.record.store import Run
+
+
+@dataclass(frozen=True)
+class MonitorSamples:
+    """What one monitor saw in one segment.
+
+    Attributes:
+        times: for each family of the catalogue that has one value per message (``latency``,
+            ``latency_from_due``, ``interval``, ``jitter``), the values in seconds. A silence
+            at an end of the segment is among the intervals (see `throughput.silence`).
+        sent: steps played; ``sent = answered + missed``.
+        received: messages; ``received = answered + duplicates + unmatched``.
+        throughput_hz: see `throughput.throughput`.
+    """
+
+    times: Mapping[str, Seconds]
+    sent: int
+    answered: int
+    received: int
+    duplicates: int
+    reordered: int
+    unmatched: int
+    throughput_hz: float
+
+    @property
+    def missed(self) -> int:
+        """Steps that no message answered."""
+        return self.sent - self.answered
+
+
+@dataclass(frozen=True)
+class PlaybackSamples:
+    """What was played: steps, the rate really published, and how late each step began."""
+
+    sent: int
+    rate_hz: float
+    lateness: Seconds
+
+
+@dataclass(frozen=True)
+class SegmentSamples:
+    """One segment: what was played, what each monitor saw, what each process used."""
+
+    segment: Segment
+    playback: PlaybackSamples
+    monitors: Mapping[str, MonitorSamples]
+    processes: Mapping[str, Use]
+    machine: Use | None
+
+
+@dataclass(frozen=True)
+class RunSamples:
+    """A run: its complete iterations by offered rate, and the playback of sustained probes.
+
+    Attributes:
+        iterations: offered rate in Hz to the iterations at it, in the order they were played.
+        sustained: offered rate to the samples of its sequential probe.
+        incomplete: ids of the iterations that were cut short; they are not among the samples.
+    """
+
+    record: RunRecord
+    monitors: tuple[str, ...]
+    iterations: Mapping[float, tuple[SegmentSamples, ...]]
+    sustained: Mapping[float, SegmentSamples]
+    incomplete: tuple[str, ...]
+
+    @property
+    def processes(self) -> tuple[str, ...]:
+        """The names of all processes that ran, once each."""
+        return tuple(dict.fromkeys(process.name for process in self.record.processes))
+
+
+def monitor_samples(
+    segment: Segment, playback: Rows, monitor: Rows, by: Literal["stamp", "order"]
+) -> MonitorSamples:
+    """Match one monitor's messages to what was played, and take their times."""
+    matched = match(playback, monitor, by)
+    latency = latencies(playback, monitor, matched)
+    arrived = arrivals(monitor, matched)
+    silent = Silence(0, 0)
+    if arrived.size:
+        soonest = int(playback["published_ns"][0]) + round(float(latency.min()) * 1e9)
+        silent = silence(arrived, soonest, segment.ended_ns)
+    return MonitorSamples(
+        times={
+            "latency": latency,
+            "latency_from_due": latencies_from_due(playback, monitor, matched),
+            "interval": _with_silence(arrived, silent),
+            "jitter": jitter(arrived),
+        },
+        sent=int(playback.size),
+        answered=int(arrived.size),
+        received=int(monitor.size),
+        duplicates=matched.duplicates,
+        reordered=matched.reordered,
+        unmatched=matched.unmatched,
+        throughput_hz=throughput(arrived, silent),
+    )
+
+
+def _with_silence(arrived: NDArray[np.int64], silent: Silence) -> Seconds:
+    ends = [pause for pause in (silent.before_ns, silent.after_ns) if pause]
+    return np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
+
+
+def playback_samples(playback: Rows) -> PlaybackSamples:
+    """What was played: rows of type `PLAYBACK`, one per step."""
+    return PlaybackSamples(
+        sent=int(playback.size),
+        rate_hz=mean_rate(playback["published_ns"]),
+        lateness=seconds(playback["published_ns"] - playback["due_ns"]),
+    )
+
+
+def segment_samples(run: Run, segment: Segment, resources: Rows | None = None) -> SegmentSamples:
+    """Read and match the samples of one segment.
+
+    Args:
+        run: the opened run.
+        segment: one of its segments.
+        resources: ``run.resources()``, where the caller has it already.
+
+    Raises:
+        RecordError: a file of the segment is missing or damaged.
+    """
+    played = run.playback(segment)
+    sampled = run.resources() if resources is None else resources
+    began, ended = segment.began_ns, segment.ended_ns
+    return SegmentSamples(
+        segment=segment,
+        playback=playback_samples(played),
+        monitors={
+            monitor.name: monitor_samples(
+                segment, played, run.monitor(segment, monitor.name), monitor.match
+            )
+            for monitor in run.plan.monitors
+        },
+        processes={
+            name: used
+            for name, indices in _by_name(run.record.processes).items()
+            if (used := use(sampled, indices, began, ended)) is not None
+        },
+        machine=use(sampled, frozenset({MACHINE}), began, ended),
+    )
+
+
+def _by_name(processes: tuple[ProcessRecord, ...]) -> dict[str, frozenset[int]]:
+    named: dict[str, set[int]] = {}
+    for index, process in enumerate(processes):
+        named.setdefault(process.name, set()).add(index)
+    return {name: frozenset(indices) for name, indices in named.items()}
+
+
+def read_samples(run: Run) -> RunSamples:
+    """Read and match the samples of all complete iterations and sustained probes of a run.
+
+    Raises:
+        RecordError: a file is missing or damaged.
+    """
+    resources = run.resources()
+    iterations: dict[float, list[SegmentSamples]] = {}
+    sustained: dict[float, SegmentSamples] = {}
+    incomplete: list[str] = []
+    for segment in run.record.segments:
+        if segment.kind == "iteration" and not segment.complete:
+            incomplete.append(segment.id)
+        elif segment.kind == "iteration":
+            samples = segment_samples(run, segment, resources)
+            iterations.setdefault(segment.rate_hz, []).append(samples)
+        elif segment.kind == "sustained" and segment.complete:
+            sustained[segment.rate_hz] = segment_samples(run, segment, resources)
+    return RunSamples(
+        record=run.record,
+        monitors=tuple(monitor.name for monitor in run.plan.monitors),
+        iterations={rate: tuple(found) for rate, found in iterations.items()},
+        sustained=sustained,
+        incomplete=tuple(incomplete),
+    )

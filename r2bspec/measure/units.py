@@ -1,0 +1,54 @@
+"""Values as a person writes them: three significant digits, the unit that keeps them short."""
+
+from __future__ import annotations
+
+import math
+
+_TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
+_SIZES = ((2.0**40, "TiB"), (2.0**30, "GiB"), (2.0**20, "MiB"), (2.0**10, "KiB"))
+
+
+def show(value: float | None, unit: str) -> str:
+    """Write a value with its unit: ``12.3 ms``, ``29.98 Hz``, ``0.47 %``, ``64 MiB``, ``3,000``.
+
+    Args:
+        value: in the catalogue's unit; None is ``-``, and infinity is ``lost`` for a time,
+            because it stands for a message that never came.
+        unit: ``s``, ``Hz``, ``share``, ``B``, ``count``, or empty.
+    """
+    if value is None:
+        return "-"
+    if math.isinf(value):
+        return "lost" if unit == "s" and value > 0 else ("∞" if value > 0 else "-∞")
+    match unit:
+        case "s":
+            return _scaled(value, _TIMES)
+        case "B":
+            return _scaled(value, _SIZES) if abs(value) >= 2**10 else f"{value:.0f} B"
+        case "Hz":
+            return f"{significant(value, 4)} Hz"
+        case "share":
+            return f"{significant(value * 100)} %"
+        case "count":
+            return f"{value:,.0f}"
+    return significant(value)
+
+
+def _scaled(value: float, scales: tuple[tuple[float, str], ...]) -> str:
+    if value == 0:
+        return f"0 {scales[0][1]}"
+    for scale, name in scales:
+        # Decided on the rounded number, so that 999.7 ms becomes 1 s and not 1,000 ms.
+        if abs(float(f"{value / scale:.3g}")) >= 1:
+            return f"{significant(value / scale)} {name}"
+    scale, name = scales[-1]
+    return f"{significant(value / scale)} {name}"
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """A number with so many significant digits, no exponent, and no trailing zeros."""
+    if value == 0:
+        return "0"
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    text = f"{value:,.{min(decimals, 12)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text

@@ -1,0 +1,30 @@
+"""Reference nodes: plain rclpy nodes that a spec can name, and that know nothing of r2bspec.
+
+The classes are loaded when they are first asked for, so that importing this package needs neither
+rclpy nor OpenCV. What each node reads, writes and takes is stated in ``interfaces.yaml`` beside
+this file, for tools that must know it without running anything.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from r2bspec.nodes.apriltag import AprilTagNode
+    from r2bspec.nodes.relay import RelayNode
+    from r2bspec.nodes.resize import ResizeNode
+
+__all__ = ["AprilTagNode", "RelayNode", "ResizeNode"]
+
+_MODULES = {"AprilTagNode": "apriltag", "RelayNode": "relay", "ResizeNode": "resize"}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,108 @@
+"""Pinhole geometry of sensor_msgs/msg/CameraInfo.
+
+A pixel's integer coordinate is its centre, as OpenCV has it, so the left edge of an image lies at
+u = -0.5. Where an image is resized by s, a point at u therefore goes to (u + 0.5) s - 0.5, and the
+principal point with it; scaling it by s alone would move every ray by (1 - s) / 2 pixels.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Matrix = NDArray[np.float64]
+
+# Models whose coefficients OpenCV's pinhole functions take as they are, with the counts it knows.
+_MODELS = ("plumb_bob", "rational_polynomial")
+_COEFFICIENTS = (0, 4, 5, 8, 12, 14)
+
+
+class Roi(Protocol):
+    """sensor_msgs/msg/RegionOfInterest; all zero stands for the whole image."""
+
+    x_offset: int
+    y_offset: int
+    width: int
+    height: int
+
+
+class CameraFields(Protocol):
+    """The fields of sensor_msgs/msg/CameraInfo that this module reads and writes."""
+
+    width: int
+    height: int
+    distortion_model: str
+    d: Any
+    k: Any
+    p: Any
+    binning_x: int
+    binning_y: int
+    roi: Any
+
+
+def _resampling(scale_x: float, scale_y: float) -> Matrix:
+    """Map homogeneous pixel coordinates of an image to those of its resized copy."""
+    return np.array(
+        [
+            [scale_x, 0.0, (scale_x - 1.0) / 2.0],
+            [0.0, scale_y, (scale_y - 1.0) / 2.0],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def scale(info: CameraFields, scale_x: float, scale_y: float) -> None:
+    """Turn the camera of an image into the camera of its resized copy, in place.
+
+    Intrinsics `k`, projection `p` (with its translation, which scales as fx does), the region of
+    interest and the size change; distortion acts before the intrinsics and stays. An uncalibrated
+    camera, all zero, stays so.
+    """
+    resampling = _resampling(scale_x, scale_y)
+    info.k = (resampling @ np.reshape(info.k, (3, 3))).ravel()
+    info.p = (resampling @ np.reshape(info.p, (3, 4))).ravel()
+    info.width = round(info.width * scale_x)
+    info.height = round(info.height * scale_y)
+    roi: Roi = info.roi
+    roi.x_offset, roi.width = round(roi.x_offset * scale_x), round(roi.width * scale_x)
+    roi.y_offset, roi.height = round(roi.y_offset * scale_y), round(roi.height * scale_y)
+
+
+def matrix(info: CameraFields) -> Matrix:
+    """Intrinsics of the image as it was sent: after its region of interest and binning.
+
+    Returns:
+        The camera matrix, shape (3, 3), in pixels.
+
+    Raises:
+        ValueError: the camera is not calibrated.
+    """
+    full = np.array(info.k, dtype=np.float64).reshape(3, 3)
+    if full[0, 0] <= 0.0 or full[1, 1] <= 0.0:
+        raise ValueError("camera_info is not calibrated: its focal length k[0] or k[4] is 0")
+    full[0, 2] -= info.roi.x_offset
+    full[1, 2] -= info.roi.y_offset
+    # 0 means the same as 1: no binning.
+    return _resampling(1.0 / max(info.binning_x, 1), 1.0 / max(info.binning_y, 1)) @ full
+
+
+def distortion(info: CameraFields) -> Matrix:
+    """Distortion coefficients in OpenCV's order; none at all for an ideal lens.
+
+    Raises:
+        ValueError: the model is not one of OpenCV's pinhole models.
+    """
+    coefficients = np.array(info.d, dtype=np.float64)
+    if coefficients.any() and info.distortion_model not in _MODELS:
+        raise ValueError(
+            f"camera_info's distortion model {info.distortion_model!r} is none of "
+            f"{', '.join(_MODELS)}"
+        )
+    if coefficients.size not in _COEFFICIENTS:
+        raise ValueError(
+            f"camera_info has {coefficients.size} distortion coefficients, and not one of "
+            f"{', '.join(map(str, _COEFFICIENTS))}"
+        )
+    return coefficients

@@ -1,0 +1,12 @@
+"""OpenCV, or an ImportError that says how to get it."""
+
+from __future__ import annotations
+
+try:
+    import cv2
+except ImportError as missing:
+    raise ImportError(
+        "this node needs OpenCV, which is not installed: pip install 'r2bspec[vision]'"
+    ) from missing
+
+__all__ = ["cv2"]

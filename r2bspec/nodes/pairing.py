@@ -1,0 +1,50 @@
+"""Matching the messages of two topics that carry the same stamp."""
+
+from __future__ import annotations
+
+from typing import Generic, TypeVar
+
+A = TypeVar("A")
+B = TypeVar("B")
+T = TypeVar("T")
+
+
+class StampPairs(Generic[A, B]):
+    """Holds each message until the other topic's message with exactly its stamp is there.
+
+    Pairs come in the order in which they become complete, whatever came first, late or not at all.
+    Each side holds at most `depth` messages that wait; one more and the oldest is given up.
+
+    Attributes:
+        discarded: how many messages of either side were given up, or replaced by another one with
+            their stamp, so far.
+    """
+
+    def __init__(self, depth: int) -> None:
+        self.discarded = 0
+        self._depth = depth
+        self._firsts: dict[int, A] = {}
+        self._seconds: dict[int, B] = {}
+
+    def add_first(self, stamp_ns: int, message: A) -> tuple[A, B] | None:
+        """Take a message of the first topic; return the pair that it completes, if any."""
+        if stamp_ns in self._seconds:
+            return message, self._seconds.pop(stamp_ns)
+        self._keep(self._firsts, stamp_ns, message)
+        return None
+
+    def add_second(self, stamp_ns: int, message: B) -> tuple[A, B] | None:
+        """Take a message of the second topic; return the pair that it completes, if any."""
+        if stamp_ns in self._firsts:
+            return self._firsts.pop(stamp_ns), message
+        self._keep(self._seconds, stamp_ns, message)
+        return None
+
+    def _keep(self, waiting: dict[int, T], stamp_ns: int, message: T) -> None:
+        if waiting.pop(stamp_ns, None) is not None:
+            self.discarded += 1
+        waiting[stamp_ns] = message
+        if len(waiting) > self._depth:
+            # A dict keeps the order of insertion, so its first key has waited longest.
+            del waiting[next(iter(waiting))]
+            self.discarded += 1

@@ -1,0 +1,62 @@
+"""A node that passes messages on after a known time, to calibrate measurements with."""
+
+from __future__ import annotations
+
+from time import perf_counter_ns
+from typing import Any
+
+from rclpy.node import Node
+
+from r2bspec.nodes.message_types import message_type
+from r2bspec.nodes.parameters import Allowed, at_least, declare, destroyed_if_refused, one_of
+from r2bspec.nodes.service_times import JITTERS, service_times_ns
+
+
+class RelayNode(Node):
+    """Copies ``input`` to ``output``, byte for byte, and is busy with each message for a while.
+
+    The time runs from the start of the callback to the call of publish, and is spent on the CPU:
+    `service_time_ms` each, or with `jitter` "exponential" on average. Messages of type `format` are
+    relayed one by one in the order of their arrival; both topics are reliable and keep the last
+    `queue_depth` messages.
+
+    Raises:
+        ValueError: a parameter has a value that it may not have.
+    """
+
+    def __init__(self, node_name: str = "relay", **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        with destroyed_if_refused(self):
+            self._start()
+
+    def _start(self) -> None:
+        name = declare(
+            self,
+            "format",
+            "sensor_msgs/msg/Image",
+            "type of the messages",
+            Allowed("a message type such as sensor_msgs/msg/Image", lambda _: True),
+        )
+        mean_ms = declare(
+            self, "service_time_ms", 0.0, "how long a message takes, in milliseconds", at_least(0)
+        )
+        jitter = declare(
+            self, "jitter", "none", "distribution of the service times", one_of(*JITTERS)
+        )
+        seed = declare(self, "seed", 0, "seed of random service times", at_least(0))
+        depth = declare(
+            self, "queue_depth", 10, "messages that either topic keeps at most", at_least(1)
+        )
+        try:
+            kind = message_type(name)
+        except ValueError as unknown:
+            raise ValueError(f"parameter 'format': {unknown}") from unknown
+        self._service_times_ns = service_times_ns(mean_ms, jitter, seed)
+        self._out = self.create_publisher(kind, "output", depth)
+        self.create_subscription(kind, "input", self._on_message, depth, raw=True)
+
+    def _on_message(self, serialized: bytes) -> None:
+        end_ns = perf_counter_ns() + next(self._service_times_ns)
+        while perf_counter_ns() < end_ns:
+            pass
+        self._out.publish(serialized)

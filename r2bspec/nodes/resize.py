@@ -1,0 +1,80 @@
+"""A node that resizes images together with their camera_info."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image
+
+from r2bspec.nodes import camera, images, paired
+from r2bspec.nodes.parameters import Allowed, above, declare, destroyed_if_refused, either, one_of
+
+_PIXELS = Allowed("1 or more, or -1 for the input's", lambda value: value == -1 or value >= 1)
+
+
+class ResizeNode(Node):
+    """Resizes images and camera_info, under the names that image_proc's ResizeNode uses.
+
+    Reads ``image/image_raw`` and ``image/camera_info``, paired by stamp; writes
+    ``resize/image_raw`` and ``resize/camera_info`` with the headers that they came with. The size
+    is `width` and `height` in pixels, or with `use_scale` the input's times `scale_width` and
+    `scale_height`. All topics are reliable and keep the last 10 messages.
+
+    Raises:
+        ValueError: a parameter has a value that it may not have.
+    """
+
+    def __init__(self, node_name: str = "resize", **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        with destroyed_if_refused(self):
+            self._start()
+
+    def _start(self) -> None:
+        self._use_scale = declare(
+            self, "use_scale", False, "scale the input instead of using width and height", either()
+        )
+        self._scale_width = declare(
+            self, "scale_width", 1.0, "width of the output over that of the input", above(0)
+        )
+        self._scale_height = declare(
+            self, "scale_height", 1.0, "height of the output over that of the input", above(0)
+        )
+        self._width = declare(self, "width", -1, "width of the output in pixels", _PIXELS)
+        self._height = declare(self, "height", -1, "height of the output in pixels", _PIXELS)
+        self._interpolation = declare(
+            self,
+            "interpolation",
+            1,
+            "0 nearest, 1 linear, 2 cubic, 3 area, 4 Lanczos over 8x8 pixels",
+            one_of(0, 1, 2, 3, 4),
+        )
+        self._image_out = self.create_publisher(Image, "resize/image_raw", paired.QOS_DEPTH)
+        self._info_out = self.create_publisher(CameraInfo, "resize/camera_info", paired.QOS_DEPTH)
+        paired.subscribe(self, "image/image_raw", "image/camera_info", self._on_pair)
+
+    def _on_pair(self, image: Image, info: CameraInfo) -> None:
+        width, height = self._output_size(image)
+        resized = Image(
+            header=image.header,
+            height=height,
+            width=width,
+            encoding=image.encoding,
+            is_bigendian=images.NATIVE_BIGENDIAN,
+            step=width * images.pixel_format(image.encoding).pixel_bytes,
+            data=images.resize(image, width, height, self._interpolation),
+        )
+        camera.scale(info, width / image.width, height / image.height)
+        self._image_out.publish(resized)
+        self._info_out.publish(info)
+
+    def _output_size(self, image: Image) -> tuple[int, int]:
+        if self._use_scale:
+            return (
+                max(1, round(image.width * self._scale_width)),
+                max(1, round(image.height * self._scale_height)),
+            )
+        return (
+            image.width if self._width == -1 else self._width,
+            image.height if self._height == -1 else self._height,
+        )

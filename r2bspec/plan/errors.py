@@ -1,0 +1,18 @@
+"""What can be wrong with a plan file."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from r2bspec.errors import R2bspecError
+
+PLAN_UNREADABLE: Final = "R2B610"
+PLAN_FOREIGN: Final = "R2B611"
+PLAN_BROKEN: Final = "R2B612"
+
+
+class PlanError(R2bspecError):
+    """A file that cannot be used as a plan. The message names the file; `hint` the way out."""
+
+    code = PLAN_BROKEN
+    exit_code = 2

@@ -1,0 +1,20 @@
+"""What can be wrong with a run folder."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from r2bspec.errors import R2bspecError
+
+RUN_UNREADABLE: Final = "R2B650"
+RUN_UNWRITABLE: Final = "R2B651"
+
+
+class RecordError(R2bspecError):
+    """A run folder that cannot be written, or cannot be read as one.
+
+    The message names the file; `hint` says the way out.
+    """
+
+    code = RUN_UNREADABLE
+    exit_code = 2

@@ -1,0 +1,59 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
+
+
+def write_whole(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
+    """Write a file so that a reader sees the old content or the new one, never a part.
+
+    The content goes to a temporary file in the same folder, reaches the disk, and is renamed
+    over `path`; parent folders are made. A crash at any moment leaves at most a hidden file
+    whose name ends in ``.tmp``.
+
+    Args:
+        path: the file to write; replaced if it exists.
+        content: the bytes, or a function that writes them to an open binary file.
+
+    Raises:
+        RecordError: the file system refuses.
+    """
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary.open("xb") as file:
+            if callable(content):
+                content(file)
+            else:
+                file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise RecordError(
+            f"{path} cannot be written: {error.strerror or error}",
+            hint="Choose another folder with --output, or make room on this one.",
+            code=RUN_UNWRITABLE,
+        ) from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make a rename in `folder` survive a power cut, where the file system can."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

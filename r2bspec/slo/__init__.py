@@ -1,0 +1,1 @@
+"""From metrics and objectives to verdicts, with the statistics that decide them."""

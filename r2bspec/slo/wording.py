@@ -1,0 +1,47 @@
+"""The sentences in which a verdict says why."""
+
+from __future__ import annotations
+
+from r2bspec.measure.units import show
+from r2bspec.slo.model import Outcome, ShareTest
+from r2bspec.slo.question import Question
+
+_THINGS = {
+    "latency": "outputs",
+    "latency_from_due": "outputs",
+    "interval": "intervals",
+    "jitter": "changes of the interval",
+    "playback": "publications",
+    "drop_rate": "steps",
+}
+
+
+def things(question: Question) -> str:
+    """What is counted one by one for a metric, in the plural."""
+    return _THINGS.get(question.info.family, "steps")
+
+
+def share_sentence(question: Question, test: ShareTest, outcome: Outcome) -> str:
+    """How many were on the wrong side, what that proves, and how many may be."""
+    seen = (
+        f"{show(test.over, 'count')} of {show(test.n, 'count')} {things(question)} "
+        f"({show(test.share, 'share')}) {_wrong_side(question, test)}"
+    )
+    lower, upper = show(test.lower, "share"), show(test.upper, "share")
+    allowed = show(test.allowed, "share")
+    # A floor on a share (drop_rate > x) wants many; every other requirement allows a few.
+    wants_many = question.info.quantile is None and not question.wants_less
+    needed = f"more than {allowed} must be" if wants_many else f"{allowed} may be"
+    if outcome == "inconclusive":
+        return f"{seen}; at 95 % confidence that is {lower} to {upper} of all, and {needed}."
+    if (outcome == "pass") != wants_many:
+        return f"{seen}; at 95 % confidence at most {upper} of all are, and {needed}."
+    return f"{seen}; at 95 % confidence at least {lower} of all are, and {needed}."
+
+
+def _wrong_side(question: Question, test: ShareTest) -> str:
+    if question.info.statistic == "share":
+        return "were never answered"
+    side = "over" if question.wants_less else "under"
+    lost = f" or lost ({show(test.lost, 'count')})" if test.lost else ""
+    return f"are {side} {question.limit_text}{lost}"

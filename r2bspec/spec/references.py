@@ -1,0 +1,79 @@
+"""The two references of the language, ``$(var name)`` and ``$(env NAME)``, found in a text."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+OPENING = "$("
+
+_REFERENCE = re.compile(r"\$\(\s*(var|env)\s+([A-Za-z_][A-Za-z0-9_]*)\s*\)")
+_UP_TO_CLOSING = re.compile(r"\$\([^()\s]*(?:\s+[^()]*)?\)?")
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A reference, at ``text[start:end]``; its name begins at `name_start`."""
+
+    start: int
+    end: int
+    kind: Literal["var", "env"]
+    name: str
+    name_start: int
+
+
+@dataclass(frozen=True, slots=True)
+class Malformed:
+    """Something at ``text[start:end]`` that begins like a reference and is none."""
+
+    start: int
+    end: int
+    message: str
+    help: str
+
+
+def references(text: str) -> Iterator[Reference | Malformed]:
+    """Everything in `text` that begins with ``$(``, from left to right."""
+    at = text.find(OPENING)
+    while at >= 0:
+        match = _REFERENCE.match(text, at)
+        if match is not None:
+            kind: Literal["var", "env"] = "var" if match[1] == "var" else "env"
+            yield Reference(at, match.end(), kind, match[2], match.start(2))
+            at = text.find(OPENING, match.end())
+        else:
+            broken = _malformed(text, at)
+            yield broken
+            at = text.find(OPENING, max(broken.end, at + 2))
+
+
+def _malformed(text: str, at: int) -> Malformed:
+    rough = _UP_TO_CLOSING.match(text, at)
+    end = rough.end() if rough is not None else at + 2
+    inside = text[at + 2 : end].removesuffix(")")
+    word, _, rest = inside.strip().partition(" ")
+    if not text[at:end].endswith(")"):
+        return Malformed(at, end, "'$(' is never closed", "close it with ')'")
+    if word in ("var", "env"):
+        return Malformed(
+            at,
+            end,
+            f"$({word} ...) takes one name of letters, digits and underscores",
+            f"for example $({word} rate)" if word == "var" else "for example $(env HOME)",
+        )
+    if word in ("arg", "param") and rest:
+        return Malformed(
+            at, end, f"'$({word} ...)' is not known", f"write $(var {rest.strip()})"
+        )
+    if word == "optenv" and rest:
+        return Malformed(
+            at, end, "'$(optenv ...)' is not known", f"write $(env {rest.split()[0]})"
+        )
+    return Malformed(
+        at,
+        end,
+        "only $(var name) and $(env NAME) are replaced; there are no expressions",
+        "for anything that is computed, name a script that computes it",
+    )

@@ -1,0 +1,68 @@
+"""What an unquoted word means: the core schema of YAML 1.2, as editors read it.
+
+YAML 1.1, which PyYAML implements, turns ``on`` and ``no`` into booleans, ``12:30`` into 750 and
+``010`` into 8. Here they are strings, and so are dates. One deviation from the core schema, for
+safety: ``010`` is neither 8 nor 10 but text, since people disagree about which it is.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+ScalarValue = bool | int | float | str | None
+
+_WORDS: dict[str, ScalarValue] = {
+    "": None,
+    "~": None,
+    **dict.fromkeys(("null", "Null", "NULL"), None),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+}
+_MAYBE_NUMBER = frozenset("+-.0123456789")
+_DECIMAL = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
+_BASED = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
+_FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|(?:0|[1-9][0-9]*)(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
+_NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
+
+_LARGEST_INT = 2**63 - 1
+_LONGEST_INT = 25  # characters, prefix and sign included, of any integer within 64 bits
+
+
+class ScalarError(ValueError):
+    """A number that no spec can hold."""
+
+
+def resolve(text: str) -> ScalarValue:
+    """The value of an unquoted scalar.
+
+    Raises:
+        ScalarError: a whole number beyond 64 bits, or a number that is not finite.
+    """
+    if text[:1] not in _MAYBE_NUMBER:
+        return _WORDS[text] if text in _WORDS else text
+    if _DECIMAL.fullmatch(text):
+        return _integer(text, 10)
+    if _BASED.fullmatch(text):
+        return _integer(text, 0)
+    if _FLOAT.fullmatch(text):
+        return _finite(float(text))
+    if _NOT_FINITE.fullmatch(text):
+        return _finite(math.inf)
+    return text
+
+
+def _integer(text: str, base: int) -> int:
+    # The length is looked at first: Python needs quadratic time for long digit strings.
+    if len(text) <= _LONGEST_INT:
+        value = int(text, base)
+        if -_LARGEST_INT - 1 <= value <= _LARGEST_INT:
+            return value
+    raise ScalarError("a whole number beyond 64 bits")
+
+
+def _finite(value: float) -> float:
+    # Plans and results are JSON, which has no word for these.
+    if math.isfinite(value):
+        return value
+    raise ScalarError("not a finite number")

@@ -1,0 +1,169 @@
+"""Small builders from which the sections of the schema are made.
+
+They write JSON Schema, draft-07, plus three annotations that `r2bspec.spec.schema.derive` takes
+out before anything is published:
+
+- ``r2b-kind``: the string is a quantity (``duration``, ``rate``, ``size``, ``share``) or a
+  ``requirement``, and is judged by the class that parses it,
+- ``r2b-positive``: the quantity must be more than zero,
+- ``r2b-keys``: the keys of the map are topics, in which variables may stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from r2bspec.spec.quantities import Duration, Quantity, Rate, Share, Size
+from r2bspec.spec.schema.names import Form
+
+Schema = dict[str, Any]
+
+KIND = "r2b-kind"
+POSITIVE = "r2b-positive"
+TOPIC_KEYS = "r2b-keys"
+SCALAR_TYPES = ["string", "number", "boolean"]
+
+QUANTITIES: dict[str, type[Quantity]] = {kind.kind: kind for kind in (Duration, Rate, Size, Share)}
+
+
+def text(
+    description: str, *, examples: Sequence[str], form: Form | None = None, default: str = ""
+) -> Schema:
+    """A string, of a form if one is given."""
+    schema: Schema = {"type": "string", "description": description, "examples": list(examples)}
+    if form is not None:
+        schema |= {"pattern": form.pattern, "patternErrorMessage": form.message}
+    # An empty default would be inserted by editors as if it were a value.
+    return schema | {"default": default} if default else schema
+
+
+def integer(description: str, *, minimum: int, default: int, examples: Sequence[int]) -> Schema:
+    """A whole number."""
+    return {
+        "type": "integer",
+        "description": description,
+        "minimum": minimum,
+        "default": default,
+        "examples": list(examples),
+    }
+
+
+def choice(description: str, values: Sequence[str], default: str) -> Schema:
+    """One of a few words."""
+    return {
+        "type": "string",
+        "description": description,
+        "enum": list(values),
+        "default": default,
+        "examples": list(values[:1]),
+    }
+
+
+def scalar(description: str, *, examples: Sequence[object]) -> Schema:
+    """Text, a number or a truth value."""
+    return {"type": list(SCALAR_TYPES), "description": description, "examples": list(examples)}
+
+
+def quantity(
+    kind: type[Quantity],
+    description: str,
+    *,
+    default: str | None = None,
+    examples: Sequence[str] = (),
+    positive: bool = False,
+) -> Schema:
+    """A number with a unit, written as a string."""
+    schema: Schema = {
+        "type": "string",
+        "description": description,
+        KIND: kind.kind,
+        "examples": list(examples) or [kind.example],
+    }
+    if positive:
+        schema[POSITIVE] = True
+    return schema if default is None else schema | {"default": default}
+
+
+def requirement(description: str, *, examples: Sequence[str]) -> Schema:
+    """One sentence of the requirement grammar."""
+    return {
+        "type": "string",
+        "description": description,
+        KIND: "requirement",
+        "examples": list(examples),
+    }
+
+
+def listing(
+    description: str,
+    items: Schema,
+    *,
+    examples: Sequence[object],
+    at_least: int = 0,
+) -> Schema:
+    """A list."""
+    schema: Schema = {"type": "array", "description": description, "items": items}
+    if at_least:
+        schema["minItems"] = at_least
+    else:
+        schema["default"] = []
+    return schema | {"examples": list(examples)}
+
+
+def record(
+    description: str,
+    properties: Mapping[str, Schema],
+    *,
+    examples: Sequence[object],
+    required: Sequence[str] = (),
+    snippets: Sequence[Schema] = (),
+    default: object = None,
+) -> Schema:
+    """A map whose keys are known."""
+    schema: Schema = {
+        "type": "object",
+        "description": description,
+        "properties": {
+            name: {k: v for k, v in prop.items() if not (name in required and k == "default")}
+            for name, prop in properties.items()
+        },
+        "additionalProperties": False,
+        "examples": list(examples),
+    }
+    if required:
+        schema["required"] = list(required)
+    if default is not None:
+        schema["default"] = default
+    if snippets:
+        schema["defaultSnippets"] = list(snippets)
+    return schema
+
+
+def named(
+    description: str,
+    keys: Form,
+    values: Schema,
+    *,
+    examples: Sequence[object],
+    topics: bool = False,
+    at_least: int = 0,
+    snippets: Sequence[Schema] = (),
+) -> Schema:
+    """A map whose keys are names that the user gives; `topics` says that they are topics."""
+    schema: Schema = {
+        "type": "object",
+        "description": description,
+        "propertyNames": {"pattern": keys.pattern, "patternErrorMessage": keys.message},
+        "additionalProperties": values,
+        "examples": list(examples),
+    }
+    if topics:
+        schema[TOPIC_KEYS] = "topics"
+    if at_least:
+        schema["minProperties"] = at_least
+    else:
+        schema["default"] = {}
+    if snippets:
+        schema["defaultSnippets"] = list(snippets)
+    return schema

@@ -1,0 +1,86 @@
+"""`data_loader`: the recorded messages."""
+
+from __future__ import annotations
+
+from r2bspec.spec.quantities import Duration
+from r2bspec.spec.schema import names
+from r2bspec.spec.schema.build import Schema, named, quantity, record, text
+
+_BAG = {
+    **record(
+        "The recording: the name of a dataset, or the path of a bag relative to this file. As a "
+        "map it can also pin the content.",
+        {
+            "dataset": text(
+                "The name of a dataset; r2bspec data list shows those that can be made.",
+                form=names.DATASET,
+                examples=["r2b_storage", "r2b_lounge"],
+            ),
+            "path": text(
+                "The path of a bag: its folder, or a single .mcap or .db3 file; relative to this "
+                "file.",
+                form=names.NOT_EMPTY,
+                examples=["./bags/kitchen", "/data/drive_07.mcap"],
+            ),
+            "sha256": text(
+                "The digest that the data must have, as r2bspec data info shows it. Another bag "
+                "of the same name is then refused.",
+                form=names.SHA256,
+                examples=["a3f5" * 16],
+            ),
+        },
+        examples=["r2b_storage", {"path": "./bags/kitchen"}],
+        snippets=[
+            {"label": "dataset", "body": "${1:r2b_storage}"},
+            {"label": "bag with a pinned content", "body": {"path": "$1", "sha256": "$2"}},
+        ],
+    ),
+    "type": ["string", "object"],
+    "minLength": 1,
+}
+
+_WINDOW = record(
+    "The part of the recording that is used, counted from its first message.",
+    {
+        "start": quantity(
+            Duration, "Where the part begins.", default="0 s", examples=["0.0 s", "1.5 s"]
+        ),
+        "end": quantity(
+            Duration,
+            "Where the part ends; without it, the recording is used to its end.",
+            examples=["0.5 s"],
+            positive=True,
+        ),
+    },
+    examples=[{"start": "0.0 s", "end": "0.5 s"}],
+    default={},
+)
+
+DATA_LOADER: Schema = record(
+    "Which recorded topics are loaded, and what they are called in the graph.",
+    {
+        "bag": _BAG,
+        "window": _WINDOW,
+        "topics": named(
+            "What is loaded: topic of the bag, and the topic that it becomes in the graph. Topics "
+            "of the bag that are not named here are never touched.",
+            names.TOPIC,
+            text(
+                "The topic in the graph; a relative one lies in the namespace of the benchmark.",
+                form=names.TOPIC,
+                examples=["data_loader/image"],
+            ),
+            topics=True,
+            at_least=1,
+            examples=[{"/d455_1_rgb_image": "data_loader/image"}],
+        ),
+    },
+    required=["bag", "topics"],
+    examples=[{"bag": "r2b_storage", "topics": {"/d455_1_rgb_image": "data_loader/image"}}],
+    snippets=[
+        {
+            "label": "data_loader",
+            "body": {"bag": "${1:r2b_storage}", "topics": {"/${2:topic}": "data_loader/${3:name}"}},
+        }
+    ],
+)

@@ -1,0 +1,103 @@
+"""The two schemas that are made from the one source.
+
+- The strict one judges a document whose variables are substituted and whose ``x-`` keys are
+  gone. Quantities and requirements are judged by the classes that parse them.
+- The published one is for editors. It is plain draft-07, accepts ``$(var x)`` and ``$(env X)``
+  wherever a scalar may stand, and ignores ``x-`` keys.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from r2bspec.spec.schema.build import KIND, POSITIVE, QUANTITIES, TOPIC_KEYS, Schema
+from r2bspec.spec.schema.document import DOCUMENT
+
+TITLE = "r2bspec, version 1"
+FILE_NAME = "r2bspec-v1.schema.json"
+
+_OWN = (KIND, POSITIVE, TOPIC_KEYS)
+_REFERENCE = r"\$\((?:var|env) +[A-Za-z_][A-Za-z0-9_]* *\)"
+_WHOLE = f"^{_REFERENCE}$"
+_NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
+_METRIC = r"[A-Za-z][A-Za-z0-9_]*(?:\.[A-Za-z][A-Za-z0-9_]*)*"
+_REQUIREMENT = rf"^\s*(?:sustained|{_METRIC}\s*(?:[<>]=?|[=!]=)\s*\d.*?)\s*$"
+
+
+def strict_schema() -> Schema:
+    """The schema that the loader applies."""
+
+    def stricter(schema: Schema) -> Schema:
+        return {
+            key: value
+            for key, value in schema.items()
+            # The class says it better than 'type' could; see `r2bspec.spec.validator`.
+            if not (key == "type" and KIND in schema)
+        }
+
+    return _rewrite(DOCUMENT, stricter)
+
+
+def published_schema() -> Schema:
+    """The schema for editors: what `r2bspec schema spec` prints."""
+    return {
+        "$schema": "http://json-schema.org/draft-07/schema#",
+        "$id": FILE_NAME,
+        "title": TITLE,
+        **_rewrite(DOCUMENT, _publish),
+    }
+
+
+def _publish(schema: Schema) -> Schema:
+    public = {key: value for key, value in schema.items() if key not in _OWN}
+    kind = schema.get(KIND)
+    if kind is not None:
+        public |= _judged_by_pattern(kind)
+    if schema.get("additionalProperties") is False:
+        public["patternProperties"] = {"^x-": {"description": "Ignored."}}
+    if TOPIC_KEYS in schema:
+        keys = public["propertyNames"]
+        public["propertyNames"] = {**keys, "pattern": _or_reference(keys["pattern"])}
+    if "enum" in public:
+        values = public.pop("enum")
+        return public | {"anyOf": [{"enum": values}, {"pattern": _WHOLE}]}
+    if "pattern" in public and "type" in public:
+        public["pattern"] = _or_reference(public["pattern"])
+    elif public.get("type") == "integer" and "const" not in public:
+        public |= {
+            "type": ["integer", "string"],
+            "pattern": _WHOLE,
+            "patternErrorMessage": "a whole number, or $(var name)",
+        }
+    return public
+
+
+def _judged_by_pattern(kind: str) -> Schema:
+    if kind == "requirement":
+        return {
+            "pattern": _REQUIREMENT,
+            "patternErrorMessage": "a requirement is 'metric op bound', such as latency.p99 < 50 "
+            "ms; or sustained",
+        }
+    units = "|".join(QUANTITIES[kind].units)
+    return {
+        "pattern": rf"^\s*{_NUMBER}\s*(?:{units})\s*$",
+        "patternErrorMessage": f"a {kind} is a number with a unit, such as "
+        f"{QUANTITIES[kind].example}",
+    }
+
+
+def _or_reference(pattern: str) -> str:
+    return f"(?:{pattern})|{_REFERENCE}"
+
+
+def _rewrite(schema: Schema, change: Callable[[Schema], Schema]) -> Schema:
+    """Apply `change` to a schema and to all schemas in it, innermost first."""
+    inner: dict[str, Any] = dict(schema)
+    if "properties" in inner:
+        inner["properties"] = {k: _rewrite(v, change) for k, v in inner["properties"].items()}
+    for key in ("items", "additionalProperties"):
+        if isinstance(inner.get(key), dict):
+            inner[key] = _rewrite(inner[key], change)
+    return change(inner)

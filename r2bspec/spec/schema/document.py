@@ -1,0 +1,102 @@
+"""The whole document: every section under its key."""
+
+from __future__ import annotations
+
+from r2bspec.spec.schema import names
+from r2bspec.spec.schema.benchmark import BENCHMARK, SLOS
+from r2bspec.spec.schema.build import Schema, choice, listing, named, record, scalar, text
+from r2bspec.spec.schema.data_loader import DATA_LOADER
+from r2bspec.spec.schema.graph import GRAPH, MONITORS
+from r2bspec.spec.schema.node import nodes
+from r2bspec.spec.schema.playback import PLAYBACK
+
+_VERSION: Schema = {
+    "type": "integer",
+    "description": "The version of the language.",
+    "const": 1,
+    "examples": [1],
+}
+
+DOCUMENT: Schema = record(
+    "A benchmark of a ROS 2 graph, for r2bspec.",
+    {
+        "r2bspec": _VERSION,
+        "name": text(
+            "The benchmark's name, by which results are kept.",
+            form=names.LABEL,
+            examples=["apriltag_node"],
+        ),
+        "title": text("One line for people.", examples=["AprilTag detection, 720p colour"]),
+        "description": text(
+            "What is measured, and why.", examples=["Detection on a colour camera at 720p."]
+        ),
+        "labels": named(
+            "Anything that the report shall show.",
+            names.PARAMETER,
+            scalar("The label's value.", examples=["720p"]),
+            examples=[{"resolution": "720p", "robot": "carter"}],
+        ),
+        "environment": listing(
+            "The environment variables that $(env NAME) may read.",
+            text("A variable's name.", form=names.ENVIRONMENT, examples=["DATA_DIR"]),
+            examples=[["DATA_DIR"]],
+        ),
+        "namespace": text(
+            "The namespace in which relative topics and nodes lie.",
+            form=names.NAMESPACE,
+            examples=["r2b"],
+            default="r2b",
+        ),
+        "transport": choice(
+            "How messages travel: shared_memory sized to the largest message, udp, or inherit "
+            "for what the environment says.",
+            ["inherit", "shared_memory", "udp"],
+            "shared_memory",
+        ),
+        "variables": named(
+            "Values that $(var name) stands for; --var name=value replaces one.",
+            names.VARIABLE,
+            scalar("The variable's value.", examples=[1280, "30 Hz"]),
+            examples=[{"width": 1280, "rate": "30 Hz"}],
+        ),
+        "data_loader": DATA_LOADER,
+        "preprocessors": nodes(
+            "Nodes that prepare the recorded messages. They run before anything is measured, and "
+            "are stopped then."
+        ),
+        "playback": PLAYBACK,
+        "graph": GRAPH,
+        "monitors": MONITORS,
+        "benchmark": BENCHMARK,
+        "slos": SLOS,
+    },
+    required=["r2bspec", "name", "data_loader", "playback", "graph", "monitors"],
+    examples=[],
+    snippets=[
+        {
+            "label": "r2bspec",
+            "description": "A new benchmark",
+            "body": {
+                "r2bspec": 1,
+                "name": "${1:name}",
+                "data_loader": {
+                    "bag": "${2:r2b_storage}",
+                    "topics": {"/${3:d455_1_rgb_image}": "data_loader/${4:image}"},
+                },
+                "playback": {
+                    "inputs": {
+                        "${4:image}": {
+                            "from": "data_loader/${4:image}",
+                            "format": "${5:sensor_msgs/msg/Image}",
+                        }
+                    }
+                },
+                "graph": {"nodes": {"${6:node}": {"python": "${7:module.Class}"}}},
+                "monitors": {
+                    "${8:output}": {"topic": "${9:output}", "format": "${5:sensor_msgs/msg/Image}"}
+                },
+                "benchmark": {"rates": ["${10:30 Hz}"]},
+            },
+        }
+    ],
+)

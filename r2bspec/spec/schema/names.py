@@ -1,0 +1,76 @@
+"""The forms that names and references take, each with the words for one that is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A regular expression in the subset that Python and JavaScript share, and what it means."""
+
+    pattern: str
+    message: str
+
+
+_TOKEN = "[A-Za-z_][A-Za-z0-9_]*"  # noqa: S105 - of a ROS name, not a secret
+_TOKENS = f"{_TOKEN}(?:/{_TOKEN})*"
+
+TOPIC = Form(
+    f"^(?:~|(?:~?/)?{_TOKENS})$",
+    "a topic is made of letters, digits and underscores, separated by single slashes; no part "
+    "begins with a digit, and no slash stands at the end",
+)
+NAMESPACE = Form(
+    f"^(?:/|/?{_TOKENS})$",
+    "a namespace is made of letters, digits and underscores, separated by single slashes; no "
+    "part begins with a digit",
+)
+NODE_NAME = Form(
+    f"^{_TOKEN}$",
+    "a node's name is made of letters, digits and underscores, and does not begin with a digit",
+)
+MONITOR_NAME = Form(
+    "^[A-Za-z][A-Za-z0-9_]*$",
+    "a monitor's name begins with a letter and goes on with letters, digits and underscores, so "
+    "that requirements can use it",
+)
+LABEL = Form(
+    "^[A-Za-z][A-Za-z0-9_-]*$",
+    "a name begins with a letter and goes on with letters, digits, underscores and dashes",
+)
+VARIABLE = Form(
+    f"^{_TOKEN}$",
+    "a variable's name is made of letters, digits and underscores, and does not begin with a "
+    "digit",
+)
+ENVIRONMENT = Form(
+    f"^{_TOKEN}$",
+    "an environment variable's name is made of letters, digits and underscores, and does not "
+    "begin with a digit",
+)
+PARAMETER = Form(
+    "^[A-Za-z_][A-Za-z0-9_./-]*$",
+    "a parameter's name begins with a letter; its parts are separated by dots",
+)
+MESSAGE_TYPE = Form(
+    "^[A-Za-z][A-Za-z0-9_]*/msg/[A-Z][A-Za-z0-9]*$",
+    "a message type is written package/msg/Name, such as sensor_msgs/msg/Image",
+)
+PYTHON_NODE = Form(
+    r"^(?:[A-Za-z_][A-Za-z0-9_]*(?:\.[A-Za-z_][A-Za-z0-9_]*)+|[^:]+\.py:[A-Za-z_][A-Za-z0-9_]*)$",
+    "a Python node is written module.Class, or ./file.py:Class relative to this file",
+)
+PACKAGE = Form(
+    "^[A-Za-z][A-Za-z0-9_-]*$",
+    "a package's name begins with a letter and goes on with letters, digits, underscores and "
+    "dashes",
+)
+FILE_NAME = Form("^[^/]+$", "an executable is named without its folder")
+DATASET = Form(
+    "^[A-Za-z0-9][A-Za-z0-9_.-]*$",
+    "a dataset's name is made of letters, digits, underscores, dots and dashes; a path goes "
+    "under 'path'",
+)
+SHA256 = Form("^[0-9a-f]{64}$", "a SHA-256 digest is 64 digits, 0 to 9 and a to f")
+NOT_EMPTY = Form(r"\S", "this must not be empty")

@@ -1,0 +1,48 @@
+"""The strict schema, applied by jsonschema."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from r2bspec.spec.kinds import judge
+from r2bspec.spec.schema import strict_schema
+from r2bspec.spec.schema.build import KIND
+
+if TYPE_CHECKING:
+    from jsonschema.exceptions import ValidationError
+    from jsonschema.protocols import Validator
+
+
+@cache
+def schema() -> dict[str, Any]:
+    """The strict schema, made once."""
+    return strict_schema()
+
+
+def schema_errors(plain: object) -> Iterator[ValidationError]:
+    """Every violation of the strict schema."""
+    yield from _validator().iter_errors(plain)
+
+
+@cache
+def _validator() -> Validator:
+    from jsonschema import Draft7Validator, validators
+    from jsonschema.exceptions import ValidationError
+
+    def check_kind(
+        validator: Any, kind: str, instance: object, schema: dict[str, Any]
+    ) -> Iterator[ValidationError]:
+        del validator, kind
+        problem = judge(instance, schema)
+        if problem is not None:
+            yield ValidationError(problem.message)
+
+    # To JSON Schema 1.0 is an integer; to a ROS parameter and to YAML it is not.
+    types = Draft7Validator.TYPE_CHECKER.redefine(
+        "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
+    )
+    extended: Any = validators.extend(Draft7Validator, {KIND: check_kind}, type_checker=types)
+    made: Validator = extended(schema())
+    return made

@@ -1,0 +1,275 @@
+"""Substitution of ``$(var x)`` and ``$(env X)`` in the located tree.
+
+The rules:
+
+- It happens in values, and in keys of maps whose keys are topics; nowhere below unknown keys.
+- A value that is one reference and nothing else takes the type of what it refers to; in any
+  other text, the variable's own text is inserted.
+- Values of `variables:` may refer to the environment, not to other variables: order would begin
+  to matter, and cycles would be possible.
+- ``$(env X)`` reads only what `environment:` lists, so that a reader of the file knows what it
+  depends on. What it reads is understood as an unquoted value, as with ``--var``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from r2bspec.diagnostics import Certainty, Diagnostic, Related, Severity, Span, did_you_mean
+from r2bspec.diagnostics.quote import quote
+from r2bspec.spec.columns import inner_span
+from r2bspec.spec.references import OPENING, Malformed, Reference, references
+from r2bspec.spec.scalars import ScalarError, ScalarValue, resolve
+from r2bspec.spec.schema.build import TOPIC_KEYS
+from r2bspec.spec.source import Source
+from r2bspec.spec.tree import Entry, ListNode, MapNode, ScalarNode, TreeNode, UnknownNode, child
+
+_DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
+
+
+@dataclass(frozen=True, slots=True)
+class Substituted:
+    """The tree after substitution, what was wrong, and which variables were used."""
+
+    tree: TreeNode
+    diagnostics: tuple[Diagnostic, ...]
+    used: frozenset[str]
+
+
+def substitute(
+    root: MapNode,
+    schema: dict[str, Any],
+    sources: Mapping[str, Source],
+    environ: Mapping[str, str],
+) -> Substituted:
+    """Replace every reference in a document; `schema` tells which keys are known."""
+    work = _Substitution(root, sources, environ)
+    known = schema["properties"]
+    entries = dict(root.entries)
+    if work.variables is not None:
+        entries["variables"] = replace(entries["variables"], value=work.variables)
+    for key, entry in root.entries.items():
+        if key not in _DECLARATIONS:
+            entries[key] = replace(entry, value=work.walk(entry.value, known.get(key)))
+    tree = MapNode(entries, root.span)
+    return Substituted(tree, tuple(work.diagnostics), frozenset(work.used))
+
+
+class _Substitution:
+    def __init__(
+        self, root: MapNode, sources: Mapping[str, Source], environ: Mapping[str, str]
+    ) -> None:
+        self.diagnostics: list[Diagnostic] = []
+        self.used: set[str] = set()
+        self.variables: MapNode | None = None
+        self._sources = sources
+        self._environ = environ
+        self._allowed = _listed(root)
+        self._done: dict[tuple[int, int], TreeNode] = {}
+        self._in_declarations = True
+        declared = child(root, "variables")
+        if isinstance(declared, MapNode):
+            self.variables = MapNode(
+                {
+                    key: replace(entry, value=self._declared(entry.value))
+                    for key, entry in declared.entries.items()
+                },
+                declared.span,
+            )
+        self._in_declarations = False
+
+    def _declared(self, node: TreeNode) -> TreeNode:
+        return self._scalar(node) if isinstance(node, ScalarNode) else node
+
+    def walk(self, node: TreeNode, rule: Any) -> TreeNode:
+        """Substitute below a node of which the schema says `rule`; None is an unknown key."""
+        if not isinstance(rule, dict):
+            return node
+        if isinstance(node, ScalarNode):
+            return self._scalar(node)
+        if isinstance(node, UnknownNode):
+            return node
+        name = (id(node), id(rule))
+        if name not in self._done:
+            if isinstance(node, MapNode):
+                self._done[name] = self._map(node, rule)
+            else:
+                items = tuple(self.walk(item, rule.get("items")) for item in node.items)
+                self._done[name] = ListNode(items, node.span)
+        return self._done[name]
+
+    def _map(self, node: MapNode, rule: dict[str, Any]) -> MapNode:
+        known = rule.get("properties")
+        below = rule.get("additionalProperties")
+        entries: dict[str, Entry] = {}
+        for key, entry in node.entries.items():
+            value = self.walk(entry.value, known.get(key) if known is not None else below)
+            new, sure = (key, True)
+            if OPENING in key:
+                new, sure = self._key(key, entry.key_span, topics=TOPIC_KEYS in rule)
+            if new in entries:
+                self._clash(key, new, entry.key_span, entries[new].key_span)
+                continue
+            entries[new] = Entry(entry.key_span, value, known=sure and entry.known)
+        return MapNode(entries, node.span)
+
+    def _key(self, key: str, span: Span, *, topics: bool) -> tuple[str, bool]:
+        if not topics:
+            self._error(
+                "R2B125",
+                "nothing is replaced in this key",
+                span,
+                "$(var ...) and $(env ...) may stand in values, and in keys that are topics",
+            )
+            return key, False
+        found = self._scalar(ScalarNode(key, key, span))
+        return (found.text, True) if isinstance(found, ScalarNode) else (key, False)
+
+    def _clash(self, key: str, new: str, span: Span, first: Span) -> None:
+        self._error(
+            "R2B126",
+            f"with its variables replaced, the key {quote(key)} is {quote(new)}, which stands "
+            "here already",
+            span,
+            "rename one of the two",
+            related=(Related("the other one", first),),
+        )
+
+    def _scalar(self, node: ScalarNode) -> ScalarNode | UnknownNode:
+        """Replace what `node` refers to; UnknownNode where that is not known."""
+        text = node.value
+        if not isinstance(text, str) or OPENING not in text:
+            return node
+        parts: list[str] = []
+        at = 0
+        failed = False
+        origin: Related | None = None
+        for found in references(text):
+            value = self._value(found, node)
+            if value is None:
+                failed = True
+                continue
+            if isinstance(found, Reference) and (found.start, found.end) == (0, len(text)):
+                return replace(value, span=node.span)
+            parts += [text[at : found.start], value.text]
+            at = found.end
+            origin = origin or value.origin
+        if failed:
+            return UnknownNode(node.span)
+        parts.append(text[at:])
+        joined = "".join(parts)
+        return ScalarNode(joined, joined, node.span, '"', origin)
+
+    def _value(self, found: Reference | Malformed, node: ScalarNode) -> ScalarNode | None:
+        """What one reference stands for, with its origin; None if that is not known."""
+        if isinstance(found, Malformed):
+            span = self._inner(node, found.start, found.end - found.start)
+            self._error("R2B123", found.message, span, found.help)
+            return None
+        span = self._inner(node, found.name_start, len(found.name))
+        if found.kind == "env":
+            return self._environment(found.name, span)
+        if self._in_declarations:
+            self._error(
+                "R2B124",
+                "a variable cannot refer to another variable",
+                self._inner(node, found.start, found.end - found.start),
+                "write its value here, or combine both where they are used",
+            )
+            return None
+        return self._variable(found.name, span)
+
+    def _variable(self, name: str, span: Span) -> ScalarNode | None:
+        declared = self.variables.entries if self.variables is not None else {}
+        if name not in declared:
+            self._error(
+                "R2B120", f"there is no variable '{name}'", span, _known_variables(name, declared)
+            )
+            return None
+        self.used.add(name)
+        value = declared[name].value
+        # A list, a map or nothing: the schema says so at the declaration, once.
+        if not isinstance(value, ScalarNode) or value.value is None:
+            return None
+        return replace(value, origin=Related(f"'{name}' gets its value here", value.span))
+
+    def _environment(self, name: str, span: Span) -> ScalarNode | None:
+        if name not in self._allowed:
+            close = did_you_mean(name, self._allowed)
+            self._error(
+                "R2B121",
+                f"'environment:' does not list {name}",
+                span,
+                f"did you mean {close}?" if close else f"add {name} to the list 'environment:'",
+            )
+            return None
+        text = self._environ.get(name)
+        if text is None:
+            self._error(
+                "R2B122",
+                f"the environment variable {name} is not set",
+                span,
+                f"set it, for example: export {name}=...",
+                related=(Related("listed here", self._allowed[name]),),
+                certainty=Certainty.ENVIRONMENT,
+            )
+            return None
+        origin = Related(f"{name} is {quote(text)} in the environment", self._allowed[name])
+        return ScalarNode(as_unquoted(text), text, span, origin=origin)
+
+    def _inner(self, node: ScalarNode, offset: int, length: int) -> Span:
+        source = self._sources.get(node.span.file)
+        return inner_span(source, node.span, node.text, offset, length)
+
+    def _error(
+        self,
+        code: str,
+        message: str,
+        span: Span,
+        help_text: str,
+        *,
+        related: tuple[Related, ...] = (),
+        certainty: Certainty = Certainty.CERTAIN,
+    ) -> None:
+        self.diagnostics.append(
+            Diagnostic(
+                code,
+                Severity.ERROR,
+                message,
+                span,
+                help=help_text,
+                related=related,
+                certainty=certainty,
+            )
+        )
+
+
+def as_unquoted(text: str) -> ScalarValue:
+    """What a text from outside means: as if it stood unquoted in the document."""
+    if not text:
+        return text
+    try:
+        return resolve(text)
+    except ScalarError:
+        return text
+
+
+def _listed(root: MapNode) -> dict[str, Span]:
+    """The names under `environment:` and where each stands."""
+    listed = child(root, "environment")
+    items = listed.items if isinstance(listed, ListNode) else ()
+    return {
+        item.value: item.span
+        for item in items
+        if isinstance(item, ScalarNode) and isinstance(item.value, str)
+    }
+
+
+def _known_variables(name: str, declared: Mapping[str, Entry]) -> str:
+    if not declared:
+        return f"declare it: 'variables: {{{name}: ...}}' at the top of the document"
+    close = did_you_mean(name, declared)
+    known = "declared are " + ", ".join(sorted(declared)[:10])
+    return f"did you mean '{close}'? {known}" if close else known

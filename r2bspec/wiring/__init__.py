@@ -1,0 +1,1 @@
+"""Who writes and who reads which topic, worked out from a spec without running anything."""

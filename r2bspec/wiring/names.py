@@ -1,0 +1,62 @@
+"""ROS 2 name resolution, as rcl does it: expand, then remap once.
+
+Grammar of a topic name, which the schema of the language enforces::
+
+    name      = ["/" | "~/"] token { "/" token }  |  "~"
+    token     = letter or "_", then letters, digits and "_"
+
+An absolute name begins with ``/``; a relative one is resolved in the node's namespace, and ``~``
+stands for the node's own full name. Substitutions in braces are not part of the language.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+
+class Resolved(NamedTuple):
+    """A topic name after remapping, and the key of the rule that renamed it, if one did."""
+
+    name: str
+    rule: str | None
+
+
+def join_namespaces(outer: str, inner: str) -> str:
+    """The full namespace of `inner`, as written, inside `outer`: absolute, ``/`` for the root.
+
+    An absolute `inner` stands alone; an empty one adds nothing.
+    """
+    text = inner if inner.startswith("/") else f"{outer}/{inner}"
+    return "/" + "/".join(token for token in text.split("/") if token)
+
+
+def node_name(node: str, namespace: str) -> str:
+    """The full name of a node in an absolute namespace."""
+    return f"{'' if namespace == '/' else namespace}/{node}"
+
+
+def expand(name: str, node: str, namespace: str) -> str:
+    """The absolute form of a topic name that a node uses.
+
+    Args:
+        name: as the node writes it.
+        node: the node's name without namespace.
+        namespace: the node's absolute namespace.
+    """
+    if name == "~" or name.startswith("~/"):
+        name = node_name(node, namespace) + name[1:]
+    return name if name.startswith("/") else node_name(name, namespace)
+
+
+def remap(name: str, rules: Mapping[str, str], node: str, namespace: str) -> Resolved:
+    """The topic that a node really uses, after its remapping rules.
+
+    As in rcl, both sides of a rule are expanded in the node's namespace, the first rule whose left
+    side equals the expanded name is applied, and its result is not remapped again.
+    """
+    full = expand(name, node, namespace)
+    for left, right in rules.items():
+        if expand(left, node, namespace) == full:
+            return Resolved(expand(right, node, namespace), left)
+    return Resolved(full, None)

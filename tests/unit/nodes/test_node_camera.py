@@ -1,0 +1,134 @@
+"""Cameras of resized, cropped and binned images."""
+
+from __future__ import annotations
+
+from array import array
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+from r2bspec.nodes import camera, images
+
+
+def camera_info(**fields: Any) -> SimpleNamespace:
+    defaults = {
+        "width": 1280,
+        "height": 800,
+        "distortion_model": "plumb_bob",
+        "d": [0.0] * 5,
+        "k": [640.0, 0.0, 652.5, 0.0, 645.0, 401.0, 0.0, 0.0, 1.0],
+        "p": [630.0, 0.0, 650.0, -59.85, 0.0, 630.0, 400.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0),
+    }
+    return SimpleNamespace(**(defaults | fields))
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (640, 400), (320, 600), (1600, 1000)])
+@pytest.mark.parametrize(
+    ("interpolation", "tolerance_px"), [(0, 0.51), (1, 0.005), (2, 0.06), (3, 0.11), (4, 0.06)]
+)
+def test_a_pixel_of_the_resized_image_sees_along_its_own_ray(
+    width: int, height: int, interpolation: int, tolerance_px: float
+) -> None:
+    # Each pixel holds the x, then the y, of its ray at z = 1. Linear interpolation keeps a linear
+    # image linear, and the others nearly, so after resizing each pixel must hold its ray in the
+    # scaled camera.
+    info = camera_info()
+    scaled = camera_info()
+    camera.scale(scaled, width / info.width, height / info.height)
+    inverse, inverse_scaled = (np.linalg.inv(camera.matrix(one)) for one in (info, scaled))
+    v, u = np.mgrid[0:800, 0:1280]
+    for axis in (0, 1):
+        rays = (inverse[axis, axis] * (u if axis == 0 else v) + inverse[axis, 2]).astype(np.float32)
+        image = SimpleNamespace(
+            height=800,
+            width=1280,
+            encoding="32FC1",
+            step=5120,
+            is_bigendian=0,
+            data=array("B", rays.tobytes()),
+        )
+        data = images.resize(image, width, height, interpolation)
+        resized = np.frombuffer(data, np.float32).reshape(height, width)
+        pixel = np.arange(height if axis else width)
+        expected = inverse_scaled[axis, axis] * pixel + inverse_scaled[axis, 2]
+        # Off the edge, where there is nothing to interpolate with.
+        line = (resized[:, width // 2] if axis else resized[height // 2])[8:-8]
+        np.testing.assert_allclose(line, expected[8:-8], rtol=0, atol=tolerance_px / 640)
+
+
+def test_projected_points_move_with_the_pixels() -> None:
+    info = camera_info()
+    point = np.array([0.3, -0.2, 2.0, 1.0])
+    before = np.reshape(info.p, (3, 4)) @ point
+    camera.scale(info, 0.5, 0.9)
+    after = np.reshape(info.p, (3, 4)) @ point
+    u, v = before[:2] / before[2]
+    assert after[:2] / after[2] == pytest.approx([(u + 0.5) * 0.5 - 0.5, (v + 0.5) * 0.9 - 0.5])
+
+
+def test_each_axis_scales_by_its_own_factor() -> None:
+    info = camera_info(roi=SimpleNamespace(x_offset=100, y_offset=50, width=640, height=400))
+    camera.scale(info, 0.5, 0.25)
+    assert (info.width, info.height) == (640, 200)
+    assert info.k[[0, 4]] == pytest.approx([320.0, 161.25])
+    assert info.p[[0, 5]] == pytest.approx([315.0, 157.5])
+    # p[3] is -fx times the baseline: the baseline, in metres, stays.
+    assert info.p[3] / info.p[0] == pytest.approx(-59.85 / 630.0)
+    assert info.k[[1, 3, 6, 7, 8]] == pytest.approx([0, 0, 0, 0, 1])
+    assert vars(info.roi) == {"x_offset": 50, "y_offset": 12, "width": 320, "height": 100}
+
+
+def test_the_same_size_changes_nothing() -> None:
+    info, same = camera_info(), camera_info()
+    camera.scale(same, 1.0, 1.0)
+    np.testing.assert_array_equal(same.k, info.k)
+    np.testing.assert_array_equal(same.p, info.p)
+    assert (same.width, same.height) == (1280, 800)
+
+
+def test_a_crop_moves_the_principal_point() -> None:
+    info = camera_info(roi=SimpleNamespace(x_offset=100, y_offset=50, width=640, height=400))
+    assert camera.matrix(info)[:2, 2] == pytest.approx([552.5, 351.0])
+
+
+def test_binning_is_a_resize() -> None:
+    binned, resized = camera_info(binning_x=2, binning_y=2), camera_info()
+    camera.scale(resized, 0.5, 0.5)
+    np.testing.assert_allclose(camera.matrix(binned).ravel(), resized.k)
+
+
+def test_an_uncalibrated_camera_stays_so_and_is_refused() -> None:
+    info = camera_info(k=[0.0] * 9, p=[0.0] * 12)
+    camera.scale(info, 0.5, 0.5)
+    assert not info.k.any()
+    with pytest.raises(ValueError, match="not calibrated"):
+        camera.matrix(info)
+
+
+@pytest.mark.parametrize(
+    ("model", "d"),
+    [("plumb_bob", [0.1] * 5), ("rational_polynomial", [0.1] * 8), ("", []), ("", [0.0] * 5)],
+)
+def test_pinhole_distortion_passes(model: str, d: list[float]) -> None:
+    assert camera.distortion(camera_info(distortion_model=model, d=d)).tolist() == d
+
+
+@pytest.mark.parametrize(
+    ("model", "d", "words"),
+    [
+        ("equidistant", [0.1] * 4, "'equidistant' is none of plumb_bob, rational_polynomial"),
+        ("plumb_bob", [0.1] * 6, "6 distortion coefficients, and not one of 0, 4, 5, 8, 12, 14"),
+    ],
+)
+def test_distortion_that_opencv_would_misread_is_refused(
+    model: str, d: list[float], words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        camera.distortion(camera_info(distortion_model=model, d=d))

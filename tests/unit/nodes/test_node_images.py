@@ -1,0 +1,141 @@
+"""Image messages seen as arrays, and back."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+from r2bspec.nodes import images
+
+
+@dataclass
+class Message:
+    """What sensor_msgs/msg/Image holds, as far as its pixels go."""
+
+    height: int
+    width: int
+    encoding: str
+    step: int
+    data: Any
+    is_bigendian: int = 0
+
+
+def message(pixels: np.ndarray[Any, Any], encoding: str, padding: int = 0) -> Message:
+    """The message that a driver would send for `pixels`, each row followed by padding bytes."""
+    height, width = pixels.shape[:2]
+    rows = pixels.reshape(height, -1).view(np.uint8)
+    padded = np.pad(rows, ((0, 0), (0, padding)), constant_values=0xEE)
+    big = int(pixels.dtype.byteorder == ">")
+    return Message(height, width, encoding, padded.shape[1], array("B", padded.tobytes()), big)
+
+
+def pixels_of(encoding: str, height: int = 5, width: int = 7) -> np.ndarray[Any, Any]:
+    form = images.FORMATS[encoding]
+    values = np.random.default_rng(1).integers(0, 60000, form.shape(height, width))
+    return values.astype(form.dtype)
+
+
+@pytest.mark.parametrize("padding", [0, 1, 6])
+@pytest.mark.parametrize("encoding", images.FORMATS)
+def test_a_view_holds_the_pixels_whatever_the_step(encoding: str, padding: int) -> None:
+    pixels = pixels_of(encoding)
+    seen = images.view(message(pixels, encoding, padding))
+    assert seen.dtype == pixels.dtype
+    np.testing.assert_array_equal(seen, pixels)
+
+
+@pytest.mark.parametrize("encoding", images.FORMATS)
+def test_a_view_shares_the_memory_of_the_message(encoding: str) -> None:
+    sent = message(pixels_of(encoding), encoding, padding=4)
+    assert np.shares_memory(images.view(sent), np.frombuffer(sent.data, np.uint8))
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "mono16", "32FC1"])
+def test_pixels_of_the_other_byte_order_are_swapped(encoding: str) -> None:
+    pixels = pixels_of(encoding)
+    foreign = message(pixels.astype(pixels.dtype.newbyteorder(">")), encoding, padding=1)
+    seen = images.view(foreign)
+    assert seen.dtype == pixels.dtype
+    np.testing.assert_array_equal(seen, pixels)
+
+
+def test_byte_order_means_nothing_to_single_bytes() -> None:
+    sent = message(pixels_of("rgb8"), "rgb8")
+    sent.is_bigendian = 1
+    assert np.shares_memory(images.view(sent), np.frombuffer(sent.data, np.uint8))
+
+
+def test_the_last_row_needs_no_padding() -> None:
+    pixels = pixels_of("mono8")
+    sent = message(pixels, "mono8", padding=4)
+    sent.data = sent.data[:-4]
+    np.testing.assert_array_equal(images.view(sent), pixels)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"encoding": "yuv422"}, "encoding 'yuv422' is none of mono8, rgb8"),
+        ({"step": 20}, "step of 20 bytes is less than a row of 7 rgb8 pixels, 21 bytes"),
+        ({"height": 6}, "holds 105 bytes; its size and step need 126"),
+        ({"width": 0}, "0x5 pixels is empty"),
+    ],
+)
+def test_a_message_that_contradicts_itself_is_refused(change: dict[str, Any], words: str) -> None:
+    sent = message(pixels_of("rgb8"), "rgb8")
+    for name, value in change.items():
+        setattr(sent, name, value)
+    with pytest.raises(ValueError, match=words):
+        images.view(sent)
+
+
+@pytest.mark.parametrize("encoding", images.FORMATS)
+def test_allocated_memory_is_what_its_view_writes(encoding: str) -> None:
+    pixels = pixels_of(encoding)
+    memory, view = images.allocate(encoding, 5, 7)
+    view[...] = pixels
+    assert memory.typecode == "B"
+    assert memory.tobytes() == pixels.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("encoding", "red"), [("rgb8", 0), ("bgr8", 2), ("rgba8", 0), ("bgra8", 2)]
+)
+def test_gray_weighs_the_colours_by_their_names(encoding: str, red: int) -> None:
+    pixels = np.zeros((2, 2, images.FORMATS[encoding].channels), np.uint8)
+    pixels[..., red] = 200
+    assert images.gray(pixels, encoding)[0, 0] == pytest.approx(0.299 * 200, abs=1)
+
+
+def test_gray_leaves_a_gray_image_as_it_is() -> None:
+    pixels = pixels_of("mono8")
+    assert images.gray(pixels, "mono8") is pixels
+
+
+def test_depth_has_no_luminance() -> None:
+    with pytest.raises(ValueError, match="'16UC1' is none of mono8, rgb8"):
+        images.gray(pixels_of("16UC1"), "16UC1")
+
+
+@pytest.mark.parametrize("interpolation", range(5))
+@pytest.mark.parametrize("padding", [0, 3])
+@pytest.mark.parametrize("encoding", images.FORMATS)
+def test_resizing_fills_the_memory_that_it_returns(
+    encoding: str, padding: int, interpolation: int
+) -> None:
+    pixels = np.full(images.FORMATS[encoding].shape(12, 16), 77, images.FORMATS[encoding].dtype)
+    data = images.resize(message(pixels, encoding, padding), 8, 9, interpolation)
+    resized = np.frombuffer(data, pixels.dtype).reshape(images.FORMATS[encoding].shape(9, 8))
+    np.testing.assert_allclose(resized, 77, rtol=1e-6)
+
+
+def test_resizing_a_big_endian_image_gives_native_pixels() -> None:
+    pixels = pixels_of("16UC1", 8, 8).astype(">u2")
+    data = images.resize(message(pixels, "16UC1"), 8, 8, 0)
+    np.testing.assert_array_equal(np.frombuffer(data, np.uint16).reshape(8, 8), pixels)

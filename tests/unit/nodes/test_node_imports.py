@@ -1,0 +1,37 @@
+"""Importing the nodes' package costs nothing; what a node lacks is said in words."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import r2bspec.nodes
+
+
+def _python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+def test_the_package_loads_neither_rclpy_nor_opencv() -> None:
+    code = (
+        "import sys, r2bspec.nodes; dir(r2bspec.nodes); "
+        "print([name for name in ('rclpy', 'cv2', 'numpy') if name in sys.modules])"
+    )
+    assert _python(code).stdout.strip() == "[]"
+
+
+def test_a_missing_opencv_is_named_with_its_remedy() -> None:
+    code = "import sys; sys.modules['cv2'] = None; import r2bspec.nodes.tags"
+    assert "ImportError: this node needs OpenCV" in _python(code).stderr
+    assert "pip install 'r2bspec[vision]'" in _python(code).stderr
+
+
+def test_an_unknown_node_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="has no attribute 'RezizeNode'"):
+        getattr(r2bspec.nodes, "RezizeNode")  # noqa: B009
+
+
+def test_the_nodes_are_listed() -> None:
+    assert {"AprilTagNode", "RelayNode", "ResizeNode"} <= set(dir(r2bspec.nodes))

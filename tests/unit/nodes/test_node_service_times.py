@@ -1,0 +1,38 @@
+"""Service times of the calibration relay."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from r2bspec.nodes.service_times import service_times_ns
+
+
+def test_without_jitter_each_message_takes_the_same() -> None:
+    assert list(islice(service_times_ns(2.5, "none", 0), 3)) == [2_500_000] * 3
+
+
+def test_exponential_times_have_the_mean_and_the_spread_of_their_distribution() -> None:
+    times_ms = np.array(list(islice(service_times_ns(5.0, "exponential", 3), 20_000))) / 1e6
+    # Mean and standard deviation of an exponential distribution are equal; 4 sigma of the estimate.
+    assert times_ms.mean() == pytest.approx(5.0, abs=4 * 5.0 / 20_000**0.5)
+    assert times_ms.std() == pytest.approx(5.0, rel=0.06)
+
+
+def test_the_seed_decides_the_sequence() -> None:
+    def first(seed: int) -> list[int]:
+        return list(islice(service_times_ns(5.0, "exponential", seed), 5))
+
+    assert first(1) == first(1)
+    assert first(1) != first(2)
+
+
+def test_no_time_is_a_time() -> None:
+    assert next(service_times_ns(0.0, "exponential", 0)) == 0
+
+
+def test_an_unknown_jitter_is_refused() -> None:
+    with pytest.raises(ValueError, match="'pareto' is none of none, exponential"):
+        service_times_ns(1.0, "pareto", 0)
