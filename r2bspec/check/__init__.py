@@ -1,1 +1,5 @@
 """Rules over a spec: what is wrong with it is told before anything runs."""
+
+from r2bspec.check.engine import check
+
+__all__ = ["check"]

@@ -13,7 +13,6 @@ from r2bspec.check.rule import Rule
 @cache
 def all_rules() -> tuple[Rule, ...]:
     """Every rule, in the order of their codes, in which causes come before consequences."""
-    found: list[Rule] = []
-    for module in pkgutil.iter_modules(rules.__path__, f"{rules.__name__}."):
-        found.append(import_module(module.name).RULE)
+    modules = pkgutil.iter_modules(rules.__path__, f"{rules.__name__}.")
+    found: list[Rule] = [import_module(module.name).RULE for module in modules]
     return tuple(sorted(found, key=lambda rule: rule.code))

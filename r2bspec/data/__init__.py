@@ -12,7 +12,12 @@ if TYPE_CHECKING:
     from r2bspec.data.digest import hash_content as hash_content
     from r2bspec.data.digest import hash_files as hash_files
     from r2bspec.data.errors import DataError as DataError
+    from r2bspec.data.ground_truth import GroundTruth as GroundTruth
+    from r2bspec.data.ground_truth import read_disparity as read_disparity
+    from r2bspec.data.ground_truth import read_ground_truth as read_ground_truth
     from r2bspec.data.index import index_bag as index_bag
+    from r2bspec.data.largest import measure_largest as measure_largest
+    from r2bspec.data.largest import measure_topics as measure_topics
     from r2bspec.data.locate import index as index_location
     from r2bspec.data.locate import locate as locate_bag
     from r2bspec.data.model import BagIndex as BagIndex
@@ -23,11 +28,14 @@ if TYPE_CHECKING:
     from r2bspec.data.model import Window as Window
     from r2bspec.data.reader import read_messages as read_messages
     from r2bspec.data.sequences import describe as describe
+    from r2bspec.data.synthesis import make as make
+    from r2bspec.data.verification import verify as verify
 
 _HOMES = {
     "BagIndex": ("model", "BagIndex"),
     "BagLocation": ("model", "BagLocation"),
     "DataError": ("errors", "DataError"),
+    "GroundTruth": ("ground_truth", "GroundTruth"),
     "MadeDataset": ("model", "MadeDataset"),
     "Message": ("model", "Message"),
     "TopicInfo": ("model", "TopicInfo"),
@@ -38,13 +46,20 @@ _HOMES = {
     "index_bag": ("index", "index_bag"),
     "index_location": ("locate", "index"),
     "locate_bag": ("locate", "locate"),
+    "make": ("synthesis", "make"),
+    "measure_largest": ("largest", "measure_largest"),
+    "measure_topics": ("largest", "measure_topics"),
+    "read_disparity": ("ground_truth", "read_disparity"),
+    "read_ground_truth": ("ground_truth", "read_ground_truth"),
     "read_messages": ("reader", "read_messages"),
+    "verify": ("verification", "verify"),
 }
 
 __all__ = [
     "BagIndex",
     "BagLocation",
     "DataError",
+    "GroundTruth",
     "MadeDataset",
     "Message",
     "TopicInfo",
@@ -55,7 +70,13 @@ __all__ = [
     "index_bag",
     "index_location",
     "locate_bag",
+    "make",
+    "measure_largest",
+    "measure_topics",
+    "read_disparity",
+    "read_ground_truth",
     "read_messages",
+    "verify",
 ]
 
 

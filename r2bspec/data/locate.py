@@ -36,13 +36,21 @@ def locate(bag: str, base_dir: Path) -> BagLocation:
             code=BAG_NOT_FOUND,
             hint=f"paths are relative to {base_dir}; a dataset name has no '/'",
         )
+    return locate_dataset(bag)
+
+
+def locate_dataset(name: str) -> BagLocation:
+    """Find a dataset by its name: the real one if there is one, else the catalogue's.
+
+    Raises:
+        DataError: R2B307; R2B301 where ``$R2B_DATASETS`` is no folder.
+    """
     real = _datasets_folder()
-    if real is not None and bag and (real / bag).exists():
-        return BagLocation(kind="recorded", path=real / bag, dataset=bag)
-    if bag not in SEQUENCES:
-        recorded = [each.name for each in real.iterdir() if each.is_dir()] if real else []
-        raise unknown_dataset(bag, {*SEQUENCES, *recorded})
-    return BagLocation(kind="synthetic", dataset=bag)
+    if real is not None and name and (real / name).exists():
+        return BagLocation(kind="recorded", path=real / name, dataset=name)
+    if name not in SEQUENCES:
+        raise unknown_dataset(name, known_datasets())
+    return BagLocation(kind="synthetic", dataset=name)
 
 
 def index(location: BagLocation) -> BagIndex:
@@ -54,6 +62,17 @@ def index(location: BagLocation) -> BagIndex:
     if location.path is not None:
         return index_bag(location.path)
     return describe(location.dataset or "")
+
+
+def known_datasets() -> tuple[str, ...]:
+    """Names that `locate` finds as datasets, sorted: the catalogue's and the real ones'.
+
+    Raises:
+        DataError: ``$R2B_DATASETS`` is no folder (R2B301).
+    """
+    real = _datasets_folder()
+    recorded = [each.name for each in real.iterdir() if each.is_dir()] if real else []
+    return tuple(sorted({*SEQUENCES, *recorded}))
 
 
 def _datasets_folder() -> Path | None:

@@ -1,4 +1,4 @@
-"""The values that describe recorded data; all are frozen and serialise to JSON with msgspec."""
+"""The values that describe recorded data, all frozen; indexes and windows serialise to JSON."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -97,7 +97,9 @@ class Child:
 class Children:
     """All processes of a run, and the watchdog that ends them should the controller be killed."""
 
-    def __init__(self, run_id: str, check_interrupt: Callable[[], None]) -> None:
+    def __init__(
+        self, run_id: str, scratch: Path, check_interrupt: Callable[[], None]
+    ) -> None:
         self._run_id = run_id
         self._check_interrupt = check_interrupt
         self._selector = selectors.DefaultSelector()
@@ -106,18 +108,15 @@ class Children:
         self._began_s = time.time()
         # The process environment is the controller's: the watchdog is no part of the run.
         self._watchdog = subprocess.Popen(
-            [sys.executable, "-P", "-m", "r2bspec.harness.watchdog", run_id],
+            [sys.executable, "-P", "-m", "r2bspec.harness.watchdog", run_id, str(scratch)],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
 
-    def __iter__(self) -> Any:
+    def __iter__(self) -> Iterator[Child]:
         return iter(list(self._living.values()))
-
-    def __getitem__(self, name: str) -> Child:
-        return self._living[name]
 
     def start(
         self,

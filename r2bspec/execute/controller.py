@@ -12,7 +12,6 @@ import time
 from pathlib import Path
 from typing import Literal
 
-from r2bspec.data.index import measure_largest
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.alignment import align
 from r2bspec.execute.buffering import buffer_bag
@@ -31,7 +30,7 @@ from r2bspec.execute.progress import Progress
 from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.search import PeakSearch
 from r2bspec.harness import protocol
-from r2bspec.harness.buffers import read_index
+from r2bspec.harness.buffers import largest_message_bytes, read_index
 from r2bspec.plan.canonical import canonical_json, plan_hash
 from r2bspec.plan.model import Plan
 from r2bspec.record.model import Probe, RunRecord, SearchRecord
@@ -68,9 +67,14 @@ def run_plan(
     """
     folder.write_plan(canonical_json(plan).decode())
     folder.write_spec(spec_text)
-    with Interrupts() as interrupts, tempfile.TemporaryDirectory(prefix="r2bspec-") as scratch:
-        controller = _Controller(plan, base_dir, folder, run_id, Path(scratch), progress, interrupts)
-        return controller.run()
+    # Beside the samples, where the user chose to have room, and gone with the run.
+    with (
+        Interrupts() as interrupts,
+        tempfile.TemporaryDirectory(prefix=".scratch-", dir=folder.path) as scratch,
+    ):
+        return _Controller(
+            plan, base_dir, folder, run_id, Path(scratch), progress, interrupts
+        ).run()
 
 
 class _Controller:
@@ -98,9 +102,11 @@ class _Controller:
         self._buffer_dir.mkdir()
         self._rows_dir.mkdir()
         self._started_at = _now()
+        self._machine = describe_machine()
+        self._versions = describe_versions()
         self._events: list[tuple[int, str]] = []
         self._dataset: Dataset | None = None
-        self._children: Children | None = None
+        self._children = Children(run_id, scratch, interrupts.check)
         self._stage: Stage | None = None
         self._search: PeakSearch | None = None
         self._sustained: list[Probe] = []
@@ -109,36 +115,40 @@ class _Controller:
     def run(self) -> RunRecord:
         """Carry the plan out, clean up, and write the record, in that order, whatever happens."""
         failure: BaseException | None = None
+        self._keep_record()
         try:
-            self._load()
-            with reserved_domain() as domain:
-                self._with_processes(domain)
+            self._carry_out()
         except BaseException as error:
             failure = error
             raise
         finally:
-            record = self._record(failure)
+            killed = self._children.close()
+            if killed:
+                self._note(f"had to be killed: {', '.join(sorted(set(killed)))}")
             self._folder.write_resources(self._resources.stop())
+            record = self._record(failure)
             self._folder.write_record(record)
         return record
 
-    def _with_processes(self, domain: int) -> None:
-        self._children = children = Children(self._run_id, self._interrupts.check)
-        try:
+    def _carry_out(self) -> None:
+        self._load()
+        with reserved_domain() as domain:
             self._resources.start()
-            launcher = self._launcher(children, domain)
             if "preprocess" in self._plan.phases:
                 self._phase("preprocess", "running the preprocessors")
-                preprocess(self._plan, children, launcher, self._buffer_dir, self._progress)
-            stage, player, monitor = self._start(children, launcher)
-            self._stage = stage
-            self._warm_up(stage, children, monitor)
-            self._measure(stage)
+                preprocess(
+                    self._plan,
+                    self._children,
+                    self._launcher(domain),
+                    self._buffer_dir,
+                    self._progress,
+                )
+            self._stage, monitor = self._start(self._children, self._launcher(domain))
+            self._warm_up(self._stage, self._children, monitor)
+            self._measure(self._stage)
             self._phase("collect", "collecting")
-        finally:
-            killed = children.close()
-            if killed:
-                self._note(f"had to be killed: {', '.join(sorted(set(killed)))}")
+            # Inside the reservation: the domain is free for others only when all are gone.
+            self._children.end(list(self._children))
 
     def _load(self) -> None:
         self._phase("load", f"reading {self._plan.dataset.source}")
@@ -149,27 +159,29 @@ class _Controller:
         self._note(", ".join(f"{topic}: {count} messages" for topic, count in counts.items()))
         self._interrupts.check()
 
-    def _launcher(self, children: Children, domain: int) -> Launcher:
-        assert self._dataset is not None  # noqa: S101 - loading came first
-        largest = self._plan.largest_message_bytes or measure_largest(
-            self._dataset.path, [each.bag_topic for each in self._plan.dataset.topics]
-        )
+    def _launcher(self, domain: int) -> Launcher:
+        """A launcher whose transport fits the largest message that is buffered by now.
+
+        Preprocessors may publish larger messages than the bag holds, so each phase gets its own.
+        """
         environment = RunEnvironment(
             self._plan,
             run_id=self._run_id,
             domain=domain,
             scratch=self._scratch,
-            largest_message_bytes=largest,
+            largest_message_bytes=max(
+                self._plan.largest_message_bytes, largest_message_bytes(self._buffer_dir)
+            ),
         )
         return Launcher(
-            children,
+            self._children,
             environment,
             self._folder,
             self._base_dir,
             lambda child: self._resources.add(child.pid),
         )
 
-    def _start(self, children: Children, launcher: Launcher) -> tuple[Stage, Child, Child]:
+    def _start(self, children: Children, launcher: Launcher) -> tuple[Stage, Child]:
         """Writers, then nodes, then readers; then wait until all are matched."""
         plan = self._plan
         self._phase("start", "starting the graph")
@@ -211,9 +223,15 @@ class _Controller:
             _PHASE,
         )
         stage = Stage(
-            children, player, plan.monitors, self._rows_dir, self._folder, self._progress
+            children,
+            player,
+            plan.monitors,
+            self._rows_dir,
+            self._folder,
+            self._progress,
+            on_segment=self._keep_record,
         )
-        return stage, player, monitor
+        return stage, monitor
 
     def _warm_up(self, stage: Stage, children: Children, monitor: Child) -> None:
         """Play until every monitor has seen something, at least for the planned time.
@@ -229,7 +247,14 @@ class _Controller:
         steps = max(_WARM_UP_STEPS, round(plan.warm_up_ns / 1e9 * rate_hz))
         deadline = time.monotonic() + plan.start_timeout_ns / 1e9
         for attempt in range(1, 1000):
-            stage.play("warm_up", f"warm_up-{attempt:03d}", rate_hz, steps, index=attempt)
+            stage.play(
+                "warm_up",
+                f"warm_up-{attempt:03d}",
+                rate_hz,
+                steps,
+                title=f"warm-up at {rate_hz:g} Hz",
+                index=attempt,
+            )
             silent = [name for name, count in stage.received().items() if not count]
             if not silent:
                 return
@@ -242,7 +267,7 @@ class _Controller:
 
     def _measure(self, stage: Stage) -> None:
         plan = self._plan
-        prober = Prober(plan, stage)
+        prober = Prober(plan, stage, self._note)
         if plan.search:
             self._phase("search", "searching for the peak rate")
             self._search = PeakSearch(
@@ -271,8 +296,13 @@ class _Controller:
                     f"rate-{play.rate_hz:g}Hz-{index:03d}",
                     play.rate_hz,
                     steps,
+                    title=f"{play.rate_hz:g} Hz, iteration {index} of {play.iterations}",
                     index=index,
                 )
+
+    def _keep_record(self) -> None:
+        """Write the record as it stands, so that a killed run can be read, too."""
+        self._folder.write_record(self._record(RunError("the run was killed", code="R2B651")))
 
     def _phase(self, name: str, text: str) -> None:
         self._events.append((time.monotonic_ns(), f"phase {name}"))
@@ -292,9 +322,9 @@ class _Controller:
             status=status,
             reason=_reason(failure),
             dataset=self._dataset.provenance if self._dataset else {},
-            machine=describe_machine(),
-            versions=describe_versions(),
-            processes=self._children.records() if self._children else (),
+            machine=self._machine,
+            versions=self._versions,
+            processes=self._children.records(),
             segments=tuple(self._stage.segments) if self._stage else (),
             search=self._search.record() if self._search else None,
             sustained=tuple(self._sustained),

@@ -1,14 +1,18 @@
 """Whether a probed rate holds: decided as early as the samples allow.
 
-A rate holds if the graph delivers what it is offered and its backlog does not grow. Both show in
-the slope of what comes out (`r2bspec.measure.delivery`): the rate holds while the settled rate is
-at least (1 - precision/2) of the offered one. A backlog that grows by less than that is within the
-precision of the search; one that grows by more is found however deep the queues are, because it is
-the slope that is tested and not the queue.
+A rate holds if the graph answers what it is offered and its backlog does not grow. Both are rates
+of what comes out (`r2bspec.measure.delivery`), and both are tested:
 
-A probe is stopped as soon as the slope is clear of the limit by `_CLEAR` standard errors on either
-side, but not before `_LEAST_S` seconds and `_LEAST_MESSAGES` messages; at its end the estimate
-itself decides.
+    settled_hz   >= (1 - precision/2) x offered            the backlog does not grow
+    delivered_hz >= (1 - precision/2 - loss) x offered     little enough is lost
+
+where `loss` is the drop rate that the spec allows a rate that holds, zero unless it says so. A
+backlog that grows by less is within the precision of the search; one that grows by more is found
+however deep the queues are, because it is the slope that is tested and not the queue.
+
+A probe is stopped as soon as each rate is clear of its limit by `_CLEAR` standard errors, on
+either side, but not before `_LEAST_S` seconds and `_LEAST_MESSAGES` messages; at the end of the
+probe the estimates themselves decide.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from r2bspec.measure.delivery import Delivery
 
 _CLEAR = 4.0
 """Standard errors. The test is made several times in a probe, and ten batches leave nine degrees
-of freedom, so this is not 4 sigma but about one wrong stop in a few hundred probes."""
+of freedom, so this is about one wrong stop in a few hundred probes and not in ten thousand."""
 
 _LEAST_S = 1.0
 _LEAST_MESSAGES = 30
@@ -37,35 +41,58 @@ class Judgement:
     by_player: bool = False
 
 
-def judge_probe(
-    delivery: Delivery, precision: float, elapsed_s: float, *, final: bool, closed_early: bool
-) -> Judgement:
-    """Judge what a probe has shown so far.
+@dataclass(frozen=True)
+class Criterion:
+    """What a rate must meet: both are fractions of the offered rate."""
+
+    precision: float
+    loss: float = 0.0
+
+
+def judge_probe(delivery: Delivery, criterion: Criterion, elapsed_s: float) -> Judgement:
+    """Judge a probe that is still being played, from what it has shown so far.
 
     Args:
         delivery: the estimate from all samples so far.
-        precision: the relative precision of the search, as a fraction.
-        elapsed_s: how long the probe has played, in seconds.
-        final: True at the end of the probe, when a decision must be made.
-        closed_early: True where the end was chosen because the answer was clear.
+        criterion: what must be met.
+        elapsed_s: how long the probe has been played, in seconds.
     """
-    offered_hz = delivery.offered_hz
-    if final and not closed_early and delivery.player_hz < _PLAYER_SHARE * offered_hz:
+    if elapsed_s < _LEAST_S or delivery.published < _LEAST_MESSAGES or not delivery.batches:
+        return Judgement(None, "too early to tell")
+    return _compare(delivery, criterion, _CLEAR)
+
+
+def judge_finished_probe(delivery: Delivery, criterion: Criterion) -> Judgement:
+    """Judge a probe that has been played to its end, or was stopped because the answer was clear.
+
+    Args:
+        delivery: the estimate from all samples.
+        criterion: what must be met.
+    """
+    if delivery.player_hz < _PLAYER_SHARE * delivery.offered_hz:
         return Judgement(
             holds=False,
             reason=f"the player reached only {delivery.player_hz:.4g} Hz",
             by_player=True,
         )
-    limit_hz = (1 - precision / 2) * min(offered_hz, delivery.player_hz)
-    settled_hz, error_hz = delivery.settled_hz, delivery.settled_error_hz
-    early = elapsed_s >= _LEAST_S and delivery.published >= _LEAST_MESSAGES and delivery.batches
-    if not final and not early:
-        return Judgement(None, "too early to tell")
-    if settled_hz + _CLEAR * error_hz < limit_hz or (final and settled_hz < limit_hz):
-        return Judgement(
-            holds=False,
-            reason=f"the backlog grows by {max(delivery.backlog_growth_hz, 0.0):.3g} messages/s",
-        )
-    if settled_hz - _CLEAR * error_hz > limit_hz or final:
+    return _compare(delivery, criterion, 0.0)
+
+
+def _compare(delivery: Delivery, criterion: Criterion, clear: float) -> Judgement:
+    """Compare both rates with their limits, keeping `clear` standard errors away from them."""
+    offered_hz = min(delivery.offered_hz, delivery.player_hz)
+    settled_limit_hz = (1 - criterion.precision / 2) * offered_hz
+    delivered_limit_hz = settled_limit_hz - criterion.loss * offered_hz
+    settled_margin_hz = clear * delivery.settled_error_hz
+    delivered_margin_hz = clear * delivery.standard_error_hz
+    if delivery.settled_hz + settled_margin_hz < settled_limit_hz:
+        growth_hz = max(delivery.backlog_growth_hz, 0.0)
+        return Judgement(holds=False, reason=f"the backlog grows by {growth_hz:.3g} messages/s")
+    if delivery.delivered_hz + delivered_margin_hz < delivered_limit_hz:
+        return Judgement(holds=False, reason=f"{delivery.drop_share:.2%} are dropped")
+    if (
+        delivery.settled_hz - settled_margin_hz >= settled_limit_hz
+        and delivery.delivered_hz - delivered_margin_hz >= delivered_limit_hz
+    ):
         return Judgement(holds=True, reason="delivered as offered")
     return Judgement(None, "not clear yet")

@@ -76,7 +76,9 @@ class Stage:
         rows_dir: Path,
         folder: RunFolder,
         progress: Progress,
+        on_segment: Callable[[], None],
     ) -> None:
+        self._on_segment = on_segment
         self._children = children
         self._player = player
         self._plans = monitors
@@ -96,6 +98,7 @@ class Stage:
         rate_hz: float,
         steps: int,
         *,
+        title: str,
         index: int = 1,
         watch: Watch | None = None,
     ) -> Observed:
@@ -107,6 +110,7 @@ class Stage:
         Raises:
             RunError: the player does not answer, or a process died or failed.
         """
+        self._progress.segment(title, steps)
         first = self._counts()
         complete = False
         try:
@@ -153,17 +157,17 @@ class Stage:
                 )
             if now >= next_watch:
                 next_watch = now + _WATCH_S
-                self._report(rate_hz, steps, first)
+                self._report(first)
                 if watch and not stopping and watch(self._observed(first), now - begin):
                     self._player.send(protocol.Stop())
                     stopping = True
 
-    def _report(self, rate_hz: float, steps: int, first: dict[str, int]) -> None:
+    def _report(self, first: dict[str, int]) -> None:
         counts = self._counts()
         received = min(
             (counts[name] - first[name] for name in self._monitors), default=0
         )
-        self._progress.playing(rate_hz, counts[""] - first[""], steps, received)
+        self._progress.playing(counts[""] - first[""], received)
 
     def _drain(self, first: dict[str, int], played: int) -> None:
         """Wait until every step is answered, or nothing has come for longer than it ever took."""
@@ -212,4 +216,5 @@ class Stage:
                 complete=complete,
             )
         )
+        self._on_segment()
 

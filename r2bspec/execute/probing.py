@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from typing import Literal
 
-from r2bspec.execute.holding import Judgement, judge_probe
+from r2bspec.execute.holding import Criterion, Judgement, judge_finished_probe, judge_probe
 from r2bspec.execute.playing import Observed, Stage
 from r2bspec.execute.search import Outcome
 from r2bspec.measure.catalogue import resolve
@@ -15,20 +16,25 @@ from r2bspec.plan.model import Plan
 from r2bspec.record.model import Probe
 from r2bspec.spec.requirement import Requirement
 
+_PRECISION = 0.02
 _PROBE_NS = 3_000_000_000
 _LEAST_STEPS = 20
 
 
 class Prober:
-    """Probes rates; the graph's slowest monitor decides."""
+    """Probes rates; of several monitors, the one that does worst decides."""
 
-    def __init__(self, plan: Plan, stage: Stage) -> None:
+    def __init__(self, plan: Plan, stage: Stage, note: Callable[[str], None]) -> None:
         search = plan.search
         self._plan = plan
         self._stage = stage
-        self._precision = search.precision if search else 0.02
+        self._note = note
         self._duration_s = (search.probe_ns if search else _PROBE_NS) / 1e9
-        self._holds: tuple[Requirement, ...] = search.holds if search else ()
+        self._conditions = search.holds if search else ()
+        self._criterion = Criterion(
+            precision=search.precision if search else _PRECISION,
+            loss=max((_allowed_loss(each) for each in self._conditions), default=0.0),
+        )
         self._numbers = itertools.count(1)
 
     def probe(self, rate_hz: float) -> Outcome:
@@ -41,30 +47,35 @@ class Prober:
 
     def _play(self, kind: Literal["probe", "sustained"], rate_hz: float) -> Outcome:
         number = next(self._numbers)
-        clear = False
+        segment_id = f"{kind}-{number:03d}"
 
         def watch(observed: Observed, elapsed_s: float) -> bool:
-            nonlocal clear
-            judgement = self._judge(rate_hz, observed, elapsed_s, final=False, early=False)
-            clear = judgement.holds is not None
-            return clear
+            judgements = [
+                judge_probe(each, self._criterion, elapsed_s)
+                for each in self._deliveries(rate_hz, observed)
+            ]
+            return _worst(judgements).holds is not None
 
         observed = self._stage.play(
             kind,
-            f"{kind}-{number:03d}",
+            segment_id,
             rate_hz,
             max(_LEAST_STEPS, round(self._duration_s * rate_hz)),
+            title=f"probing {rate_hz:.4g} Hz",
             index=number,
             watch=watch,
         )
-        judgement = self._judge(rate_hz, observed, self._duration_s, final=True, early=clear)
-        judgement = self._conditions(judgement, observed)
-        slowest = min(self._deliveries(rate_hz, observed), key=lambda each: each.settled_hz)
+        deliveries = self._deliveries(rate_hz, observed)
+        judgement = _worst([judge_finished_probe(each, self._criterion) for each in deliveries])
+        if judgement.holds:
+            judgement = self._check_conditions(observed)
+        word = "holds" if judgement.holds else "does not hold"
+        self._note(f"{rate_hz:.4g} Hz {word}: {judgement.reason}")
         return Outcome(
             Probe(
-                segment=f"{kind}-{number:03d}",
+                segment=segment_id,
                 rate_hz=rate_hz,
-                delivered_hz=slowest.delivered_hz,
+                delivered_hz=min((each.delivered_hz for each in deliveries), default=0.0),
                 holds=bool(judgement.holds),
                 reason=judgement.reason,
             ),
@@ -72,6 +83,8 @@ class Prober:
         )
 
     def _deliveries(self, rate_hz: float, observed: Observed) -> list[Delivery]:
+        if not observed.playback.size:
+            return []
         return [
             delivery(
                 rate_hz,
@@ -83,29 +96,11 @@ class Prober:
             for plan in self._plan.monitors
         ]
 
-    def _judge(
-        self, rate_hz: float, observed: Observed, elapsed_s: float, *, final: bool, early: bool
-    ) -> Judgement:
-        """The judgement over all monitors: one that does not hold decides."""
-        if not observed.playback.size:
-            return Judgement(None, "nothing published yet")
-        judgements = [
-            judge_probe(each, self._precision, elapsed_s, final=final, closed_early=early)
-            for each in self._deliveries(rate_hz, observed)
-        ]
-        for wanted in (False, None, True):
-            for each in judgements:
-                if each.holds is wanted:
-                    return each
-        return Judgement(None, "no monitor")
-
-    def _conditions(self, judgement: Judgement, observed: Observed) -> Judgement:
-        """Add the conditions that the spec puts on a rate that holds."""
-        if not judgement.holds or not self._holds:
-            return judgement
+    def _check_conditions(self, observed: Observed) -> Judgement:
+        """The conditions that the spec puts on a rate that holds, on what was measured."""
         names = [plan.name for plan in self._plan.monitors]
         samples = observed.samples(self._stage.segments[-1])
-        for condition in self._holds:
+        for condition in self._conditions:
             named, metric = resolve(condition.metric, names)
             for monitor in [named] if named else names:
                 measured = value(metric, monitor, samples)
@@ -116,4 +111,18 @@ class Prober:
                     continue
                 shown = "nothing was measured" if measured is None else f"it is {measured:.4g}"
                 return Judgement(holds=False, reason=f"{condition} does not hold: {shown}")
-        return judgement
+        return Judgement(holds=True, reason="delivered as offered")
+
+
+def _allowed_loss(condition: Requirement) -> float:
+    """The drop rate that a condition admits, as a fraction; 0 for one about something else."""
+    if not condition.metric.endswith("drop_rate") or condition.bound is None:
+        return 0.0
+    return condition.bound.value if condition.op in {"<", "<="} else 0.0
+
+
+def _worst(judgements: list[Judgement]) -> Judgement:
+    """One that does not hold decides, then one that is open."""
+    order = {False: 0, None: 1, True: 2}
+    nothing = Judgement(None, "nothing was published yet")
+    return min(judgements, key=lambda each: order[each.holds], default=nothing)

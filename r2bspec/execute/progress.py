@@ -14,8 +14,11 @@ class Progress(Protocol):
     def step(self, done: int, total: int) -> None:
         """How much of a phase that can be counted is done."""
 
-    def playing(self, rate_hz: float, sent: int, steps: int, received: int) -> None:
-        """How far a segment is: `received` is the least over all monitors."""
+    def segment(self, title: str, steps: int) -> None:
+        """A stretch of `steps` steps begins to be played."""
+
+    def playing(self, sent: int, received: int) -> None:
+        """How far the segment is: `received` is the least over all monitors."""
 
     def note(self, text: str) -> None:
         """Something worth a line."""
@@ -30,7 +33,10 @@ class Silent:
     def step(self, done: int, total: int) -> None:
         """Ignore."""
 
-    def playing(self, rate_hz: float, sent: int, steps: int, received: int) -> None:
+    def segment(self, title: str, steps: int) -> None:
+        """Ignore."""
+
+    def playing(self, sent: int, received: int) -> None:
         """Ignore."""
 
     def note(self, text: str) -> None:

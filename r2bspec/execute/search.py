@@ -46,6 +46,7 @@ class PeakSearch:
         self._fails_hz: float | None = None
         self._fails_by_player = False
         self._guess_hz = 0.0
+        self._stride = 1.0
         self._done = False
 
     def run(self) -> SearchRecord:
@@ -114,4 +115,9 @@ class PeakSearch:
         ):
             if self._holds_hz * (1 + self._precision / 4) < candidate_hz < self._fails_hz:
                 return candidate_hz
-        return math.sqrt(self._holds_hz * self._fails_hz)
+        middle_hz = math.sqrt(self._holds_hz * self._fails_hz)
+        if not self._guess_hz:
+            return middle_hz
+        # The guess was close but low: the peak is near, so walk up in doubling steps.
+        self._stride *= 2
+        return min(middle_hz, self._holds_hz * (1 + self._stride * self._precision))

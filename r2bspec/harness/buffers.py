@@ -89,3 +89,13 @@ def read_messages(folder: Path, topic: str, wanted: set[int]) -> dict[int, bytea
                 messages[position] = bytearray(file.read(size))
             offset += size
     return messages
+
+
+def largest_message_bytes(folder: Path) -> int:
+    """The size of the largest message of all completed buffers; 0 if there are none."""
+    sizes = (
+        size
+        for path in folder.glob("*.json")
+        for size in msgspec.json.decode(path.read_bytes(), type=BufferIndex).sizes
+    )
+    return max(sizes, default=0)

@@ -74,7 +74,8 @@ def remove_dead_segments(since_s: float = 0.0) -> list[str]:
     """Remove the middleware's shared memory whose owners are dead.
 
     Fast DDS holds a lock on ``NAME_el`` as long as a participant uses the segment NAME; a lock
-    that can be taken therefore belongs to nobody. Segments of the living are never touched.
+    that can be taken therefore belongs to nobody. A segment that has lost its lock file is dead
+    if no process maps it. Segments of the living are never touched.
 
     Args:
         since_s: only what was made after this time (seconds since the epoch) is removed.
@@ -84,18 +85,48 @@ def remove_dead_segments(since_s: float = 0.0) -> list[str]:
     """
     removed = []
     for lock in sorted(SHARED_MEMORY.glob("fast*_el")):
-        segment = lock.with_name(lock.name.removesuffix("_el"))
         with contextlib.suppress(OSError):
-            status = lock.stat()
-            if status.st_uid != os.getuid() or status.st_mtime < since_s:
+            if not _ours(lock, since_s):
                 continue
             with lock.open("rb") as file:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                mutex = segment.with_name(f"sem.{segment.name}_mutex")
-                for each in (segment, mutex, lock):
-                    each.unlink(missing_ok=True)
-            removed.append(segment.name)
+                removed += _remove(lock.with_name(lock.name.removesuffix("_el")))
+    orphans = [
+        each
+        for each in SHARED_MEMORY.glob("fast*")
+        if not each.name.endswith("_el") and not each.with_name(f"{each.name}_el").exists()
+    ]
+    if orphans:
+        mapped = _mapped()
+        for orphan in orphans:
+            with contextlib.suppress(OSError):
+                if _ours(orphan, since_s) and str(orphan) not in mapped:
+                    removed += _remove(orphan)
     return removed
+
+
+def _ours(file: Path, since_s: float) -> bool:
+    status = file.stat()
+    return status.st_uid == os.getuid() and status.st_mtime >= since_s
+
+
+def _remove(segment: Path) -> list[str]:
+    mutex = segment.with_name(f"sem.{segment.name}_mutex")
+    for each in (segment, mutex, segment.with_name(f"{segment.name}_el")):
+        each.unlink(missing_ok=True)
+    return [segment.name]
+
+
+def _mapped() -> set[str]:
+    """The files in shared memory that some process maps."""
+    found: set[str] = set()
+    for process in psutil.process_iter():
+        with contextlib.suppress(OSError):
+            for line in Path(f"/proc/{process.pid}/maps").read_text().splitlines():
+                path = line.partition("/")[2]
+                if path.startswith("dev/shm/"):
+                    found.add(f"/{path}")
+    return found
 
 
 def segments() -> list[str]:

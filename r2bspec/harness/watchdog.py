@@ -3,16 +3,18 @@
 It reads lines from standard input: ``session N`` for every session that the controller opens, and
 ``done`` when the controller has cleaned up itself. When the input ends without ``done``, the
 controller has been killed, and the watchdog does its work: it ends every process of the run and
-removes their shared memory. It runs in a session of its own, so that no signal that is meant for
+removes their shared memory and the run's scratch folder. It runs in a session of its own, so that no signal that is meant for
 the controller's terminal or process group reaches it.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 import time
+from pathlib import Path
 
 from r2bspec.harness.reaping import clean_up
 
@@ -23,7 +25,7 @@ def main() -> int:
     """Watch until the input ends; returns the exit status."""
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(each, signal.SIG_IGN)
-    run_id = sys.argv[1]
+    run_id, scratch = sys.argv[1], Path(sys.argv[2])
     # Segments can be as old as the run; a second covers coarse time stamps.
     since_s = time.time() - 1.0
     sessions: set[int] = set()
@@ -34,6 +36,7 @@ def main() -> int:
         if word == "session":
             sessions.add(int(number))
     clean_up(run_id, sessions - {os.getpid()}, grace_s=_GRACE_S, since_s=since_s)
+    shutil.rmtree(scratch, ignore_errors=True)
     return 0
 
 

@@ -34,6 +34,30 @@ def show(value: float | None, unit: str) -> str:
     return significant(value)
 
 
+def show_range(low: float, high: float, unit: str) -> str:
+    """Write a range with its unit once, that of the larger end: ``11.2-12.9 ms``.
+
+    Both ends get as many decimals as the smaller one needs for three significant digits, and no
+    more than the larger one has in `show`.
+    """
+    text = show(high, unit)
+    number, _, name = text.partition(" ")
+    scale = _scale(unit, name)
+    decimals = len(number.partition(".")[2])
+    shown = significant(low / scale)
+    if len(shown.partition(".")[2]) > decimals:
+        shown = f"{low / scale:,.{decimals}f}"
+    return f"{shown}–{text}" if shown != number else text
+
+
+def _scale(unit: str, name: str) -> float:
+    """What the number in front of the unit `name` is multiplied with to be in `unit`."""
+    known = {label: factor for factor, label in (*_TIMES, *_SIZES)}
+    if unit == "share":
+        return 0.01
+    return known.get(name, 1.0) if unit in {"s", "B"} else 1.0
+
+
 def _scaled(value: float, scales: tuple[tuple[float, str], ...]) -> str:
     if value == 0:
         return f"0 {scales[0][1]}"

@@ -40,6 +40,11 @@ def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
     )
 
 
+def reserved_names(spec: Spec) -> tuple[str, ...]:
+    """The names of processes that no node of the graph can have."""
+    return (*HARNESS_NAMES, SHARED_NAME) if spec.graph.placement == "shared" else HARNESS_NAMES
+
+
 def process_names(spec: Spec, wiring: Wiring) -> tuple[str, ...]:
     """The names of the processes that run while measuring."""
     return tuple(each.name for each in plan_processes(spec, wiring) if each.phase == "measure")

@@ -7,7 +7,7 @@ from typing import Final, Literal
 import msgspec
 
 CONFIDENCE: Final = 0.95
-"""Of every decision, one-sided each way: a PASS and a FAIL are each wrong in at most 5 % of runs."""
+"""Of every decision, one-sided each way: PASS and FAIL are each wrong in at most 5 % of runs."""
 
 Outcome = Literal["pass", "fail", "inconclusive"]
 

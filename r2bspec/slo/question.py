@@ -83,7 +83,7 @@ def verdict(question: Question, answer: Answer) -> RequirementVerdict:
         estimate=_finite(answer.estimate),
         lower=_finite(answer.lower),
         upper=_finite(answer.upper),
-        limit=None if question.requirement.op is None else question.limit,
+        limit=_finite(question.limit),
         unit=question.info.unit,
         n=answer.n,
         confidence=CONFIDENCE,

@@ -45,16 +45,17 @@ def _quantity(value: object, kind: type[Quantity], *, positive: bool) -> Problem
     except QuantityError as error:
         if re.fullmatch(r"[+-]?\s*\d+(?:\.\d+)?", value.strip()):
             return _bare(value.strip(), kind)
-        return Problem("R2B110", str(error), _suggested(error.suggestion))
+        repair = error.suggestion if _same_number(error.suggestion, value) else ""
+        return Problem("R2B110", str(error), _suggested(error.suggestion, repair), repair=repair)
     if positive and not parsed > type(parsed).parse(f"0 {next(iter(kind.units))}"):
-        return Problem("R2B111", f"this {kind.kind} must be more than zero", f"write {kind.example}")
+        return Problem("R2B111", f"this {kind.kind} must be more than zero", _suggested(kind.example))
     return None
 
 
 def _bare(number: str, kind: type[Quantity]) -> Problem:
     unit = next(iter(kind.units))
     if number.startswith("-"):
-        return Problem("R2B110", f"a {kind.kind} cannot be negative", f"write {kind.example}")
+        return Problem("R2B110", f"a {kind.kind} cannot be negative", _suggested(kind.example))
     message = f"{number} has no unit; a {kind.kind} needs one of {', '.join(kind.units)}"
     # 0.02 may well mean 2 %, so that a share has no repair that is safe.
     if kind is Share:
@@ -70,9 +71,20 @@ def _requirement(value: object) -> Problem | None:
     try:
         parse_requirement(value)
     except RequirementError as error:
-        return Problem("R2B112", str(error), _suggested(error.suggestion), column=error.column)
+        written = value[error.column :]
+        repair = error.suggestion if _same_number(error.suggestion, written) else ""
+        help_text = _suggested(error.suggestion, repair)
+        return Problem("R2B112", str(error), help_text, column=error.column)
     return None
 
 
-def _suggested(text: str) -> str:
-    return f"write {text}" if text else ""
+def _suggested(text: str, repair: str = "") -> str:
+    if not text:
+        return ""
+    return f"write {text}" if text == repair else f"for example {text}"
+
+
+def _same_number(suggestion: str, text: str) -> bool:
+    """Whether a suggestion keeps the number that was written, and so the meaning."""
+    number = re.match(r"\s*([\d.eE+-]+)", text)
+    return number is not None and suggestion.startswith(f"{number[1].rstrip('eE')} ")

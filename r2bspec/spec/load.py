@@ -18,7 +18,7 @@ from r2bspec.spec.exclusive import exclusive_errors
 from r2bspec.spec.extensions import without_extensions
 from r2bspec.spec.model import Spec
 from r2bspec.spec.overrides import apply_overrides
-from r2bspec.spec.schema_errors import explain_schema_errors
+from r2bspec.spec.violations import explain_violations
 from r2bspec.spec.source import Read, Source, accept, decode, read_file
 from r2bspec.spec.tree import MapNode, ScalarNode, TreeNode, UnknownNode, lookup, span_at, to_plain
 from r2bspec.spec.typed import to_spec
@@ -75,13 +75,9 @@ class Loaded:
 
     def resolved_yaml(self) -> str:
         """The document as YAML, with options, variables and merge keys written out."""
-        import yaml
+        from r2bspec.spec.dump import to_yaml
 
-        if self.tree is None:
-            return ""
-        return yaml.dump(
-            to_plain(self.tree), Dumper=_plain_dumper(), sort_keys=False, allow_unicode=True
-        )
+        return to_yaml(to_plain(self.tree)) if self.tree is not None else ""
 
 
 def load_spec(
@@ -125,8 +121,8 @@ def load_spec(
         tree, used = substituted.tree, substituted.used
     spec: Spec | None = None
     if not isinstance(tree, UnknownNode):
-        found += explain_schema_errors(tree, sources)
-        found += exclusive_errors(tree)
+        violations = explain_violations(tree, sources)
+        found += [*violations, *exclusive_errors(tree, violations)]
     if all(one.severity is not Severity.ERROR for one in found):
         spec = to_spec(to_plain(tree))
     return Loaded(read.source.file, base_dir, spec, tree, _sorted(found), sources, used)
@@ -144,15 +140,3 @@ def _sorted(found: list[Diagnostic]) -> tuple[Diagnostic, ...]:
     """By place; the same finding at the same place, as aliases bring it, is told once."""
     unique = {(one.code, one.span, one.message): one for one in reversed(found)}
     return tuple(sorted(unique.values(), key=lambda one: one.sort_key))
-
-
-def _plain_dumper() -> type:
-    """A dumper that writes shared values out in full."""
-    import yaml
-
-    class Dumper(yaml.SafeDumper):
-        def ignore_aliases(self, data: object) -> bool:
-            del data
-            return True
-
-    return Dumper

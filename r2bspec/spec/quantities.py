@@ -17,7 +17,30 @@ from functools import total_ordering
 from typing import ClassVar, Self
 
 _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
-_QUANTITY = re.compile(rf"(?P<number>{_NUMBER})\s*(?P<unit>[A-Za-zµμ%/]+)")
+_QUANTITY = re.compile(rf"(?P<number>{_NUMBER})\s*(?P<unit>[A-Za-zµμ%/]+)", re.ASCII)
+_BARE = re.compile(_NUMBER, re.ASCII)
+_LONGEST = 40
+_OTHER_NAMES = {
+    "sec": "s",
+    "secs": "s",
+    "second": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "millisecond": "ms",
+    "milliseconds": "ms",
+    "usec": "us",
+    "microseconds": "us",
+    "nsec": "ns",
+    "nanoseconds": "ns",
+    "minute": "min",
+    "minutes": "min",
+    "hour": "h",
+    "hours": "h",
+    "hertz": "Hz",
+    "percent": "%",
+    "bytes": "B",
+}
+"""Units as people write them, and what they are called here."""
 
 
 class QuantityError(ValueError):
@@ -71,11 +94,12 @@ class Quantity:
 
     @classmethod
     def _scaled(cls, text: str) -> Decimal:
+        if len(text) > _LONGEST:
+            raise QuantityError(f"this is too long for a {cls.kind}", suggestion=cls.example)
         match = _QUANTITY.fullmatch(text.strip())
         known = ", ".join(cls.units)
         if match is None:
-            bare = re.fullmatch(_NUMBER, text.strip())
-            if bare is not None:
+            if _BARE.fullmatch(text.strip()):
                 default = next(iter(cls.units))
                 raise QuantityError(
                     f"{text!r} has no unit; a {cls.kind} needs one of {known}",
@@ -89,13 +113,25 @@ class Quantity:
         if unit not in cls.units:
             raise QuantityError(
                 f"{match['unit']!r} is not a unit of {cls.kind}; known are {known}",
-                suggestion=cls.example,
+                suggestion=cls._with_known_unit(match["number"], unit),
             )
+        # Beyond this exponent, Decimal itself gives up.
+        if re.search(r"[eE][+-]?\d{4}", match["number"]):
+            raise QuantityError(f"{text!r} is out of range for a {cls.kind}")
         number = Decimal(match["number"])
         # 10^100 s would overflow every clock; the limit is generous and keeps integers small.
         if number.adjusted() > 15:
             raise QuantityError(f"{text!r} is too large for a {cls.kind}")
         return number * cls.units[unit]
+
+    @classmethod
+    def _with_known_unit(cls, number: str, unit: str) -> str:
+        folded = unit.casefold()
+        by_fold = {name.casefold(): name for name in reversed(cls.units)}
+        meant = by_fold.get(folded) or _OTHER_NAMES.get(folded, "")
+        # MHz is not mHz: where a capital makes a prefix, nothing is guessed.
+        guessed = meant in cls.units and not (unit.startswith("M") and meant.startswith("m"))
+        return f"{number} {meant}" if guessed else cls.example
 
 
 class Duration(Quantity):

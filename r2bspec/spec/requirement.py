@@ -172,6 +172,15 @@ def _parse_bound(text: str, column: int) -> Bound:
         if isinstance(quantity, Size):
             return Bound(value=float(quantity.bytes), dimension="size")
         return Bound(value=quantity.fraction, dimension="share")
+    unit = re.fullmatch(r"([\d.]+)\s*(\D\S*)", text)
+    if unit is not None and problem is not None:
+        units = [name for kind in (Duration, Rate, Size, Share) for name in kind.units]
+        close = did_you_mean(unit[2], units)
+        raise RequirementError(
+            f"{unit[2]!r} is not a unit; known are {', '.join(units)}",
+            column + unit.start(2),
+            f"{unit[1]} {close}" if close else "",
+        )
     raise RequirementError(
         f"{text!r} is not a bound; write a number with a unit, such as 50 ms, 30 Hz, 2 % "
         "or 64 MiB, or a whole number for a count",

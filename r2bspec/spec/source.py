@@ -13,11 +13,11 @@ from functools import cached_property
 from pathlib import Path
 
 from r2bspec.diagnostics import Diagnostic, Edit, Severity, Span
+from r2bspec.diagnostics.lines import split_lines
 
 LARGEST_BYTES = 10_000_000
 """Size of the largest document that is read; specs have a few thousand bytes."""
 
-_LINE_BREAK = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
 _FORBIDDEN = re.compile(
     "[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"  # YAML's c-printable
 )
@@ -34,7 +34,7 @@ class Source:
     @cached_property
     def lines(self) -> list[str]:
         """The lines, broken where YAML breaks them, without their breaks."""
-        return _LINE_BREAK.split(self.text)
+        return split_lines(self.text)
 
     def line(self, number: int) -> str:
         """The line of that number, counted from 1; empty where there is none."""
@@ -42,7 +42,7 @@ class Source:
 
     def place(self, offset: int) -> Span:
         """The span of the one character at an offset into the text."""
-        before = _LINE_BREAK.split(self.text[:offset])
+        before = split_lines(self.text[:offset])
         line, column = len(before), len(before[-1]) + 1
         return Span(self.file, line, column, line, column + 1)
 

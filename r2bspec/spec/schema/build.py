@@ -1,12 +1,13 @@
 """Small builders from which the sections of the schema are made.
 
-They write JSON Schema, draft-07, plus three annotations that `r2bspec.spec.schema.derive` takes
+They write JSON Schema, draft-07, plus four annotations that `r2bspec.spec.schema.derive` takes
 out before anything is published:
 
 - ``r2b-kind``: the string is a quantity (``duration``, ``rate``, ``size``, ``share``) or a
   ``requirement``, and is judged by the class that parses it,
 - ``r2b-positive``: the quantity must be more than zero,
-- ``r2b-keys``: the keys of the map are topics, in which variables may stand.
+- ``r2b-keys``: the keys of the map are topics, in which variables may stand,
+- ``r2b-noun``: what a text of the pattern is called.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ Schema = dict[str, Any]
 KIND = "r2b-kind"
 POSITIVE = "r2b-positive"
 TOPIC_KEYS = "r2b-keys"
+NOUN = "r2b-noun"
 SCALAR_TYPES = ["string", "number", "boolean"]
 
 QUANTITIES: dict[str, type[Quantity]] = {kind.kind: kind for kind in (Duration, Rate, Size, Share)}
@@ -33,7 +35,7 @@ def text(
     """A string, of a form if one is given."""
     schema: Schema = {"type": "string", "description": description, "examples": list(examples)}
     if form is not None:
-        schema |= {"pattern": form.pattern, "patternErrorMessage": form.message}
+        schema |= _pattern(form)
     # An empty default would be inserted by editors as if it were a value.
     return schema | {"default": default} if default else schema
 
@@ -154,7 +156,7 @@ def named(
     schema: Schema = {
         "type": "object",
         "description": description,
-        "propertyNames": {"pattern": keys.pattern, "patternErrorMessage": keys.message},
+        "propertyNames": _pattern(keys),
         "additionalProperties": values,
         "examples": list(examples),
     }
@@ -167,3 +169,7 @@ def named(
     if snippets:
         schema["defaultSnippets"] = list(snippets)
     return schema
+
+
+def _pattern(form: Form) -> Schema:
+    return {"pattern": form.pattern, "patternErrorMessage": form.message, NOUN: form.noun}

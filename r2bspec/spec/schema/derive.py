@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from r2bspec.spec.schema.build import KIND, POSITIVE, QUANTITIES, TOPIC_KEYS, Schema
+from r2bspec.spec.schema.build import KIND, NOUN, POSITIVE, QUANTITIES, TOPIC_KEYS, Schema
 from r2bspec.spec.schema.document import DOCUMENT
 
 TITLE = "r2bspec, version 1"
 FILE_NAME = "r2bspec-v1.schema.json"
 
-_OWN = (KIND, POSITIVE, TOPIC_KEYS)
+_OWN = (KIND, NOUN, POSITIVE, TOPIC_KEYS)
 _REFERENCE = r"\$\((?:var|env) +[A-Za-z_][A-Za-z0-9_]* *\)"
 _WHOLE = f"^{_REFERENCE}$"
 _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
@@ -29,12 +29,15 @@ def strict_schema() -> Schema:
     """The schema that the loader applies."""
 
     def stricter(schema: Schema) -> Schema:
-        return {
-            key: value
-            for key, value in schema.items()
-            # The class says it better than 'type' could; see `r2bspec.spec.validator`.
-            if not (key == "type" and KIND in schema)
-        }
+        strict = dict(schema)
+        # The class says it better than 'type' could; see `r2bspec.spec.validator`.
+        if KIND in strict:
+            del strict["type"]
+        for pattern in (strict, strict.get("propertyNames", {})):
+            # In Python, '$' also matches before a line break at the end.
+            if pattern.get("pattern", "").endswith("$"):
+                pattern["pattern"] = pattern["pattern"][:-1] + r"\Z"
+        return strict
 
     return _rewrite(DOCUMENT, stricter)
 
@@ -56,9 +59,11 @@ def _publish(schema: Schema) -> Schema:
         public |= _judged_by_pattern(kind)
     if schema.get("additionalProperties") is False:
         public["patternProperties"] = {"^x-": {"description": "Ignored."}}
-    if TOPIC_KEYS in schema:
-        keys = public["propertyNames"]
-        public["propertyNames"] = {**keys, "pattern": _or_reference(keys["pattern"])}
+    if "propertyNames" in public:
+        keys = {key: value for key, value in public["propertyNames"].items() if key not in _OWN}
+        if TOPIC_KEYS in schema:
+            keys["pattern"] = _or_reference(keys["pattern"])
+        public["propertyNames"] = keys
     if "enum" in public:
         values = public.pop("enum")
         return public | {"anyOf": [{"enum": values}, {"pattern": _WHOLE}]}
@@ -95,6 +100,8 @@ def _or_reference(pattern: str) -> str:
 def _rewrite(schema: Schema, change: Callable[[Schema], Schema]) -> Schema:
     """Apply `change` to a schema and to all schemas in it, innermost first."""
     inner: dict[str, Any] = dict(schema)
+    if "propertyNames" in inner:
+        inner["propertyNames"] = dict(inner["propertyNames"])
     if "properties" in inner:
         inner["properties"] = {k: _rewrite(v, change) for k, v in inner["properties"].items()}
     for key in ("items", "additionalProperties"):

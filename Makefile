@@ -1,0 +1,57 @@
+# Two commands do everything on a fresh machine: `make demo` and `make test`.
+# A sourced ROS 2 Jazzy is used where there is one; otherwise its wheels are installed from PyPI.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+# With ROS sourced the environment sees its packages, and the wheels stay out.
+HAVE_ROS := $(shell $(PYTHON) -c "import rclpy" 2>/dev/null && echo yes)
+EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision)
+comma := ,
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test install install-dev lint types imports unit ros clean
+
+help:
+	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
+	@echo "make test      install, then run every check and test"
+	@echo "make clean     remove the environment and everything that was generated"
+
+demo: install
+	$(BIN)/r2bspec run specs/apriltag_node.r2b.yaml
+
+test: install-dev lint types imports unit ros
+
+install: $(VENV)/.installed
+install-dev: $(VENV)/.installed-dev
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(if $(HAVE_ROS),--system-site-packages) $(VENV)
+
+$(VENV)/.installed: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRAS)]'
+	@touch $@
+
+$(VENV)/.installed-dev: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRAS),dev]'
+	@touch $@ $(VENV)/.installed
+
+lint: install-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: install-dev
+	$(BIN)/mypy
+
+imports: install-dev
+	$(BIN)/lint-imports
+
+unit: install-dev
+	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --cov --cov-report=term:skip-covered
+
+ros: install-dev
+	$(BIN)/pytest tests/ros tests/fault
+
+clean:
+	rm -rf $(VENV) .coverage .mypy_cache .ruff_cache .pytest_cache .hypothesis runs

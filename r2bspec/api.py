@@ -1,0 +1,192 @@
+"""The importable interface: the stages, joined the way the command line joins them."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from r2bspec.errors import R2bspecError
+
+if TYPE_CHECKING:
+    from r2bspec.diagnostics import Diagnostic
+    from r2bspec.execute.progress import Progress
+    from r2bspec.plan.model import Plan
+    from r2bspec.record.store import Run, RunFolder
+    from r2bspec.report.model import Result
+    from r2bspec.spec.load import Loaded
+    from r2bspec.spec.model import Spec
+
+Variables = Mapping[str, bool | int | float | str]
+
+
+class InvalidSpecError(R2bspecError):
+    """A spec that cannot be used.
+
+    Attributes:
+        diagnostics: all that is wrong with it, sorted by place.
+        loaded: the document, with the texts that the diagnostics point into.
+    """
+
+    code = "R2B602"
+    exit_code = 2
+
+    def __init__(self, loaded: Loaded, diagnostics: Sequence[Diagnostic]) -> None:
+        errors = sum(each.severity == "error" for each in diagnostics)
+        noun = "error" if errors == 1 else "errors"
+        super().__init__(f"{loaded.file} is not valid: {errors} {noun}")
+        self.loaded = loaded
+        self.diagnostics = tuple(diagnostics)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A plan that can be run, with what running it needs.
+
+    Attributes:
+        base_dir: the folder to which paths in the plan are relative.
+        spec_text: the resolved spec; empty for a plan that came from a file.
+        diagnostics: warnings; errors have been raised.
+        loaded: the document that the plan was compiled from, if it was.
+    """
+
+    plan: Plan
+    base_dir: Path
+    spec_text: str
+    diagnostics: tuple[Diagnostic, ...] = ()
+    loaded: Loaded | None = None
+
+
+def load(path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None) -> Spec:
+    """Load a spec.
+
+    Raises:
+        InvalidSpecError: it is not valid; see its `diagnostics`.
+    """
+    from r2bspec.spec.load import load_spec
+
+    loaded = load_spec(Path(path), sets=sets, variables=variables)
+    if loaded.spec is None:
+        raise InvalidSpecError(loaded, loaded.diagnostics)
+    return loaded.spec
+
+
+def validate(
+    path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None
+) -> tuple[Diagnostic, ...]:
+    """Everything that is wrong with a spec, sorted by place. Executes nothing that it names."""
+    from r2bspec.check import check
+    from r2bspec.spec.load import load_spec
+
+    return tuple(check(load_spec(Path(path), sets=sets, variables=variables)))
+
+
+def prepare(
+    path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None
+) -> Prepared:
+    """Check a spec and compile its plan, or read a plan from a ``.json`` file.
+
+    Raises:
+        InvalidSpecError: the spec has errors.
+        PlanError: the file is no plan that can be used.
+        DataError: the bag is not there or not readable.
+    """
+    path = Path(path)
+    if path.suffix == ".json":
+        from r2bspec.plan.canonical import read_plan
+
+        return Prepared(plan=read_plan(path), base_dir=path.parent.absolute(), spec_text="")
+    from r2bspec.check import check
+    from r2bspec.data.locate import index, locate
+    from r2bspec.plan.compile import compile_plan
+    from r2bspec.spec.load import load_spec
+
+    loaded = load_spec(path, sets=sets, variables=variables)
+    diagnostics = check(loaded)
+    if loaded.spec is None or any(each.severity == "error" for each in diagnostics):
+        raise InvalidSpecError(loaded, diagnostics)
+    source = loaded.spec.data_loader.bag
+    location = locate(source.dataset or source.path, loaded.base_dir)
+    return Prepared(
+        plan=compile_plan(loaded.spec, index(location)),
+        base_dir=loaded.base_dir.absolute(),
+        spec_text=loaded.resolved_yaml(),
+        diagnostics=tuple(diagnostics),
+        loaded=loaded,
+    )
+
+
+def compile_plan(
+    path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None
+) -> Plan:
+    """The plan of a spec.
+
+    Raises:
+        InvalidSpecError: the spec has errors.
+        DataError: the bag is not there or not readable.
+    """
+    return prepare(path, sets=sets, variables=variables).plan
+
+
+def run(prepared: Prepared, output: Path | None = None, progress: Progress | None = None) -> Result:
+    """Carry a plan out on real ROS 2, and judge what was measured.
+
+    Args:
+        prepared: what `prepare` gave.
+        output: the run folder, new or empty; by default one below ``runs/``.
+        progress: is told what happens; by default nobody is.
+
+    Raises:
+        RunError: the run failed; its folder has what was observed until then.
+        RecordError: the run folder cannot be made.
+    """
+    from r2bspec.execute.controller import run_plan
+    from r2bspec.execute.progress import Silent
+    from r2bspec.record.store import RunFolder
+
+    folder = RunFolder.create(output or _new_folder(prepared.plan.name))
+    try:
+        run_plan(
+            prepared.plan,
+            base_dir=prepared.base_dir,
+            folder=folder,
+            run_id=secrets.token_hex(8),
+            spec_text=prepared.spec_text,
+            progress=progress or Silent(),
+        )
+    except R2bspecError:
+        # What was measured before the failure is worth a result, marked as incomplete; should
+        # that fail, too, the first failure is the one to tell.
+        with contextlib.suppress(R2bspecError, OSError):
+            _write_result(folder)
+        raise
+    return _write_result(folder)
+
+
+def _write_result(folder: RunFolder) -> Result:
+    from r2bspec.record.store import open_run
+    from r2bspec.report.result import result_of, to_json
+
+    result = result_of(open_run(folder.path))
+    folder.write_result(to_json(result))
+    return result
+
+
+def judge(run: Run) -> Result:
+    """Judge a finished run, opened with `r2bspec.record.store.open_run`. Needs no ROS.
+
+    Raises:
+        RecordError: a file of the run is missing or damaged.
+    """
+    from r2bspec.report.result import result_of
+
+    return result_of(run)
+
+
+def _new_folder(name: str) -> Path:
+    now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+    return Path("runs") / f"{name}-{now}-{secrets.token_hex(2)}"

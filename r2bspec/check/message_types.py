@@ -1,0 +1,75 @@
+"""What is known of message types without ROS.
+
+The types that most graphs use are listed here, because looking any up in `rosbags`, which knows
+all of the common interfaces, takes longer than the rest of a check.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+WITH_HEADER = frozenset(
+    {
+        "diagnostic_msgs/msg/DiagnosticArray",
+        "geometry_msgs/msg/PointStamped",
+        "geometry_msgs/msg/PoseArray",
+        "geometry_msgs/msg/PoseStamped",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        "geometry_msgs/msg/TransformStamped",
+        "geometry_msgs/msg/TwistStamped",
+        "nav_msgs/msg/OccupancyGrid",
+        "nav_msgs/msg/Odometry",
+        "nav_msgs/msg/Path",
+        "sensor_msgs/msg/CameraInfo",
+        "sensor_msgs/msg/CompressedImage",
+        "sensor_msgs/msg/Image",
+        "sensor_msgs/msg/Imu",
+        "sensor_msgs/msg/JointState",
+        "sensor_msgs/msg/LaserScan",
+        "sensor_msgs/msg/NavSatFix",
+        "sensor_msgs/msg/PointCloud2",
+        "stereo_msgs/msg/DisparityImage",
+    }
+)
+"""Frequent types that begin with a std_msgs/Header."""
+
+WITHOUT_HEADER = frozenset(
+    {
+        "geometry_msgs/msg/Pose",
+        "geometry_msgs/msg/Twist",
+        "std_msgs/msg/Bool",
+        "std_msgs/msg/Float32",
+        "std_msgs/msg/Float64",
+        "std_msgs/msg/Int32",
+        "std_msgs/msg/String",
+        "tf2_msgs/msg/TFMessage",
+    }
+)
+"""Frequent types that do not."""
+
+
+def begins_with_header(name: str) -> bool | None:
+    """Whether a type's first field is a std_msgs/Header; None for a type that is not known."""
+    if name in WITH_HEADER:
+        return True
+    if name in WITHOUT_HEADER:
+        return False
+    from r2bspec.data import headers
+
+    return headers.begins_with_header(name)
+
+
+def names_beside(name: str) -> frozenset[str]:
+    """All types of the package of `name`, if it is one of the common interfaces; else nothing."""
+    if name in WITH_HEADER or name in WITHOUT_HEADER:
+        return frozenset({name})
+    package = name.partition("/")[0]
+    return frozenset(each for each in common_types() if each.partition("/")[0] == package)
+
+
+@cache
+def common_types() -> frozenset[str]:
+    """Every message type of the common interfaces of ROS 2 Jazzy."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return frozenset(get_typestore(Stores.ROS2_JAZZY).fielddefs)

@@ -1,0 +1,30 @@
+"""Bags that are not there, or that nobody can read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    error = context.bag_error
+    if error is not None:
+        yield Finding(
+            message=str(error), path=context.bag_path, help=error.hint, code=error.code
+        )
+
+
+RULE = Rule(
+    code="R2B301",
+    title="a bag that does not exist",
+    severity=Severity.ERROR,
+    why="There is nothing to play.",
+    failing=example(data_loader="{bag: ./bags/kitchen, topics: {/camera/image_raw: image_raw}}"),
+    passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
+    find=_find,
+)

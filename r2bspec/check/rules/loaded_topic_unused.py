@@ -1,0 +1,55 @@
+"""Topics that are loaded although nobody uses them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import suggestion
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    phase = context.wiring.preprocess
+    if phase.may_read:
+        return
+    read = [context.shown(topic) for topic in phase.topics if phase.readers(topic)]
+    for each in phase.owned_by("loader"):
+        if not phase.readers(each.topic):
+            shown = context.shown(each.topic)
+            yield Finding(
+                message=f"{quote(shown)} is loaded, but neither a preprocessor nor a playback "
+                "input reads it",
+                path=each.path,
+                help=suggestion(shown, read, "read are"),
+                about=frozenset({subjects.topic(phase.phase, each.topic)}),
+            )
+
+
+RULE = Rule(
+    code="R2B323",
+    title="a loaded topic that nobody uses",
+    severity=Severity.WARNING,
+    why="Loading it costs time and memory, and often its name is a misspelt one.",
+    failing=example(
+        data_loader="""
+            bag: r2b_storage
+            topics:
+              /d455_1_rgb_image: image_raw
+              /d455_1_depth: depth_raw
+        """
+    ),
+    passing=example(
+        data_loader="""
+            bag: r2b_storage
+            topics:
+              /d455_1_rgb_image: image_raw
+        """
+    ),
+    find=_find,
+)

@@ -1,0 +1,60 @@
+"""Message types that the common interfaces do not have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import message_types, subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics import did_you_mean
+from r2bspec.diagnostics.model import Certainty, Path, Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for path, name in _stated_types(context).items():
+        about = frozenset({subjects.value(path)})
+        beside = message_types.names_beside(name)
+        if name in beside:
+            continue
+        package = name.partition("/")[0]
+        close = did_you_mean(name, beside or message_types.common_types())
+        if beside and not close:
+            yield Finding(
+                message=f"the package {package} of ROS 2 Jazzy has no message {quote(name)}",
+                path=path,
+                severity=Severity.WARNING,
+                certainty=Certainty.ENVIRONMENT,
+                explains=about,
+            )
+        elif beside or close.partition("/")[2] == name.partition("/")[2]:
+            # A package of one's own may well be called like this, a message in a common one not.
+            yield Finding(
+                message=f"there is no message type {quote(name)}"
+                if beside
+                else f"{quote(name)} is much like the type {quote(close)} of the common interfaces",
+                path=path,
+                help=f"did you mean {quote(close)}?",
+                severity=None if beside else Severity.WARNING,
+                explains=about,
+            )
+
+
+def _stated_types(context: Context) -> dict[Path, str]:
+    """Every message type that the spec itself writes, by its place."""
+    endpoints = (each for phase in context.wiring.phases for each in phase.endpoints)
+    return {each.type_path: each.type for each in endpoints if each.type_path and each.type}
+
+
+RULE = Rule(
+    code="R2B202",
+    title="a message type that does not exist",
+    severity=Severity.ERROR,
+    why="A topic of a type that is not installed can be neither played nor watched.",
+    failing=example(monitors="{output: {topic: output, format: sensor_msgs/msg/Imgae}}"),
+    passing=example(monitors="{output: {topic: output, format: sensor_msgs/msg/Image}}"),
+    find=_find,
+)

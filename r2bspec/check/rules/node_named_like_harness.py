@@ -1,0 +1,49 @@
+"""Nodes whose process would have the name of a part of the harness."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import listed
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.plan.processes import reserved_names
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    reserved = reserved_names(context.spec)
+    for node in context.wiring.measure.nodes:
+        if node.key in reserved:
+            yield Finding(
+                message=f"a node cannot be called {quote(node.key)}, because a process of the "
+                "harness is",
+                path=node.path,
+                key=True,
+                help=f"reserved are {listed(reserved)}",
+            )
+
+
+RULE = Rule(
+    code="R2B203",
+    title="a node with the name of a process of the harness",
+    severity=Severity.ERROR,
+    why="Each process has a log and metrics (cpu.NAME.mean) under its own name, and a node's "
+    "process is called like the node.",
+    failing=example(
+        graph="""
+            nodes:
+              monitor: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
+        """
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
+        """
+    ),
+    find=_find,
+)

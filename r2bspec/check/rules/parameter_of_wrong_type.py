@@ -1,0 +1,73 @@
+"""Parameters whose value has another type than the node declares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.parameters import parameter_type
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Path, Severity
+from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.spec.model import ParameterValue
+from r2bspec.wiring.interfaces import ParameterInfo
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for _, node in context.nodes:
+        for name, value in node.node.parameters.items():
+            declared = (node.interface.parameters or {}).get(name)
+            given = parameter_type(value)
+            if declared is not None and given is not None and given != declared.type:
+                path = (*node.path, "parameters", name)
+                yield _finding(node.key, path, value, given, declared)
+
+
+def _finding(
+    node: str, path: Path, value: ParameterValue, given: str, declared: ParameterInfo
+) -> Finding:
+    article = "an" if declared.type[0] in "aeiou" else "a"
+    also = "an" if given[0] in "aeiou" else "a"
+    fixed = f"{value}.0" if given == "integer" and declared.type == "double" else None
+    return Finding(
+        message=f"{quote(str(path[-1]))} of {node} is {article} {declared.type}, but "
+        f"{clip(str(value))} is {also} {given}",
+        path=path,
+        help=f"write {fixed}; to ROS, an integer is no double"
+        if fixed
+        else "remove the quotes"
+        if given == "string" and declared.type in {"integer", "double", "bool"}
+        else "",
+        replacement=fixed,
+        explains=frozenset({subjects.value(path)}),
+    )
+
+
+RULE = Rule(
+    code="R2B212",
+    title="a parameter of the wrong type",
+    severity=Severity.ERROR,
+    why="A node refuses to start with a parameter of another type than it declares.",
+    failing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                parameters: {service_time_ms: 10}
+                remappings: {input: image}
+        """
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                parameters: {service_time_ms: 10.0}
+                remappings: {input: image}
+        """
+    ),
+    find=_find,
+)

@@ -1,0 +1,58 @@
+"""Playback inputs whose messages come from nowhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import listed, suggestion
+from r2bspec.diagnostics import did_you_mean
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.model import Endpoint, PhaseWiring
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    phase = context.wiring.preprocess
+    for each in phase.owned_by("recorder"):
+        if not phase.writers(each.topic):
+            yield _finding(context, phase, each)
+
+
+def _finding(context: Context, phase: PhaseWiring, each: Endpoint) -> Finding:
+    shown = context.shown(each.topic)
+    unknown = [node.key for node in phase.may_write]
+    written = [topic for topic in phase.topics if phase.writers(topic)]
+    advice = suggestion(shown, [context.shown(topic) for topic in written], "there are")
+    if unknown:
+        advice += f"; or state what {listed(unknown)} publishes under 'publishes:' there"
+    unread = (topic for topic in written if not phase.readers(topic))
+    instead = (topic for topic in unread if did_you_mean(each.topic, [topic]))
+    return Finding(
+        message=f"neither the data loader nor a preprocessor publishes {quote(shown)}"
+        if not unknown
+        else f"nobody is known to publish {quote(shown)}",
+        path=each.path,
+        help=advice,
+        severity=Severity.WARNING if unknown else None,
+        about=frozenset({subjects.topic(phase.phase, each.topic)}),
+        explains=frozenset(
+            {subjects.FEED} | {subjects.topic(phase.phase, topic) for topic in instead}
+        ),
+    )
+
+
+RULE = Rule(
+    code="R2B319",
+    title="a playback input whose messages come from nowhere",
+    severity=Severity.ERROR,
+    why="What is played is what was loaded, or what preprocessors made of it. Nothing arrives on a "
+    "topic that neither of them publishes.",
+    failing=example(playback="{inputs: {image: {from: image_rw, format: sensor_msgs/msg/Image}}}"),
+    passing=example(playback="{inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}}"),
+    find=_find,
+)

@@ -1,0 +1,84 @@
+"""Private topics where there is no node that they could belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Path, Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.build import harness_topic
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for name, path, phase, key in _harness_topics(context):
+        if not name.startswith("~"):
+            continue
+        private = [topic for topic in _of_nodes(context, phase) if topic.endswith(name[1:])]
+        topics = (*private, harness_topic(name, context.wiring.namespace))
+        yield Finding(
+            message=f"{quote(name)} is private to a node, but no node stands here",
+            path=path,
+            key=key,
+            help=f"did you mean {quote(context.shown(private[0]))}?"
+            if len(private) == 1
+            else "name the topic in full: the node's namespace and name, then the topic",
+            explains=frozenset(
+                {subjects.flow(phase)} | {subjects.topic(phase, topic) for topic in topics}
+            ),
+        )
+
+
+def _of_nodes(context: Context, phase: str) -> list[str]:
+    """The topics of a phase that lie below the name of one of its nodes."""
+    return [
+        topic
+        for wiring in context.wiring.phases
+        if wiring.phase == phase
+        for topic in wiring.topics
+        if any(topic.startswith(f"{node.name}/") for node in wiring.nodes)
+    ]
+
+
+def _harness_topics(context: Context) -> Iterator[tuple[str, Path, str, bool]]:
+    """Each topic that the spec names outside of nodes, its place, phase, and if it is a key."""
+    spec = context.spec
+    for bag_topic, target in spec.data_loader.topics.items():
+        yield target, ("data_loader", "topics", bag_topic), "preprocess", False
+    for name, each in spec.playback.inputs.items():
+        yield name, ("playback", "inputs", name), "measure", True
+        yield each.source, ("playback", "inputs", name, "from"), "preprocess", False
+    for name, monitor in spec.monitors.items():
+        yield monitor.topic, ("monitors", name, "topic"), "measure", False
+
+
+RULE = Rule(
+    code="R2B201",
+    title="a private topic that belongs to no node",
+    severity=Severity.ERROR,
+    why="'~' stands for the name of the node that uses a topic. Loader, player and monitors are no "
+    "nodes of the graph, so there is nothing that it could stand for.",
+    failing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: image, output: ~/output}
+        """,
+        monitors="{output: {topic: ~/output, format: sensor_msgs/msg/Image}}",
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: image, output: ~/output}
+        """,
+        monitors="{output: {topic: relay/output, format: sensor_msgs/msg/Image}}",
+    ),
+    find=_find,
+)

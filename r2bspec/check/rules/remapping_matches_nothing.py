@@ -1,0 +1,111 @@
+"""Remappings of topics that the node does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import listed
+from r2bspec.diagnostics import did_you_mean
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.model import NodeWiring
+from r2bspec.wiring.names import expand, remap
+
+_OF_EVERY_NODE = ("/rosout", "/parameter_events", "/clock")
+
+_OTHER_KEYS = {"__ns": "namespace", "__node": "", "__name": ""}
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for phase, node in context.nodes:
+        for left, right in node.node.remappings.items():
+            if left in _OTHER_KEYS:
+                yield _no_topic(phase, node, left)
+            elif _matches_nothing(node, left):
+                yield _finding(phase, node, left, right)
+
+
+def _matches_nothing(node: NodeWiring, left: str) -> bool:
+    own = node.interface.topics
+    if own is None:
+        return False
+    full = expand(left, node.key, node.namespace)
+    known = {expand(name, node.key, node.namespace) for name in own}
+    return full not in known and full not in _OF_EVERY_NODE
+
+
+def _finding(phase: str, node: NodeWiring, left: str, right: str) -> Finding:
+    own = node.interface.topics or ()
+    close = did_you_mean(left, own)
+    # What the spec states may leave out services, which are remapped in the same way.
+    certain = node.interface.subscribes_from == node.interface.publishes_from == "table"
+    return Finding(
+        message=f"{node.key} has no topic {quote(left)} that could be remapped",
+        path=(*node.path, "remappings", left),
+        key=True,
+        help=_help(left, right, close, own),
+        severity=None if certain else Severity.WARNING,
+        explains=_consequences(phase, node, right, close),
+    )
+
+
+def _help(left: str, right: str, close: str, own: tuple[str, ...]) -> str:
+    if close:
+        return f"did you mean {quote(close)}?"
+    if right in own:
+        turned = quote(f"{right}: {left}")
+        return f"the node's own name of the topic comes first: {turned}"
+    return f"its topics are {listed(own)}"
+
+
+def _consequences(phase: str, node: NodeWiring, right: str, close: str) -> frozenset[str]:
+    """The topic that was meant to be used, and those that are used in its place."""
+    own = (close,) if close else node.interface.topics or ()
+    rules = node.node.remappings
+    topics = {expand(right, node.key, node.namespace)}
+    topics |= {remap(name, rules, node.key, node.namespace).name for name in own}
+    return frozenset({subjects.flow(phase)} | {subjects.topic(phase, name) for name in topics})
+
+
+def _no_topic(phase: str, node: NodeWiring, left: str) -> Finding:
+    instead = _OTHER_KEYS[left]
+    return Finding(
+        message=f"{quote(left)} is not a topic, but ROS's way to rename the node",
+        path=(*node.path, "remappings", left),
+        key=True,
+        help=f"write it as {quote(instead)} of the node"
+        if instead
+        else "the node is called like its key here",
+        explains=frozenset({subjects.flow(phase)}),
+    )
+
+
+RULE = Rule(
+    code="R2B204",
+    title="a remapping that matches no topic of its node",
+    severity=Severity.ERROR,
+    why="ROS ignores such a remapping without a word; the node goes on using the topic under its "
+    "own name, and no message arrives.",
+    failing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                remappings: {inptu: image}
+        """
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: image}
+        """
+    ),
+    find=_find,
+)

@@ -1,0 +1,40 @@
+"""Topics that the bag does not hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import suggestion
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    bag = context.bag
+    if bag is None:
+        return
+    for name in context.spec.data_loader.topics:
+        if bag.find(name) is None:
+            yield Finding(
+                message=f"the bag {quote(bag.name)} has no topic {quote(name)}",
+                path=("data_loader", "topics", name),
+                key=True,
+                help=suggestion(name, bag.topics, "it has"),
+                explains=frozenset({subjects.value(("data_loader", "topics", name))}),
+            )
+
+
+RULE = Rule(
+    code="R2B308",
+    title="a topic that the bag does not hold",
+    severity=Severity.ERROR,
+    why="No message of it can be loaded, and what depends on it would wait for ever.",
+    failing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_imgae: image_raw}}"),
+    passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
+    find=_find,
+)

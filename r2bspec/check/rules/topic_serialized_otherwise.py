@@ -1,0 +1,39 @@
+"""Bag topics whose messages are not CDR."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    if context.bag is None:
+        return
+    for name in context.spec.data_loader.topics:
+        info = context.bag.find(name)
+        if info is not None and info.serialization != "cdr":
+            yield Finding(
+                message=f"the bag holds {quote(name)} serialised as {quote(info.serialization)}; "
+                "only 'cdr' can be played",
+                path=("data_loader", "topics", name),
+                key=True,
+                help="convert the bag with 'ros2 bag convert' where that format is installed",
+            )
+
+
+RULE = Rule(
+    code="R2B306",
+    title="recorded messages that are not CDR",
+    severity=Severity.ERROR,
+    why="Messages are played as they were recorded, and ROS 2 nodes understand CDR. (The example "
+    "needs a bag of that kind, so nothing is found in it.)",
+    failing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
+    passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
+    find=_find,
+)

@@ -1,0 +1,79 @@
+"""Topics that several write."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.model import Endpoint, PhaseWiring
+
+_HARNESS = {"loader": "the data loader", "player": "the player"}
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for phase in context.wiring.phases:
+        for topic in phase.topics:
+            writers = phase.writers(topic)
+            for second in writers[1:]:
+                yield _finding(context, phase, writers[0], second)
+
+
+def _finding(context: Context, phase: PhaseWiring, first: Endpoint, second: Endpoint) -> Finding:
+    shown = quote(context.shown(first.topic))
+    if first.owner == second.owner:
+        message = f"{_name(first)} publishes {shown} twice"
+    else:
+        message = f"both {_name(first)} and {_name(second)} publish {shown}"
+    mixed = first.owner == "player" or (first.owner == "loader" and second.is_node)
+    return Finding(
+        message=message,
+        path=second.path,
+        key=second.at_key,
+        help="give one of the two topics another name",
+        related=(Pointer("the other one", first.path, first.at_key),),
+        severity=Severity.ERROR if mixed else None,
+        about=frozenset({subjects.topic(phase.phase, first.topic)}),
+        explains=frozenset({subjects.flow(phase.phase)}) if mixed else frozenset(),
+    )
+
+
+def _name(endpoint: Endpoint) -> str:
+    return _HARNESS.get(endpoint.owner, endpoint.owner.rpartition("/")[2])
+
+
+RULE = Rule(
+    code="R2B209",
+    title="a topic with two writers",
+    severity=Severity.WARNING,
+    why="Their messages mix, and nobody can tell which input an output answers. If one of the two "
+    "is the player or the data loader, what is measured has no meaning, and this is an error.",
+    failing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: image}
+              again:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: image}
+        """
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: image, output: relayed}
+              again:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: relayed}
+        """
+    ),
+    find=_find,
+)

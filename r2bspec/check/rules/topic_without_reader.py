@@ -1,0 +1,78 @@
+"""Topics that are published on purpose although nobody reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import suggestion
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.model import Endpoint, PhaseWiring
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for phase in context.wiring.phases:
+        if phase.may_read:
+            continue
+        for writer in phase.endpoints:
+            if writer.writes and not phase.readers(writer.topic) and _on_purpose(writer):
+                yield _finding(context, phase, writer)
+
+
+def _on_purpose(writer: Endpoint) -> bool:
+    """Whether the spec makes the topic. Nodes have outputs of which a graph uses some."""
+    return writer.owner == "player" or "remappings" in writer.path
+
+
+def _finding(context: Context, phase: PhaseWiring, writer: Endpoint) -> Finding:
+    shown = context.shown(writer.topic)
+    read = [context.shown(name) for name in phase.topics if phase.readers(name)]
+    played = writer.owner == "player"
+    return Finding(
+        message=f"{quote(shown)} is played, but nobody reads it"
+        if played
+        else f"nobody reads {quote(shown)}, to which {quote(writer.own_name)} is remapped",
+        path=writer.path,
+        key=writer.at_key,
+        help=suggestion(shown, read, "read are"),
+        about=frozenset({subjects.topic(phase.phase, writer.topic)}),
+    )
+
+
+RULE = Rule(
+    code="R2B208",
+    title="a topic that nobody reads",
+    severity=Severity.WARNING,
+    why="Playing it costs time and measures nothing; a remapping that leads nowhere is often a "
+    "misspelt one.",
+    failing=example(
+        data_loader="""
+            bag: r2b_storage
+            topics:
+              /d455_1_rgb_image: image_raw
+              /d455_1_rgb_camera_info: info_raw
+        """,
+        playback="""
+            inputs:
+              image: {from: image_raw, format: sensor_msgs/msg/Image}
+              camera_info: {from: info_raw, format: sensor_msgs/msg/CameraInfo}
+        """,
+    ),
+    passing=example(
+        data_loader="""
+            bag: r2b_storage
+            topics:
+              /d455_1_rgb_image: image_raw
+        """,
+        playback="""
+            inputs:
+              image: {from: image_raw, format: sensor_msgs/msg/Image}
+        """,
+    ),
+    find=_find,
+)

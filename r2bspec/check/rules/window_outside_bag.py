@@ -1,0 +1,75 @@
+"""Windows that leave the bag."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.spec.quantities import Duration
+
+_WINDOW = ("data_loader", "window")
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    bag, window = context.bag, context.spec.data_loader.window
+    if bag is None or (window.end is not None and window.end <= window.start):
+        return
+    lasts_ns = _duration_ns(context)
+    lasts = f"the bag {quote(bag.name)} lasts {lasts_ns / 1e9:g} s"
+    rendered = context.bag_location is not None and context.bag_location.path is None
+    if window.start.ns > lasts_ns:
+        yield Finding(
+            message=f"the window starts at {window.start}, but {lasts}",
+            path=(*_WINDOW, "start"),
+            help="a window counts from the beginning of the bag",
+            explains=frozenset({subjects.value(_WINDOW)}),
+        )
+    elif window.end is not None and window.end.ns > lasts_ns:
+        yield Finding(
+            message=f"the window ends at {window.end}, but {lasts}",
+            path=(*_WINDOW, "end"),
+            help=f"write {Duration(lasts_ns)}"
+            if rendered
+            else "what is there is used; leave 'end' out to say so",
+            severity=None if rendered else Severity.WARNING,
+            explains=frozenset({subjects.value(_WINDOW)}) if rendered else frozenset(),
+        )
+
+
+def _duration_ns(context: Context) -> int:
+    """Up to where a window may reach: a rendered sequence goes on a little after its messages."""
+    from r2bspec.data.sequences import DURATION_NS
+
+    if context.bag_location is not None and context.bag_location.path is None:
+        return DURATION_NS
+    return context.bag.duration_ns if context.bag is not None else 0
+
+
+RULE = Rule(
+    code="R2B309",
+    title="a window outside of the bag",
+    severity=Severity.ERROR,
+    why="The part of the window outside of the recording holds no messages. A recorded bag that "
+    "merely ends before its window does is a warning.",
+    failing=example(
+        data_loader="""
+            bag: r2b_storage
+            window: {start: 12 s, end: 13 s}
+            topics: {/d455_1_rgb_image: image_raw}
+        """
+    ),
+    passing=example(
+        data_loader="""
+            bag: r2b_storage
+            window: {start: 2 s, end: 3 s}
+            topics: {/d455_1_rgb_image: image_raw}
+        """
+    ),
+    find=_find,
+)

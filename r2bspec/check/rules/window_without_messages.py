@@ -1,0 +1,63 @@
+"""Loaded topics without a message in the window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.recorded import amounts
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+_WINDOW = ("data_loader", "window")
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    bag = context.bag
+    window = context.spec.data_loader.window
+    if bag is None or (window.end is not None and window.end <= window.start):
+        return
+    for name, amount in amounts(context).items():
+        info = bag.find(name)
+        if amount.messages or info is None:
+            continue
+        empty = info.count == 0
+        yield Finding(
+            message=f"the bag has no message of {quote(name)}"
+            if empty
+            else f"no message of {quote(name)} lies in the window",
+            path=("data_loader", "topics", name) if empty else _WINDOW,
+            key=empty,
+            help=""
+            if empty
+            else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} in each second",
+            about=frozenset({subjects.value(_WINDOW)}),
+            explains=frozenset({subjects.value(("data_loader", "topics", name))}),
+        )
+
+
+RULE = Rule(
+    code="R2B321",
+    title="a window without a message",
+    severity=Severity.ERROR,
+    why="Without a message there is nothing to play.",
+    failing=example(
+        data_loader="""
+            bag: r2b_storage
+            window: {start: 10 ms, end: 20 ms}
+            topics: {/d455_1_rgb_image: image_raw}
+        """
+    ),
+    passing=example(
+        data_loader="""
+            bag: r2b_storage
+            window: {start: 10 ms, end: 200 ms}
+            topics: {/d455_1_rgb_image: image_raw}
+        """
+    ),
+    find=_find,
+)

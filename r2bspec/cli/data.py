@@ -1,0 +1,273 @@
+"""`r2bspec data`: the datasets that specs name, and the bags on disk."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from r2bspec.errors import UsageError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from r2bspec.data.model import BagIndex, BagLocation, Window
+    from r2bspec.data.synthesis import Progress
+
+# Where output is no terminal, lines are kept whole for grep.
+_PLAIN_WIDTH = 240
+
+_format_option = click.option(
+    "--format",
+    "output",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="How to print the result.",
+)
+
+
+def _duration_ns(
+    context: click.Context | None, parameter: click.Parameter | None, text: str | None
+) -> int | None:
+    """Parse an option's duration to ns, or tell what would have been right."""
+    from r2bspec.spec.quantities import Duration, QuantityError
+
+    if text is None:
+        return None
+    try:
+        return Duration.parse(text).ns
+    except QuantityError as error:
+        proposal = f" (did you mean '{error.suggestion}'?)" if error.suggestion else ""
+        raise click.BadParameter(f"{error}{proposal}", context, parameter) from error
+
+
+@click.group(name="data")
+def command() -> None:
+    """List, make, inspect and verify datasets and bags."""
+
+
+@command.command(name="list")
+@_format_option
+def list_datasets(output: str) -> None:
+    """List the datasets that a spec can name.
+
+    Synthetic ones are rendered when they are first needed. A folder of that name under
+    $R2B_DATASETS takes precedence.
+    """
+    from r2bspec.data.locate import index, known_datasets, locate_dataset
+    from r2bspec.data.sequences import SEQUENCES
+
+    found = {name: locate_dataset(name) for name in known_datasets()}
+    if output == "json":
+        _print_json(
+            [
+                {
+                    "name": name,
+                    "kind": place.kind,
+                    "path": place.path and str(place.path),
+                    "topics": sorted(index(place).topics) if place.kind == "synthetic" else None,
+                }
+                for name, place in found.items()
+            ]
+        )
+        return
+    rows = [
+        (name, str(place.path or "synthetic"), SEQUENCES[name].shows if name in SEQUENCES else "")
+        for name, place in found.items()
+    ]
+    _print_table(("dataset", "comes from", "shows"), rows)
+
+
+@command.command()
+@click.argument("dataset")
+@click.option("--topics", multiple=True, metavar="TOPIC[,TOPIC…]", help="Only these; else all.")
+@click.option("--window", metavar="START:END", help="Such as '0 s:0.5 s'.")
+@click.option("--start", callback=_duration_ns, help="Where the window starts.")
+@click.option("--end", callback=_duration_ns, help="Where it ends; else with the dataset.")
+@click.option(
+    "--storage", type=click.Choice(["sqlite3", "mcap"]), default="sqlite3", show_default=True
+)
+@_format_option
+def make(
+    dataset: str,
+    topics: tuple[str, ...],
+    window: str | None,
+    start: int | None,
+    end: int | None,
+    storage: Any,
+    output: str,
+) -> None:
+    """Make a synthetic DATASET in the cache and print where it is."""
+    from r2bspec.data.index import index_bag
+    from r2bspec.data.synthesis import make as make_dataset
+
+    names = [name.strip() for value in topics for name in value.split(",") if name.strip()]
+    stretch = _window(window, start, end)
+    with _progress_bar(f"making {dataset}") as progress:
+        made = make_dataset(dataset, names or None, stretch, storage=storage, progress=progress)
+    if output == "json":
+        _print_json({"path": str(made.path), "sha256": made.content_sha256, "made": made.made})
+        return
+    state = "just made" if made.made else "already in the cache"
+    _print_index(index_bag(made.path), f"{made.path}, {state}", made.content_sha256)
+
+
+@command.command()
+@click.argument("bag")
+@_format_option
+def info(bag: str, output: str) -> None:
+    """Print what BAG (a path, or a dataset's name) holds.
+
+    The sha256 of a bag on disk is what a spec can pin; 'data make' shows that of a synthetic one.
+    """
+    from r2bspec.data.digest import hash_files
+    from r2bspec.data.locate import index, locate
+
+    place = locate(bag, Path.cwd())
+    result = index(place)
+    digest = "" if place.path is None else hash_files(place.path)
+    if output == "json":
+        import msgspec
+
+        _print_json({**msgspec.to_builtins(result), "sha256": digest})
+    else:
+        _print_index(result, _origin(place), digest)
+
+
+@command.command()
+@click.argument("path", type=click.Path(path_type=Path))
+@_format_option
+@click.pass_context
+def verify(context: click.Context, path: Path, output: str) -> None:
+    """Read the bag at PATH from end to end and compare it with what its files state.
+
+    Exits with 1 where something is wrong.
+    """
+    from r2bspec.data.errors import BAG_NOT_FOUND, DataError
+    from r2bspec.data.verification import verify as verify_bag
+
+    if not path.exists():
+        raise DataError(
+            f"{path} does not exist", code=BAG_NOT_FOUND, hint="name a bag folder or storage file"
+        )
+    problems = verify_bag(path)
+    if output == "json":
+        _print_json({"path": str(path), "problems": problems})
+    else:
+        for problem in problems:
+            click.echo(problem)
+        if not problems:
+            click.echo(f"{path} is what it says")
+    context.exit(1 if problems else 0)
+
+
+def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> Window | None:
+    """The stretch of time that the options ask for; None for everything."""
+    from r2bspec.data.model import Window
+
+    if text is not None:
+        if start_ns is not None or end_ns is not None:
+            raise UsageError("--window says the same as --start and --end", hint="give one form")
+        first, colon, last = text.partition(":")
+        if not colon:
+            raise UsageError(f"{text!r} is no window", hint="write START:END, such as '0 s:0.5 s'")
+        try:
+            start_ns = _duration_ns(None, None, first.strip() or "0 s")
+            end_ns = _duration_ns(None, None, last.strip() or None)
+        except click.BadParameter as error:
+            raise UsageError(f"--window: {error.message}") from error
+    if start_ns is None and end_ns is None:
+        return None
+    return Window(start_ns=start_ns or 0, end_ns=end_ns)
+
+
+def _origin(place: BagLocation) -> str:
+    return str(place.path) if place.path is not None else "not made yet: it is when needed"
+
+
+@contextmanager
+def _progress_bar(title: str) -> Iterator[Progress | None]:
+    """A bar on stderr where a person is watching, else None."""
+    if not sys.stderr.isatty() or os.environ.get("CI", "").lower() == "true":
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    with Bar(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console(
+        width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False, soft_wrap=False
+    )
+
+
+def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]], right: str = "") -> None:
+    """Columns whose titles stand in `right` are aligned to the right."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    for title in header:
+        justify: Any = "right" if title in right.split() else "left"
+        table.add_column(title, justify=justify, overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    console = _console()
+    with console.capture() as captured:
+        console.print(table)
+    # The last column's padding would only get in the way of diffs.
+    for line in captured.get().splitlines():
+        click.echo(line.rstrip())
+
+
+def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
+    from datetime import UTC, datetime
+
+    from r2bspec.spec.quantities import Duration
+
+    start = datetime.fromtimestamp(index.start_ns / 1e9, UTC)
+    for title, value in (
+        ("bag", f"{index.name}{' (synthetic)' if index.synthetic else ''}"),
+        ("at", origin),
+        ("storage", f"{index.storage}, compression {index.compression}"),
+        ("files", ", ".join(index.files)),
+        ("starts", f"{start:%Y-%m-%d %H:%M:%S} UTC" if index.message_count else "never"),
+        ("lasts", str(Duration(index.duration_ns))),
+        ("messages", f"{index.message_count:,}"),
+        ("sha256", sha256),
+        *(("note", note) for note in index.notes),
+    ):
+        if value:
+            click.echo(f"{title:<9} {value}")
+    click.echo()
+    rows = [
+        (
+            topic.name,
+            topic.type,
+            f"{topic.count:,}",
+            f"{topic.rate_hz:.4g} Hz" if topic.rate_hz else "",
+            "" if topic.max_message_bytes is None else f"{topic.max_message_bytes:,} B",
+        )
+        for topic in index.topics.values()
+    ]
+    _print_table(
+        ("topic", "type", "messages", "rate", "largest"), rows, right="messages rate largest"
+    )
+
+
+def _print_json(value: Any) -> None:
+    import msgspec
+
+    click.echo(msgspec.json.format(msgspec.json.encode(value), indent=2))

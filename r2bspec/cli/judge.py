@@ -1,0 +1,60 @@
+"""``r2bspec judge``: judge a finished run again, by its own SLOs or by those of another spec."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from r2bspec.spec.model import Spec
+
+
+@click.command("judge")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--spec",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="SPEC",
+    help="Judge by the SLOs of this spec instead of the run's own.",
+)
+@click.option("--format", "output_format", type=click.Choice(["text", "json"]), default="text")
+@click.option("--write", is_flag=True, help="Replace result.json in the run folder.")
+def command(run: Path, spec: Path | None, output_format: str, write: bool) -> int:
+    """Judge the finished run in the folder RUN again; needs no ROS.
+
+    The run folder is left as it is unless --write is given. The same run gives the same bytes
+    each time.
+    """
+    from r2bspec.record.store import RunFolder, open_run
+    from r2bspec.report.result import result_of, to_json
+    from r2bspec.report.terminal import show_result
+
+    opened = open_run(run)
+    if spec is None:
+        result = result_of(opened)
+    else:
+        other = _load(spec)
+        result = result_of(opened, other.slos, judged_by=other.name)
+    if write:
+        RunFolder(opened.folder).write_result(to_json(result))
+    show_result(result, output_format, run)
+    return result.verdict.exit_code
+
+
+def _load(path: Path) -> Spec:
+    """The other spec. Its bag and its nodes do not matter here, so only its text is checked.
+
+    Raises:
+        InvalidSpecError: it is not valid; the findings have been shown.
+    """
+    from r2bspec.api import InvalidSpecError
+    from r2bspec.report.findings.show import show
+    from r2bspec.spec.load import load_spec
+
+    loaded = load_spec(path)
+    if loaded.spec is None:
+        show(loaded.diagnostics, loaded.texts)
+        raise InvalidSpecError(loaded, loaded.diagnostics)
+    return loaded.spec

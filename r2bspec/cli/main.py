@@ -1,0 +1,105 @@
+"""The `r2bspec` command: finds the verb, shows errors as a line and a hint, sets the exit status.
+
+Exit status, for every verb: 0 holds · 1 findings, or an SLO failed · 2 wrong usage, or an input
+that the verb cannot use · 3 inconclusive · 4 the run itself failed or is invalid · 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+
+import click
+
+from r2bspec._version import __version__
+from r2bspec.errors import R2bspecError
+
+_VERBS = {
+    "validate": "Prove specs right before anything starts.",
+    "explain": "Explain a diagnostic code, or list all.",
+    "plan": "Show what a run will do, as canonical JSON or as a drawing.",
+    "run": "Run a benchmark on real ROS 2 and judge it by its SLOs.",
+    "judge": "Judge a finished run again, also by other SLOs.",
+    "data": "List, make, inspect and verify datasets.",
+    "schema": "Print a JSON Schema.",
+}
+"""Each verb and its line in the help, so that listing them imports none."""
+
+
+class _Verbs(click.Group):
+    """Imports a verb's module when it is asked for: start-up pays for one verb only."""
+
+    def list_commands(self, _ctx: click.Context) -> list[str]:
+        return list(_VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _VERBS:
+            return None
+        module = importlib.import_module(f"r2bspec.cli.{cmd_name}")
+        found: click.Command = module.command
+        return found
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] not in _VERBS and not args[0].startswith("-"):
+            from r2bspec.diagnostics import did_you_mean
+
+            close = did_you_mean(args[0], _VERBS)
+            ctx.fail(
+                f"there is no verb {args[0]!r}"
+                + (f"; did you mean {close!r}?" if close else f"; known are {', '.join(_VERBS)}")
+            )
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        del ctx
+        with formatter.section("Verbs"):
+            formatter.write_dl(list(_VERBS.items()))
+
+
+@click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, "-V", "--version", message="r2bspec %(version)s")
+def command() -> None:
+    """State, run and gate performance benchmarks of ROS 2 graphs.
+
+    \b
+    Exit status: 0 holds, 1 findings or a failed SLO, 2 wrong usage or input,
+    3 inconclusive, 4 the run failed or is invalid, 130 interrupted.
+    """
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    try:
+        status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
+    except R2bspecError as error:
+        _show(error)
+        return error.exit_code
+    except click.exceptions.Abort:
+        return 130
+    except click.ClickException as error:
+        error.show()
+        return 2
+    except click.exceptions.Exit as error:
+        return error.exit_code
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # The reader of our output has gone, as `head` does: nothing is left to say, and the
+        # interpreter must not try to flush at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    return status if isinstance(status, int) else 0
+
+
+def _show(error: R2bspecError) -> None:
+    """Print an error as a line and a hint."""
+    colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
+    label = f"error[{error.code}]"
+    click.echo(
+        f"{click.style(label, fg='red', bold=True) if colour else label}: {error}", err=True
+    )
+    if error.hint:
+        click.echo(f"  help: {error.hint}", err=True)

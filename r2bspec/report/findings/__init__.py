@@ -1,0 +1,1 @@
+"""Findings of validate and of every other verb: one module for each form."""

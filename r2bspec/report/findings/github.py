@@ -1,0 +1,52 @@
+"""Findings as workflow commands, which GitHub shows beside the lines of a change.
+
+GitHub keeps ten annotations of each step and drops the rest silently. Errors therefore come
+first, and a last line tells what is not shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from r2bspec.diagnostics import Diagnostic, Severity
+
+MOST = 10
+"""Annotations that GitHub keeps."""
+
+_COMMANDS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "notice"}
+_ORDER = tuple(_COMMANDS)
+
+
+def render(diagnostics: Iterable[Diagnostic], sources: Mapping[str, str]) -> str:
+    """The findings as workflow commands; the texts of `sources` are not needed."""
+    del sources
+    ordered = sorted(diagnostics, key=lambda found: _ORDER.index(found.severity))
+    lines = [_command(found) for found in ordered[:MOST]]
+    if len(ordered) > MOST:
+        lines.append(f"{len(ordered) - MOST} more findings are not annotated; see the log")
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _command(found: Diagnostic) -> str:
+    span = found.span
+    properties = {
+        "file": span.file,
+        "line": span.line,
+        "endLine": span.end_line,
+        "col": span.column,
+        "endColumn": span.end_column,
+        "title": found.code,
+    }
+    if span.end_line != span.line:  # GitHub refuses columns of a span of several lines
+        del properties["col"], properties["endColumn"]
+    shown = ",".join(f"{key}={_property(str(value))}" for key, value in properties.items())
+    text = f"{found.message}\n{found.help}" if found.help else found.message
+    return f"::{_COMMANDS[found.severity]} {shown}::{_data(text)}"
+
+
+def _data(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    return _data(text).replace(":", "%3A").replace(",", "%2C")

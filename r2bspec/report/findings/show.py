@@ -1,0 +1,26 @@
+"""Findings on a terminal, for every verb that reads a spec."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable, Mapping
+from typing import TextIO
+
+from r2bspec.diagnostics import Diagnostic
+from r2bspec.report.findings import text
+
+
+def show(
+    diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], stream: TextIO | None = None
+) -> None:
+    """Write findings as text to `stream`, standard error by default."""
+    target = sys.stderr if stream is None else stream
+    target.write(text.render(diagnostics, sources, colour=wants_colour(target)))
+    target.flush()
+
+
+def wants_colour(stream: TextIO) -> bool:
+    """Whether colour is welcome: on a terminal, unless NO_COLOR or CI say otherwise."""
+    silenced = os.environ.get("NO_COLOR") or os.environ.get("CI") == "true"
+    return stream.isatty() and not silenced and os.environ.get("TERM") != "dumb"

@@ -1,0 +1,77 @@
+"""From a run to its result, and the result as JSON.
+
+The same run gives the same bytes whenever and wherever it is judged: nothing in a result depends
+on the machine or the moment of judging.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import msgspec
+
+from r2bspec.measure.compute import summarise
+from r2bspec.measure.samples import read_samples
+from r2bspec.record.store import Run
+from r2bspec.report.model import ObjectiveText, Result
+from r2bspec.slo.judge import judge
+from r2bspec.spec.model import Objective
+
+
+def result_of(
+    run: Run, objectives: Mapping[str, Objective] | None = None, judged_by: str = ""
+) -> Result:
+    """Measure and judge a run.
+
+    Args:
+        run: the opened run.
+        objectives: what to judge it by; the run's own objectives if None.
+        judged_by: the name of the spec that `objectives` are from, where it is another.
+
+    Raises:
+        RecordError: a file of the run is missing or damaged.
+    """
+    samples = read_samples(run)
+    asked = run.plan.objectives if objectives is None else objectives
+    record, plan = run.record, run.plan
+    return Result(
+        name=plan.name,
+        title=plan.title,
+        labels=plan.labels,
+        run_id=record.run_id,
+        status=record.status,
+        reason=record.reason,
+        started_at=record.started_at,
+        ended_at=record.ended_at,
+        plan_hash=record.plan_hash,
+        dataset=record.dataset,
+        machine=record.machine,
+        versions=record.versions,
+        processes=record.processes,
+        spec=run.spec_text(),
+        judged_by=judged_by,
+        objectives={name: _text(objective) for name, objective in asked.items()},
+        metrics=summarise(samples),
+        verdict=judge(asked, samples),
+    )
+
+
+def to_json(result: Result) -> bytes:
+    """The content of ``result.json``: fields in the order of the types, two spaces, a newline."""
+    return msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n"
+
+
+def from_json(content: bytes) -> Result:
+    """Read what `to_json` wrote.
+
+    Raises:
+        msgspec.DecodeError: it is no result of this version.
+    """
+    return msgspec.json.decode(content, type=Result)
+
+
+def _text(objective: Objective) -> ObjectiveText:
+    return ObjectiveText(
+        at=str(objective.at) if objective.at is not None else "",
+        require=tuple(requirement.text for requirement in objective.require),
+    )

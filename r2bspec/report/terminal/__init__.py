@@ -1,0 +1,68 @@
+"""The report that a terminal shows at the end of a run: verdicts first, then what was measured."""
+
+from __future__ import annotations
+
+import io
+import sys
+from pathlib import Path
+
+from rich.console import Console
+
+from r2bspec.report.model import Result
+from r2bspec.report.result import to_json
+from r2bspec.report.terminal.load import load_section
+from r2bspec.report.terminal.monitors import monitor_sections
+from r2bspec.report.terminal.notes import header, notes_section, overall, search_section
+from r2bspec.report.terminal.verdicts import verdict_section
+
+_LEAST_WIDTH = 60
+"""Narrower terminals wrap; the tables do not shrink below this."""
+
+
+def show_result(result: Result, output_format: str, folder: Path | None = None) -> None:
+    """Write a result to standard output.
+
+    Args:
+        result: what to write.
+        output_format: ``text`` for the report, ``json`` for the content of ``result.json``.
+        folder: the run folder, where the report is to name it.
+    """
+    if output_format == "json":
+        sys.stdout.write(to_json(result).decode())
+    else:
+        print_report(result, folder, Console())
+
+
+def print_report(result: Result, folder: Path | None, console: Console) -> None:
+    """Print a result.
+
+    Args:
+        result: what to print.
+        folder: the run folder, which the last line names.
+        console: where to; it knows its width, and whether colours are wanted.
+    """
+    width = max(console.width, _LEAST_WIDTH)
+    sections = (
+        header(result),
+        verdict_section(result.verdict, width),
+        *monitor_sections(result.metrics, width),
+        load_section(result.metrics, width),
+        search_section(result.metrics.search),
+        notes_section(result),
+    )
+    for section in sections:
+        if section is not None:
+            console.print(section)
+            console.print()
+    console.print(overall(result.verdict))
+    if folder is not None:
+        # Unwrapped, so that it can be copied.
+        console.print(f"  {folder}", style="dim", soft_wrap=True, highlight=False, markup=False)
+
+
+def to_text(result: Result, folder: Path | None = None, width: int = 100) -> str:
+    """The report as plain text, without colours."""
+    buffer = io.StringIO()
+    console = Console(file=buffer, width=width, color_system=None, legacy_windows=False)
+    print_report(result, folder, console)
+    return buffer.getvalue()

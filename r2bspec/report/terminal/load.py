@@ -1,0 +1,62 @@
+"""What the run cost: how late the playback was, and the CPU and memory of each process."""
+
+from __future__ import annotations
+
+from rich.console import Group, RenderableType
+
+from r2bspec.measure.model import RateMetrics, RunMetrics, UseMetrics
+from r2bspec.measure.units import show, significant
+from r2bspec.report.terminal.style import heading, table
+
+_NAME_WIDTH = 24
+_MEMORY_WIDTH = 12
+_RATE_WIDTH = 20
+
+
+def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
+    """A table with a line for each process and a column for each rate; None without rates."""
+    rates = metrics.rates
+    if not rates:
+        return None
+    # Many rates are spread over several tables, one below the other.
+    across = max(1, (width - _NAME_WIDTH - _MEMORY_WIDTH) // _RATE_WIDTH)
+    return Group(*(_table(rates[start : start + across]) for start in range(0, len(rates), across)))
+
+
+def _table(rates: tuple[RateMetrics, ...]) -> RenderableType:
+    made = table(
+        ["process", *(show(rate.offered_hz, "Hz") for rate in rates), "memory"],
+        heading("load", "CPU mean (max), where 100 % is one core"),
+    )
+    names = dict.fromkeys(name for rate in rates for name in rate.pooled.processes)
+    for name in names:
+        uses = [rate.pooled.processes.get(name) for rate in rates]
+        made.add_row(name, *map(_cpu, uses), _memory(uses))
+    machine = [rate.pooled.machine for rate in rates]
+    if any(machine):
+        made.add_row("whole machine", *map(_cpu, machine), _memory(machine))
+    made.add_row("playback late p99 (max)", *map(_lateness, rates), "")
+    return made
+
+
+def _cpu(use: UseMetrics | None) -> str:
+    if use is None or use.cpu_mean is None or use.cpu_max is None:
+        return "-"
+    return f"{_percent(use.cpu_mean)} ({_percent(use.cpu_max)}) %"
+
+
+def _percent(share: float) -> str:
+    """Whole percents from 10 on: processor time is accounted no finer."""
+    return significant(share * 100, 2) if share < 0.1 else f"{share * 100:.0f}"
+
+
+def _memory(uses: list[UseMetrics | None]) -> str:
+    known = [
+        use.memory_max_bytes for use in uses if use is not None and use.memory_max_bytes is not None
+    ]
+    return show(float(max(known)), "B") if known else "-"
+
+
+def _lateness(rate: RateMetrics) -> str:
+    late = rate.pooled.playback.lateness
+    return f"{show(late.p99, 's')} ({show(late.max, 's')})"

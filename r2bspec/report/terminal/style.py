@@ -1,0 +1,48 @@
+"""How outcomes look, and the frame that all tables of the report share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.table import Table
+from rich.text import Text
+
+from r2bspec.slo.model import OverallOutcome
+
+OUTCOMES: dict[OverallOutcome, tuple[str, str]] = {
+    "pass": ("✔ PASS", "bold green"),
+    "fail": ("✘ FAIL", "bold red"),
+    "inconclusive": ("? INCONCLUSIVE", "bold yellow"),
+    "invalid": ("! INVALID", "bold magenta"),
+    "incomplete": ("! INCOMPLETE", "bold magenta"),
+}
+"""The word and the style of each outcome: never told by colour alone."""
+
+QUIET = "dim"
+
+
+def outcome_text(outcome: OverallOutcome) -> Text:
+    """An outcome as a word with its mark and colour."""
+    word, style = OUTCOMES[outcome]
+    return Text(word, style=style)
+
+
+def heading(text: str, aside: str = "") -> Text:
+    """A section's heading, with an aside in a lower voice."""
+    return Text.assemble((text, "bold"), (f"  {aside}" if aside else "", QUIET))
+
+
+def table(columns: Sequence[str], title: Text) -> Table:
+    """A table whose first column is a name and whose others are numbers, under a heading."""
+    made = Table(
+        box=None,
+        title=title,
+        title_justify="left",
+        title_style="",
+        pad_edge=False,
+        padding=(0, 2, 0, 0),
+        header_style=QUIET,
+    )
+    for number, name in enumerate(columns):
+        made.add_column(name, justify="left" if number == 0 else "right", no_wrap=True)
+    return made

@@ -1,0 +1,55 @@
+"""Whether the playback kept its own schedule. Where it did not, the graph was not tested.
+
+A graph that is offered too little, or offered its load in bursts that nobody asked for, is neither
+slow nor fast: it was asked another question. What is measured at such a rate is unusable. The
+criterion looks at all complete iterations of a rate together, so that one hiccup of a shared
+machine in ten iterations does not spoil them:
+
+    rate        less than 98 % of the offered rate was published
+    lateness    more than 1 % of the publications began later than half a period after they were
+                due, or later than 5 ms where half a period is less than that
+
+Half a period is where a publication comes closer to its successor's time than to its own. 1 % is
+the share of messages that a p99 objective turns on. 5 ms is what a busy but usable machine may
+take to wake a process; at rates above 100 Hz half a period would be finer than that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from r2bspec.measure.percentiles import percentile
+from r2bspec.measure.pooling import pool_playback
+from r2bspec.measure.samples import SegmentSamples
+from r2bspec.measure.units import show
+
+LEAST_RATE = 0.98
+LATE_QUANTILE = 0.99
+LATE_PERIODS = 0.5
+LATE_FLOOR_S = 0.005
+
+REMEDY = "Run again on a quieter or faster machine, or offer a lower rate."
+
+
+def off_schedule(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str:
+    """Why the iterations at a rate are unusable, in one sentence; empty if they are not.
+
+    Args:
+        offered_hz: the rate that was asked for.
+        iterations: all complete iterations at it, at least one.
+    """
+    played = pool_playback([one.playback for one in iterations])
+    # One publication has no rate: it is neither early nor late.
+    if played.sent > len(iterations) and played.rate_hz < LEAST_RATE * offered_hz:
+        return (
+            f"The playback reached only {show(played.rate_hz, 'Hz')} of the offered "
+            f"{show(offered_hz, 'Hz')}."
+        )
+    late_s = percentile(played.lateness, LATE_QUANTILE)
+    allowed_s = max(LATE_PERIODS / offered_hz, LATE_FLOOR_S)
+    if late_s is not None and late_s > allowed_s:
+        return (
+            f"More than 1 % of the publications began over {show(allowed_s, 's')} after they "
+            f"were due (p99 {show(late_s, 's')})."
+        )
+    return ""

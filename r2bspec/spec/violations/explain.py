@@ -1,0 +1,100 @@
+"""From violations of the strict schema to diagnostics: one for each mistake.
+
+JSON Schema reports what a value violates; one mistake may violate much. What is left out here:
+everything about a value that is not known, because a variable or an alias failed; and a key that
+is missing where its misspelt form has been reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from r2bspec.diagnostics import Diagnostic, Path
+from r2bspec.spec.schema.build import KIND
+from r2bspec.spec.source import Source
+from r2bspec.spec.tree import MapNode, TreeNode, UnknownNode, lookup, to_plain
+from r2bspec.spec.validator import schema_errors
+from r2bspec.spec.violations.keys import misnamed, missing_keys, name_forgotten, unknown_keys
+from r2bspec.spec.violations.model import Violation
+from r2bspec.spec.violations.values import (
+    not_a_choice,
+    not_of_kind,
+    not_of_pattern,
+    not_of_type,
+    not_this_version,
+    too_few,
+    too_small,
+)
+
+if TYPE_CHECKING:
+    from jsonschema.exceptions import ValidationError
+
+_EXPLANATIONS: dict[str, Callable[[Violation], Diagnostic]] = {
+    "type": not_of_type,
+    "enum": not_a_choice,
+    "const": not_this_version,
+    "pattern": not_of_pattern,
+    "minimum": too_small,
+    "minLength": too_few,
+    "minItems": too_few,
+    "minProperties": too_few,
+    "propertyNames": misnamed,
+    KIND: not_of_kind,
+}
+
+
+def explain_violations(root: TreeNode, sources: Mapping[str, Source]) -> list[Diagnostic]:
+    """Judge the document by the strict schema, in words."""
+    all_violations = [_violation(error, root, sources) for error in schema_errors(to_plain(root))]
+    violations = [one for one in all_violations if not _unknown(one)]
+    found: list[Diagnostic] = []
+    unnamed = list(name_forgotten(violations))
+    found += (diagnostic for _, diagnostic in unnamed)
+    explained = {path for path, _ in unnamed}
+    renamed: set[Path] = set()
+    for one in violations:
+        if one.keyword == "additionalProperties" and one.path not in explained:
+            for diagnostic, meant in unknown_keys(one):
+                found.append(diagnostic)
+                renamed |= {(*one.path, key) for key in meant}
+    found += missing_keys([one for one in violations if one.keyword == "required"], renamed)
+    for one in violations:
+        explanation = _EXPLANATIONS.get(one.keyword)
+        if explanation is not None and not _below(one.path, explained):
+            found.append(explanation(one))
+    return list(_once(found))
+
+
+def _violation(error: ValidationError, root: TreeNode, sources: Mapping[str, Source]) -> Violation:
+    keyword, limit = str(error.validator), error.validator_value
+    way = list(error.absolute_schema_path)
+    if way[-2:-1] == ["propertyNames"]:
+        keyword = "propertyNames"
+    schema = error.schema if isinstance(error.schema, dict) else {}
+    return Violation(
+        tuple(error.absolute_path), keyword, limit, error.instance, schema, root, sources
+    )
+
+
+def _unknown(violation: Violation) -> bool:
+    """Whether the violation is about a value, or a key, whose text is not known."""
+    if violation.keyword == "propertyNames":
+        owner = lookup(violation.root, violation.path)
+        entry = owner.entries.get(violation.value) if isinstance(owner, MapNode) else None
+        return entry is not None and not entry.known
+    return isinstance(violation.node, UnknownNode)
+
+
+def _below(path: Path, explained: set[Path]) -> bool:
+    """Whether the path leads to or into something that has been explained as a whole."""
+    return any(path[:length] in explained for length in range(len(path) + 1))
+
+
+def _once(found: list[Diagnostic]) -> Iterator[Diagnostic]:
+    """Without the echoes of an anchored value that is used in several places."""
+    seen = set()
+    for one in found:
+        if (one.code, one.span) not in seen:
+            seen.add((one.code, one.span))
+            yield one

@@ -1,0 +1,222 @@
+"""Run folders of runs that never happened: latencies, losses and orders are given, not measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.plan.canonical import canonical_json, plan_hash
+from r2bspec.plan.model import DatasetPlan, MonitorPlan, Plan
+from r2bspec.record.arrays import MONITOR, PLAYBACK, RESOURCES, Rows
+from r2bspec.record.model import Probe, ProcessRecord, RunRecord, SearchRecord, Segment
+from r2bspec.record.store import Run, RunFolder, open_run
+from r2bspec.spec.model import Objective
+from r2bspec.spec.quantities import Rate
+from r2bspec.spec.requirement import parse_requirement
+
+EPOCH_NS = 5_000_000_000_000_000
+"""Weeks of uptime: where float64 could no longer tell one nanosecond from the next."""
+
+STAMP_NS = 1_800_000_000_000_000_000
+
+
+@dataclass(frozen=True)
+class Played:
+    """One segment: a latency in seconds for each step (NaN: lost), and what went wrong.
+
+    Attributes:
+        late: how late each publication began, in seconds; on time by default.
+        twice: steps whose output arrives again, 1 ms later.
+        strangers: messages that carry the stamp of no step.
+        silent: monitors that received nothing.
+    """
+
+    rate_hz: float
+    latency: Sequence[float] | NDArray[np.float64]
+    late: Sequence[float] | NDArray[np.float64] = ()
+    twice: tuple[int, ...] = ()
+    strangers: int = 0
+    silent: tuple[str, ...] = ()
+    kind: Literal["warm_up", "probe", "sustained", "iteration"] = "iteration"
+    complete: bool = True
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A run to be written; see `RunRecord` for most of the fields."""
+
+    segments: Sequence[Played] = ()
+    objectives: Mapping[str, Objective] = field(default_factory=dict)
+    monitors: tuple[str, ...] = ("detections",)
+    match: Literal["stamp", "order"] = "stamp"
+    search: SearchRecord | None = None
+    sustained: tuple[Probe, ...] = ()
+    status: Literal["complete", "incomplete", "invalid"] = "complete"
+    reason: str = ""
+    cpu: Mapping[str, float] = field(default_factory=lambda: {"player": 0.1, "apriltag": 0.5})
+
+    def write(self, path: Path) -> Run:
+        """Write the run folder, and open it."""
+        folder = RunFolder.create(path)
+        plan = self.plan()
+        folder.write_plan(canonical_json(plan).decode())
+        folder.write_spec("r2bspec: 1\nname: simulated\n")
+        segments: list[Segment] = []
+        start_ns = EPOCH_NS
+        counts: dict[str, int] = {}
+        for played in self.segments:
+            counts[played.kind] = counts.get(played.kind, 0) + 1
+            segment_id = f"{played.kind}-{len(segments) + 1:03d}"
+            playback = playback_rows(played, start_ns)
+            folder.write_playback(segment_id, playback)
+            for name in self.monitors:
+                rows = monitor_rows(played, playback)
+                folder.write_monitor(segment_id, name, rows[:0] if name in played.silent else rows)
+            ended_ns = start_ns + round(len(played.latency) * 1e9 / played.rate_hz)
+            segments.append(
+                Segment(
+                    id=segment_id,
+                    kind=played.kind,
+                    rate_hz=played.rate_hz,
+                    index=counts[played.kind],
+                    steps=len(played.latency),
+                    began_ns=start_ns,
+                    ended_ns=ended_ns,
+                    complete=played.complete,
+                )
+            )
+            start_ns = ended_ns + 500_000_000
+        folder.write_resources(self._resources(start_ns))
+        folder.write_record(self._record(plan, tuple(segments)))
+        return open_run(path)
+
+    def plan(self) -> Plan:
+        """The plan of the run, as far as measuring and judging read it."""
+        return Plan(
+            generator="r2bspec 0",
+            name="simulated",
+            title="A simulated run",
+            description="",
+            labels={},
+            namespace="r2b",
+            environment=(),
+            transport="shared_memory",
+            largest_message_bytes=100,
+            dataset=DatasetPlan(
+                source="r2b_storage",
+                kind="synthetic",
+                sha256="0" * 64,
+                start_ns=0,
+                end_ns=None,
+                topics=(),
+            ),
+            processes=(),
+            topics=(),
+            playback_mode="looping",
+            buffer=0,
+            inputs=(),
+            monitors=tuple(
+                MonitorPlan(
+                    name=name,
+                    topic=f"/r2b/{name}",
+                    type="std_msgs/msg/Header",
+                    match=self.match,
+                    qos=None,
+                )
+                for name in self.monitors
+            ),
+            phases=("load", "start", "play", "collect"),
+            warm_up_ns=10**9,
+            start_timeout_ns=10**9,
+            search=None,
+            sustained_hz=(),
+            play=(),
+            objectives=dict(self.objectives),
+        )
+
+    def _record(self, plan: Plan, segments: tuple[Segment, ...]) -> RunRecord:
+        return RunRecord(
+            run_id="0123456789abcdef",
+            plan_hash=plan_hash(plan),
+            started_at="2026-01-01T00:00:00+00:00",
+            ended_at="2026-01-01T00:01:00+00:00",
+            status=self.status,
+            reason=self.reason,
+            dataset={"source": "r2b_storage", "sha256": "0" * 64},
+            machine={"cpu": "a simulated processor", "cores": 2},
+            versions={"r2bspec": "0.0.0"},
+            processes=tuple(
+                ProcessRecord(name=name, role="host", pid=number + 100, exit_code=0)
+                for number, name in enumerate(self.cpu)
+            ),
+            segments=segments,
+            search=self.search,
+            sustained=self.sustained,
+            events=((EPOCH_NS, "start"),),
+        )
+
+    def _resources(self, end_ns: int) -> Rows:
+        times = np.arange(EPOCH_NS - 10**9, end_ns + 10**9, 200_000_000, dtype=np.int64)
+        loads = [(-1, sum(self.cpu.values()) + 0.05), *enumerate(self.cpu.values())]
+        rows = np.zeros(times.size * len(loads), RESOURCES)
+        rows["time_ns"] = np.repeat(times, len(loads))
+        rows["process"] = np.tile([number for number, _ in loads], times.size)
+        rows["cpu_s"] = np.tile([load for _, load in loads], times.size) * (
+            (rows["time_ns"] - times[0]) / 1e9
+        )
+        rows["memory_bytes"] = (np.tile(range(len(loads)), times.size) + 1) * 50 * 2**20
+        return rows
+
+
+def playback_rows(played: Played, start_ns: int = EPOCH_NS) -> Rows:
+    """What the player would have written."""
+    steps = np.arange(len(played.latency))
+    rows = np.zeros(steps.size, PLAYBACK)
+    rows["due_ns"] = start_ns + np.round(steps * 1e9 / played.rate_hz).astype(np.int64)
+    late = np.asarray(played.late if len(played.late) else np.zeros(steps.size))
+    rows["published_ns"] = rows["due_ns"] + np.round(late * 1e9).astype(np.int64)
+    rows["done_ns"] = rows["published_ns"] + 10_000
+    rows["stamp_ns"] = STAMP_NS + (rows["published_ns"] - EPOCH_NS)
+    return rows
+
+
+def monitor_rows(played: Played, playback: Rows) -> Rows:
+    """What a monitor would have written, in the order of arrival."""
+    latency = np.asarray(played.latency, dtype=np.float64)
+    arrived = np.flatnonzero(~np.isnan(latency))
+    steps = np.concatenate((arrived, np.asarray(played.twice, dtype=np.int64)))
+    extra = np.concatenate((np.zeros(arrived.size), np.full(len(played.twice), 0.001)))
+    rows = np.zeros(steps.size + played.strangers, MONITOR)
+    rows["stamp_ns"][: steps.size] = playback["stamp_ns"][steps]
+    rows["received_ns"][: steps.size] = playback["published_ns"][steps] + np.round(
+        (latency[steps] + extra) * 1e9
+    ).astype(np.int64)
+    rows["stamp_ns"][steps.size :] = 7
+    rows["received_ns"][steps.size :] = playback["published_ns"][0] if playback.size else 0
+    rows["taken_ns"] = rows["received_ns"] + 50_000
+    rows["bytes"] = 100
+    return rows[np.argsort(rows["received_ns"], kind="stable")]
+
+
+def objective(*requirements: str, at: str = "30 Hz") -> Objective:
+    """An objective from texts; `at` empty for the search as a whole."""
+    return Objective(
+        at=Rate.parse(at) if at else None,
+        require=tuple(parse_requirement(text) for text in requirements),
+    )
+
+
+def probe(rate_hz: float, *, holds: bool, reason: str = "delivered as offered") -> Probe:
+    """One probe of a search."""
+    return Probe(
+        segment="probe-001",
+        rate_hz=rate_hz,
+        delivered_hz=rate_hz if holds else rate_hz * 0.8,
+        holds=holds,
+        reason=reason,
+    )

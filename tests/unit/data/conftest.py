@@ -1,0 +1,35 @@
+"""What several test modules of this folder share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from r2bspec.data.model import MadeDataset, Window
+from r2bspec.data.synthesis import make
+
+# Two frames of each camera, one turn of the lidar, ten readings of the IMU.
+WINDOW = Window(start_ns=0, end_ns=50_000_000)
+
+
+@pytest.fixture(scope="session")
+def storage_room(tmp_path_factory: pytest.TempPathFactory) -> MadeDataset:
+    """A short stretch of r2b_storage with every topic."""
+    return make("r2b_storage", None, WINDOW, cache_dir=tmp_path_factory.mktemp("datasets"))
+
+
+@pytest.fixture
+def real_bags() -> Path:
+    """Folder of recordings that others made."""
+    folder = os.environ.get("R2BSPEC_TEST_BAGS", "")
+    if not folder:
+        pytest.skip("R2BSPEC_TEST_BAGS names no folder")
+    return Path(folder)
+
+
+@pytest.fixture(autouse=True)
+def no_real_datasets(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tester's own datasets must not change what names mean."""
+    monkeypatch.delenv("R2B_DATASETS", raising=False)
