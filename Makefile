@@ -7,8 +7,8 @@ BIN := $(VENV)/bin
 
 # With ROS sourced the environment sees its packages, and the wheels stay out.
 HAVE_ROS := $(shell $(PYTHON) -c "import rclpy" 2>/dev/null && echo yes)
-EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision)
 comma := ,
+EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision)
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test install install-dev lint types imports unit ros clean

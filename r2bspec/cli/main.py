@@ -33,7 +33,7 @@ class _Verbs(click.Group):
     def list_commands(self, _ctx: click.Context) -> list[str]:
         return list(_VERBS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+    def get_command(self, _ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _VERBS:
             return None
         module = importlib.import_module(f"r2bspec.cli.{cmd_name}")
@@ -53,8 +53,7 @@ class _Verbs(click.Group):
             )
         return super().resolve_command(ctx, args)
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        del ctx
+    def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Verbs"):
             formatter.write_dl(list(_VERBS.items()))
 
@@ -62,7 +61,7 @@ class _Verbs(click.Group):
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, "-V", "--version", message="r2bspec %(version)s")
 def command() -> None:
-    """State, run and gate performance benchmarks of ROS 2 graphs.
+    r"""State, run and gate performance benchmarks of ROS 2 graphs.
 
     \b
     Exit status: 0 holds, 1 findings or a failed SLO, 2 wrong usage or input,
@@ -98,8 +97,6 @@ def _show(error: R2bspecError) -> None:
     """Print an error as a line and a hint."""
     colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
     label = f"error[{error.code}]"
-    click.echo(
-        f"{click.style(label, fg='red', bold=True) if colour else label}: {error}", err=True
-    )
+    click.echo(f"{click.style(label, fg='red', bold=True) if colour else label}: {error}", err=True)
     if error.hint:
         click.echo(f"  help: {error.hint}", err=True)

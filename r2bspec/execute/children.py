@@ -97,9 +97,7 @@ class Child:
 class Children:
     """All processes of a run, and the watchdog that ends them should the controller be killed."""
 
-    def __init__(
-        self, run_id: str, scratch: Path, check_interrupt: Callable[[], None]
-    ) -> None:
+    def __init__(self, run_id: str, scratch: Path, check_interrupt: Callable[[], None]) -> None:
         self._run_id = run_id
         self._check_interrupt = check_interrupt
         self._selector = selectors.DefaultSelector()
@@ -264,9 +262,7 @@ class Children:
         """End everything, and leave nothing behind. Returns the names of what had to be killed."""
         self.end(list(self._living.values()))
         sessions = [child.pid for child in self._all]
-        killed = clean_up(
-            self._run_id, sessions, grace_s=_GRACE_S, since_s=self._began_s - 1.0
-        )
+        killed = clean_up(self._run_id, sessions, grace_s=_GRACE_S, since_s=self._began_s - 1.0)
         self._tell_watchdog("done\n")
         with contextlib.suppress(OSError):
             if self._watchdog.stdin is not None:

@@ -33,7 +33,7 @@ from r2bspec.harness import protocol
 from r2bspec.harness.buffers import largest_message_bytes, read_index
 from r2bspec.plan.canonical import canonical_json, plan_hash
 from r2bspec.plan.model import Plan
-from r2bspec.record.model import Probe, RunRecord, SearchRecord
+from r2bspec.record.model import Probe, RunRecord
 from r2bspec.record.store import RunFolder
 
 _PHASE = "measure"

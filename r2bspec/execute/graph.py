@@ -70,7 +70,9 @@ class Launcher:
         plans = list(plans)
         children = [self.start(plan) for plan in plans]
         hosts = [
-            (child, plan) for child, plan in zip(children, plans, strict=True) if plan.role == "host"
+            (child, plan)
+            for child, plan in zip(children, plans, strict=True)
+            if plan.role == "host"
         ]
         for child, plan in hosts:
             child.send(protocol.ConfigureHost(nodes=plan.nodes, base_dir=str(self._base_dir)))

@@ -38,7 +38,9 @@ Watch = Callable[["Observed", float], bool]
 class Observed:
     """The samples of one segment, all there is at the moment they were read."""
 
-    def __init__(self, playback: Rows, monitors: dict[str, Rows], plans: tuple[MonitorPlan, ...]) -> None:
+    def __init__(
+        self, playback: Rows, monitors: dict[str, Rows], plans: tuple[MonitorPlan, ...]
+    ) -> None:
         self.playback = playback
         self.monitors = monitors
         self.now_ns = time.monotonic_ns()
@@ -134,9 +136,7 @@ class Stage:
         monitors = {name: rows.read(first[name]) for name, rows in self._monitors.items()}
         return Observed(self._playback.read(first[""]), monitors, self._plans)
 
-    def _play(
-        self, rate_hz: float, steps: int, first: dict[str, int], watch: Watch | None
-    ) -> int:
+    def _play(self, rate_hz: float, steps: int, first: dict[str, int], watch: Watch | None) -> int:
         begin = time.monotonic()
         deadline = begin + steps / rate_hz * 1.5 + _PLAYER_SLACK_S
         next_watch = begin + _WATCH_S
@@ -164,9 +164,7 @@ class Stage:
 
     def _report(self, first: dict[str, int]) -> None:
         counts = self._counts()
-        received = min(
-            (counts[name] - first[name] for name in self._monitors), default=0
-        )
+        received = min((counts[name] - first[name] for name in self._monitors), default=0)
         self._progress.playing(counts[""] - first[""], received)
 
     def _drain(self, first: dict[str, int], played: int) -> None:
@@ -217,4 +215,3 @@ class Stage:
             )
         )
         self._on_segment()
-

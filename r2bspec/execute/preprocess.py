@@ -34,9 +34,7 @@ def preprocess(
     consumed = {
         each.name for each in plan.topics if each.phase == _PHASE and set(each.readers) - {"loader"}
     }
-    sources = {
-        each.topic: each.type for each in plan.dataset.topics if each.topic in consumed
-    }
+    sources = {each.topic: each.type for each in plan.dataset.topics if each.topic in consumed}
     loader = launcher.start(next(each for each in processes if each.role == "loader"))
     launcher.configure(
         loader,

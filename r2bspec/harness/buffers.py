@@ -31,7 +31,7 @@ def buffer_path(folder: Path, topic: str, suffix: str) -> Path:
 
 
 class BufferWriter:
-    """Appends messages to a buffer. The index is written by `close`, so its presence means whole."""
+    """Appends messages to a buffer. `close` writes the index, so its presence means whole."""
 
     def __init__(self, folder: Path, topic: str, type_name: str, *, has_header: bool) -> None:
         self._index_path = buffer_path(folder, topic, "json")

@@ -20,6 +20,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 
 from r2bspec.harness import protocol
 from r2bspec.harness.channel import Channel, ChannelClosedError
@@ -146,9 +147,7 @@ class Host:
                 endpoints=tuple(each for found in self._found for each in found.endpoints),
                 undeclared=tuple(each for found in self._found for each in found.undeclared),
                 parameters={
-                    name: names
-                    for found in self._found
-                    for name, names in found.parameters.items()
+                    name: names for found in self._found for name, names in found.parameters.items()
                 },
             )
         )
@@ -171,5 +170,4 @@ class Host:
         with contextlib.suppress(ChannelClosedError):
             while not isinstance(self._channel.receive(), protocol.Shutdown):
                 pass
-        rclpy.try_shutdown()
-
+        try_shutdown()

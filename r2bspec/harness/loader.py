@@ -10,6 +10,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+from rclpy.node import Node
+
 from r2bspec.harness import buffers, protocol, ros
 from r2bspec.harness.channel import Channel
 from r2bspec.harness.monitor import discover
@@ -25,7 +27,7 @@ _DEFAULT_QOS = QoS()
 class _Recording:
     """One recorded topic."""
 
-    def __init__(self, node: ros.Node, topic: str, type_name: str, folder: Path) -> None:
+    def __init__(self, node: Node, topic: str, type_name: str, folder: Path) -> None:
         self.topic = topic
         self._stamped = ros.begins_with_header(type_name)
         self._buffer = buffers.BufferWriter(folder, topic, type_name, has_header=self._stamped)

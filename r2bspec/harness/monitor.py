@@ -14,6 +14,9 @@ import threading
 import time
 from pathlib import Path
 
+from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
 from r2bspec.harness import protocol, ros
 from r2bspec.harness.channel import Channel, ChannelClosedError
 from r2bspec.harness.rows import RowWriter
@@ -127,16 +130,16 @@ class Monitor:
         return counts
 
 
-def discover(node: ros.Node, topics: tuple[str, ...]) -> protocol.Discovered:
+def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
     """Which endpoints discovery shows on these topics, those of the harness included."""
 
-    def described(infos: list[object]) -> tuple[protocol.Endpoint, ...]:
+    def described(infos: list[TopicEndpointInfo]) -> tuple[protocol.Endpoint, ...]:
         return tuple(
             protocol.Endpoint(
-                node=f"{info.node_namespace.rstrip('/')}/{info.node_name}",  # type: ignore[attr-defined]
-                type=info.topic_type,  # type: ignore[attr-defined]
-                reliability=info.qos_profile.reliability.name.lower(),  # type: ignore[attr-defined]
-                durability=info.qos_profile.durability.name.lower(),  # type: ignore[attr-defined]
+                node=f"{info.node_namespace.rstrip('/')}/{info.node_name}",
+                type=info.topic_type,
+                reliability=info.qos_profile.reliability.name.lower(),
+                durability=info.qos_profile.durability.name.lower(),
             )
             for info in infos
         )

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 
 SPIN_NS = 150_000
-"""How much of the wait is spun: longer than a sleep usually oversleeps, short enough to be cheap."""
+"""How much of a wait is spun: more than a sleep mostly oversleeps, yet cheap."""
 
 
 def wait_until(due_ns: int, sleep: Callable[[float], bool]) -> bool:

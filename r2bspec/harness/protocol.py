@@ -170,8 +170,8 @@ class Failed(_Message, frozen=True, kw_only=True, tag=True):
 
 Reply = Ready | Matched | Discovered | Loaded | Played | Failed
 
-_COMMANDS = msgspec.json.Decoder(Command)
-_REPLIES = msgspec.json.Decoder(Reply)
+_COMMANDS: msgspec.json.Decoder[Command] = msgspec.json.Decoder(Command)
+_REPLIES: msgspec.json.Decoder[Reply] = msgspec.json.Decoder(Reply)
 
 
 def encode(message: Any) -> bytes:

@@ -11,6 +11,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _impleme
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 
 from r2bspec.spec.model import QoS
 
@@ -144,7 +145,7 @@ class WaitLoop:
         self._guard.trigger_guard_condition()
 
     def wait(self, timeout_s: float) -> list[int]:
-        """Wait for messages, at most `timeout_s` seconds; the positions of readers that have some."""
+        """Wait at most `timeout_s` seconds; returns the positions of readers with messages."""
         if self._set is None:
             self._set = _implementation.WaitSet(
                 len(self._readers), 1, 0, 0, 0, 0, self._node.context.handle
@@ -185,4 +186,4 @@ def finish() -> None:
             node.destroy_node()
     _started.clear()
     with contextlib.suppress(Exception):
-        rclpy.try_shutdown()
+        try_shutdown()

@@ -12,7 +12,7 @@ import mmap
 import os
 import struct
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import numpy as np
@@ -77,7 +77,7 @@ class RowReader:
             return 0
         return int(_COUNT.unpack(head)[0]) if len(head) == _COUNT.size else 0
 
-    def read(self, start: int = 0, stop: int | None = None) -> NDArray[np.void[Any]]:
+    def read(self, start: int = 0, stop: int | None = None) -> NDArray[np.void]:
         """Copy the rows from `start` up to `stop`, or up to the last complete one."""
         import numpy as np
 

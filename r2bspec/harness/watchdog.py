@@ -2,9 +2,9 @@
 
 It reads lines from standard input: ``session N`` for every session that the controller opens, and
 ``done`` when the controller has cleaned up itself. When the input ends without ``done``, the
-controller has been killed, and the watchdog does its work: it ends every process of the run and
-removes their shared memory and the run's scratch folder. It runs in a session of its own, so that no signal that is meant for
-the controller's terminal or process group reaches it.
+controller has been killed, and the watchdog does its work: it ends every process of the run, and
+removes their shared memory and the run's scratch folder. It runs in a session of its own, so that
+no signal that is meant for the controller's terminal or process group reaches it.
 """
 
 from __future__ import annotations

@@ -40,7 +40,8 @@ class MetricInfo:
     Attributes:
         name: the dotted name without a monitor, such as ``latency.p99``.
         unit: the unit that values are kept in: ``s``, ``Hz``, ``B``, ``share`` (a fraction; of
-            processor time, one core is 1), ``count``, or empty for none.
+            processor time, one core is 1), ``count``, or empty for none. That
+            of ``sustained``, which has no bound, is the unit of what came out.
         quantile: for percentiles, the fraction of messages at or below; otherwise None.
         process: the process that the name names, for scope ``process``.
     """
@@ -148,7 +149,10 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
     _info("cpu.system.max", "machine", "share", "observation", "the same, busiest sample"),
     _info("memory.system.max", "machine", "size", "observation", "most memory in use"),
     _info("peak.rate", "search", "rate", "search", "highest rate that held"),
-    _info("sustained", "probe", "none", "sequential", "whether the offered rate is kept up"),
+    replace(
+        _info("sustained", "probe", "none", "sequential", "whether the offered rate is kept up"),
+        unit="Hz",
+    ),
 )
 
 METRICS: dict[str, MetricInfo] = {info.name: info for info in _CATALOGUE}

@@ -8,13 +8,14 @@ _TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 _SIZES = ((2.0**40, "TiB"), (2.0**30, "GiB"), (2.0**20, "MiB"), (2.0**10, "KiB"))
 
 
-def show(value: float | None, unit: str) -> str:
+def show(value: float | None, unit: str, digits: int = 3) -> str:
     """Write a value with its unit: ``12.3 ms``, ``29.98 Hz``, ``0.47 %``, ``64 MiB``, ``3,000``.
 
     Args:
         value: in the catalogue's unit; None is ``-``, and infinity is ``lost`` for a time,
             because it stands for a message that never came.
         unit: ``s``, ``Hz``, ``share``, ``B``, ``count``, or empty.
+        digits: significant digits; a rate gets one more, and a count all it has.
     """
     if value is None:
         return "-"
@@ -22,31 +23,23 @@ def show(value: float | None, unit: str) -> str:
         return "lost" if unit == "s" and value > 0 else ("∞" if value > 0 else "-∞")
     match unit:
         case "s":
-            return _scaled(value, _TIMES)
+            return _scaled(value, _TIMES, digits)
         case "B":
-            return _scaled(value, _SIZES) if abs(value) >= 2**10 else f"{value:.0f} B"
+            return _scaled(value, _SIZES, digits) if abs(value) >= 2**10 else f"{value:.0f} B"
         case "Hz":
-            return f"{significant(value, 4)} Hz"
+            return f"{significant(value, digits + 1)} Hz"
         case "share":
-            return f"{significant(value * 100)} %"
+            return f"{significant(value * 100, digits)} %"
         case "count":
             return f"{value:,.0f}"
-    return significant(value)
+    return significant(value, digits)
 
 
 def show_range(low: float, high: float, unit: str) -> str:
-    """Write a range with its unit once, that of the larger end: ``11.2-12.9 ms``.
-
-    Both ends get as many decimals as the smaller one needs for three significant digits, and no
-    more than the larger one has in `show`.
-    """
+    """Write a range with its unit once, that of the larger end: ``11.2–12.9 ms``."""
     text = show(high, unit)
     number, _, name = text.partition(" ")
-    scale = _scale(unit, name)
-    decimals = len(number.partition(".")[2])
-    shown = significant(low / scale)
-    if len(shown.partition(".")[2]) > decimals:
-        shown = f"{low / scale:,.{decimals}f}"
+    shown = significant(low / _scale(unit, name), 4 if unit == "Hz" else 3)
     return f"{shown}–{text}" if shown != number else text
 
 
@@ -58,15 +51,15 @@ def _scale(unit: str, name: str) -> float:
     return known.get(name, 1.0) if unit in {"s", "B"} else 1.0
 
 
-def _scaled(value: float, scales: tuple[tuple[float, str], ...]) -> str:
+def _scaled(value: float, scales: tuple[tuple[float, str], ...], digits: int) -> str:
     if value == 0:
         return f"0 {scales[0][1]}"
     for scale, name in scales:
         # Decided on the rounded number, so that 999.7 ms becomes 1 s and not 1,000 ms.
-        if abs(float(f"{value / scale:.3g}")) >= 1:
-            return f"{significant(value / scale)} {name}"
+        if abs(float(f"{value / scale:.{digits}g}")) >= 1:
+            return f"{significant(value / scale, digits)} {name}"
     scale, name = scales[-1]
-    return f"{significant(value / scale)} {name}"
+    return f"{significant(value / scale, digits)} {name}"
 
 
 def significant(value: float, digits: int = 3) -> str:

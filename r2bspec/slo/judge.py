@@ -102,7 +102,9 @@ def _judge(
         return
     bound = requirement.bound
     if bound is not None and not info.accepts(bound):
-        message = f"{info.name} is a {info.dimension}, and its bound is a {bound.dimension}"
+        message = (
+            f"the metric {info.name} is a {info.dimension}, but its bound is a {bound.dimension}"
+        )
         yield _no_such_metric(name, requirement, at_hz, message, "")
         return
     everywhere = info.scope == "monitor" and monitor is None

@@ -25,10 +25,10 @@ def share_sentence(question: Question, test: ShareTest, outcome: Outcome) -> str
     """How many were on the wrong side, what that proves, and how many may be."""
     seen = (
         f"{show(test.over, 'count')} of {show(test.n, 'count')} {things(question)} "
-        f"({show(test.share, 'share')}) {_wrong_side(question, test)}"
+        f"({_percent(test.share)}) {_wrong_side(question, test)}"
     )
-    lower, upper = show(test.lower, "share"), show(test.upper, "share")
-    allowed = show(test.allowed, "share")
+    lower, upper = _percent(test.lower), _percent(test.upper)
+    allowed = show(test.allowed, "share", 6)
     # A floor on a share (drop_rate > x) wants many; every other requirement allows a few.
     wants_many = question.info.quantile is None and not question.wants_less
     needed = f"more than {allowed} must be" if wants_many else f"{allowed} may be"
@@ -43,5 +43,10 @@ def _wrong_side(question: Question, test: ShareTest) -> str:
     if question.info.statistic == "share":
         return "were never answered"
     side = "over" if question.wants_less else "under"
-    lost = f" or lost ({show(test.lost, 'count')})" if test.lost else ""
+    lost = f", counting {show(test.lost, 'count')} lost" if test.lost else ""
     return f"are {side} {question.limit_text}{lost}"
+
+
+def _percent(share: float) -> str:
+    """A share in prose: two digits say all that there is to know."""
+    return show(share, "share", 2)

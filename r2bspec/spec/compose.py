@@ -102,7 +102,7 @@ class _Composer:
                 "R2B020",
                 "the file holds no YAML document",
                 Span.of_file(self.source.file),
-                "r2bspec init writes one to begin with",
+                "a spec begins with 'r2bspec: 1' and 'name: ...'",
             )
 
     def _document(self, event: Any) -> None:
@@ -291,9 +291,11 @@ class _Composer:
         )
 
     def _refuse_tag(self, event: Any, span: Span) -> None:
+        written = self.source.line(span.line)[span.column - 1 :].split()
         self._error(
             "R2B022",
-            f"tags such as {quote(event.tag)} are not part of the language",
+            f"tags such as {quote(written[0] if written else event.tag)} are not part of the "
+            "language",
             span,
             "remove it; every value has the type that its text shows",
         )

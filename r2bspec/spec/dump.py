@@ -33,7 +33,5 @@ _Dumper.add_representer(str, _text)
 
 def to_yaml(plain: Any) -> str:
     """The YAML text of dicts, lists and scalars, keys in their order."""
-    written: str = yaml.dump(
-        plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100
-    )
+    written: str = yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
     return written

@@ -48,7 +48,9 @@ def _quantity(value: object, kind: type[Quantity], *, positive: bool) -> Problem
         repair = error.suggestion if _same_number(error.suggestion, value) else ""
         return Problem("R2B110", str(error), _suggested(error.suggestion, repair), repair=repair)
     if positive and not parsed > type(parsed).parse(f"0 {next(iter(kind.units))}"):
-        return Problem("R2B111", f"this {kind.kind} must be more than zero", _suggested(kind.example))
+        return Problem(
+            "R2B111", f"this {kind.kind} must be more than zero", _suggested(kind.example)
+        )
     return None
 
 
@@ -71,10 +73,7 @@ def _requirement(value: object) -> Problem | None:
     try:
         parse_requirement(value)
     except RequirementError as error:
-        written = value[error.column :]
-        repair = error.suggestion if _same_number(error.suggestion, written) else ""
-        help_text = _suggested(error.suggestion, repair)
-        return Problem("R2B112", str(error), help_text, column=error.column)
+        return Problem("R2B112", str(error), _suggested(error.suggestion), column=error.column)
     return None
 
 

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import re
 from decimal import Decimal
-from functools import total_ordering
 from typing import ClassVar, Self
+
+from r2bspec.diagnostics.quote import quote
 
 _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"(?P<number>{_NUMBER})\s*(?P<unit>[A-Za-zµμ%/]+)", re.ASCII)
@@ -55,7 +56,6 @@ class QuantityError(ValueError):
         self.suggestion = suggestion
 
 
-@total_ordering
 class Quantity:
     """A number with the dimension that its class names: immutable, ordered, hashable.
 
@@ -73,9 +73,21 @@ class Quantity:
         return type(other) is type(self) and other._value == self._value
 
     def __lt__(self, other: Self) -> bool:
+        return self._comparable(other) and self._value < other._value
+
+    def __le__(self, other: Self) -> bool:
+        return self._comparable(other) and self._value <= other._value
+
+    def __gt__(self, other: Self) -> bool:
+        return self._comparable(other) and self._value > other._value
+
+    def __ge__(self, other: Self) -> bool:
+        return self._comparable(other) and self._value >= other._value
+
+    def _comparable(self, other: Quantity) -> bool:
         if type(other) is not type(self):
-            return NotImplemented
-        return self._value < other._value
+            raise TypeError(f"a {self.kind} cannot be compared with {type(other).__name__}")
+        return True
 
     def __hash__(self) -> int:
         return hash((self.kind, self._value))
@@ -102,26 +114,26 @@ class Quantity:
             if _BARE.fullmatch(text.strip()):
                 default = next(iter(cls.units))
                 raise QuantityError(
-                    f"{text!r} has no unit; a {cls.kind} needs one of {known}",
+                    f"{quote(text)} has no unit; a {cls.kind} needs one of {known}",
                     suggestion=f"{text.strip()} {default}",
                 )
             raise QuantityError(
-                f"{text!r} is not a {cls.kind}; write a number and one of {known}",
+                f"{quote(text)} is not a {cls.kind}; write a number and one of {known}",
                 suggestion=cls.example,
             )
         unit = match["unit"].replace("μ", "µ")
         if unit not in cls.units:
             raise QuantityError(
-                f"{match['unit']!r} is not a unit of {cls.kind}; known are {known}",
+                f"{quote(match['unit'])} is not a unit of {cls.kind}; known are {known}",
                 suggestion=cls._with_known_unit(match["number"], unit),
             )
         # Beyond this exponent, Decimal itself gives up.
         if re.search(r"[eE][+-]?\d{4}", match["number"]):
-            raise QuantityError(f"{text!r} is out of range for a {cls.kind}")
+            raise QuantityError(f"{quote(text)} is out of range for a {cls.kind}")
         number = Decimal(match["number"])
         # 10^100 s would overflow every clock; the limit is generous and keeps integers small.
         if number.adjusted() > 15:
-            raise QuantityError(f"{text!r} is too large for a {cls.kind}")
+            raise QuantityError(f"{quote(text)} is too large for a {cls.kind}")
         return number * cls.units[unit]
 
     @classmethod

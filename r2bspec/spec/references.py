@@ -64,13 +64,9 @@ def _malformed(text: str, at: int) -> Malformed:
             f"for example $({word} rate)" if word == "var" else "for example $(env HOME)",
         )
     if word in ("arg", "param") and rest:
-        return Malformed(
-            at, end, f"'$({word} ...)' is not known", f"write $(var {rest.strip()})"
-        )
+        return Malformed(at, end, f"'$({word} ...)' is not known", f"write $(var {rest.strip()})")
     if word == "optenv" and rest:
-        return Malformed(
-            at, end, "'$(optenv ...)' is not known", f"write $(env {rest.split()[0]})"
-        )
+        return Malformed(at, end, "'$(optenv ...)' is not known", f"write $(env {rest.split()[0]})")
     return Malformed(
         at,
         end,

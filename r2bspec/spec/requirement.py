@@ -14,16 +14,19 @@ knows only the shape of the sentence.
 
 from __future__ import annotations
 
+import contextlib
 import re
 from typing import Literal
 
 import msgspec
 
-from r2bspec.spec.quantities import Duration, QuantityError, Rate, Share, Size
+from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.suggest import did_you_mean
+from r2bspec.spec.quantities import Duration, Quantity, QuantityError, Rate, Share, Size
 
 Operator = Literal["<", "<=", ">", ">=", "==", "!="]
 
-_WORD = r"[A-Za-z][A-Za-z0-9_]*"
+_WORD = "[A-Za-z][A-Za-z0-9_]*"
 _METRIC = re.compile(rf"\s*(?P<metric>{_WORD}(?:\.{_WORD})*)")
 _OPERATOR = re.compile(r"\s*(?P<op><=|>=|==|!=|<|>)")
 _OF = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
@@ -135,7 +138,7 @@ def parse_requirement(text: str) -> Requirement:
     compared = _OPERATOR.match(text, found.end())
     if compared is None:
         raise RequirementError(
-            f"after {metric!r} comes one of < <= > >= == !=",
+            f"after {quote(metric)} comes one of < <= > >= == !=",
             _first(text, found.end()),
             f"{metric} < ...",
         )
@@ -156,36 +159,40 @@ def _parse_bound(text: str, column: int) -> Bound:
     relative = _OF.fullmatch(text)
     if relative is not None:
         return _relative_bound(relative, column)
-    if re.fullmatch(r"\d+", text):
+    if re.fullmatch(r"[0-9]{1,15}", text):
         return Bound(value=float(text), dimension="count")
-    problem: QuantityError | None = None
     for kind in (Duration, Rate, Size, Share):
-        try:
-            quantity = kind.parse(text)
-        except QuantityError as error:
-            problem = problem or error
-            continue
-        if isinstance(quantity, Duration):
-            return Bound(value=quantity.seconds, dimension="time")
-        if isinstance(quantity, Rate):
-            return Bound(value=quantity.hz, dimension="rate")
-        if isinstance(quantity, Size):
-            return Bound(value=float(quantity.bytes), dimension="size")
+        with contextlib.suppress(QuantityError):
+            return _absolute_bound(kind.parse(text))
+    raise _bad_bound(text, column)
+
+
+def _absolute_bound(quantity: Quantity) -> Bound:
+    if isinstance(quantity, Duration):
+        return Bound(value=quantity.seconds, dimension="time")
+    if isinstance(quantity, Rate):
+        return Bound(value=quantity.hz, dimension="rate")
+    if isinstance(quantity, Size):
+        return Bound(value=float(quantity.bytes), dimension="size")
+    if isinstance(quantity, Share):
         return Bound(value=quantity.fraction, dimension="share")
-    unit = re.fullmatch(r"([\d.]+)\s*(\D\S*)", text)
-    if unit is not None and problem is not None:
-        units = [name for kind in (Duration, Rate, Size, Share) for name in kind.units]
+    raise AssertionError(f"{type(quantity).__name__} has no dimension")
+
+
+def _bad_bound(text: str, column: int) -> RequirementError:
+    unit = re.fullmatch(r"([0-9.]+)\s*([^\s0-9.]\S*)", text)
+    units = [name for kind in (Duration, Rate, Size, Share) for name in kind.units]
+    if unit is not None and unit[2] not in units:
         close = did_you_mean(unit[2], units)
-        raise RequirementError(
-            f"{unit[2]!r} is not a unit; known are {', '.join(units)}",
+        return RequirementError(
+            f"{quote(unit[2])} is not a unit; known are {', '.join(units)}",
             column + unit.start(2),
             f"{unit[1]} {close}" if close else "",
         )
-    raise RequirementError(
-        f"{text!r} is not a bound; write a number with a unit, such as 50 ms, 30 Hz, 2 % "
+    return RequirementError(
+        f"{quote(text)} is not a bound; write a number with a unit, such as 50 ms, 30 Hz, 2 % "
         "or 64 MiB, or a whole number for a count",
         column,
-        problem.suggestion if problem is not None else "",
     )
 
 
@@ -196,8 +203,8 @@ def _relative_bound(found: re.Match[str], column: int) -> Bound:
         raise RequirementError(str(error), column, error.suggestion) from None
     if found["reference"] != "offered":
         raise RequirementError(
-            f"a bound is relative to 'offered', the rate that was asked for, not to "
-            f"{found['reference']!r}",
+            "a bound is relative to 'offered', the rate that was asked for, not to "
+            f"{quote(found['reference'])}",
             column + found.start("reference"),
             f"{found['share']} of offered",
         )

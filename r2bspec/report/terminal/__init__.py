@@ -28,8 +28,13 @@ def show_result(result: Result, output_format: str, folder: Path | None = None) 
         folder: the run folder, where the report is to name it.
     """
     if output_format == "json":
-        sys.stdout.write(to_json(result).decode())
+        # As bytes: JSON is UTF-8, whatever the encoding of the terminal.
+        sys.stdout.buffer.write(to_json(result))
+        sys.stdout.flush()
     else:
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            # A terminal without ✔ shows a question mark, not a traceback.
+            sys.stdout.reconfigure(errors="replace")
         print_report(result, folder, Console())
 
 
@@ -65,4 +70,4 @@ def to_text(result: Result, folder: Path | None = None, width: int = 100) -> str
     buffer = io.StringIO()
     console = Console(file=buffer, width=width, color_system=None, legacy_windows=False)
     print_report(result, folder, console)
-    return buffer.getvalue()
+    return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())

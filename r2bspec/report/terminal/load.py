@@ -35,6 +35,7 @@ def _table(rates: tuple[RateMetrics, ...]) -> RenderableType:
     machine = [rate.pooled.machine for rate in rates]
     if any(machine):
         made.add_row("whole machine", *map(_cpu, machine), _memory(machine))
+    made.add_row("playback rate", *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), "")
     made.add_row("playback late p99 (max)", *map(_lateness, rates), "")
     return made
 

@@ -47,7 +47,7 @@ def monitor_sections(metrics: RunMetrics, width: int) -> Iterator[RenderableType
 def _section(name: str, rates: tuple[RateMetrics, ...], columns: list[_Column]) -> RenderableType:
     made = table(
         ["offered", *(column.name for column in columns)],
-        heading(name, "throughput, and latency from publication"),
+        heading(name, "latency from publication; below each line, its range over iterations"),
     )
     for rate in rates:
         seen = rate.pooled.monitors[name]

@@ -32,13 +32,10 @@ def heading(text: str, aside: str = "") -> Text:
     return Text.assemble((text, "bold"), (f"  {aside}" if aside else "", QUIET))
 
 
-def table(columns: Sequence[str], title: Text) -> Table:
-    """A table whose first column is a name and whose others are numbers, under a heading."""
+def table(columns: Sequence[str]) -> Table:
+    """A table whose first column is a name and whose others are numbers."""
     made = Table(
         box=None,
-        title=title,
-        title_justify="left",
-        title_style="",
         pad_edge=False,
         padding=(0, 2, 0, 0),
         header_style=QUIET,

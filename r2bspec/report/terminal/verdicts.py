@@ -34,9 +34,7 @@ def verdict_section(verdict: Verdict, width: int) -> RenderableType | None:
     return Group(*parts)
 
 
-def _requirement(
-    one: RequirementVerdict, widths: tuple[int, ...]
-) -> list[RenderableType]:
+def _requirement(one: RequirementVerdict, widths: tuple[int, ...]) -> list[RenderableType]:
     line = Table.grid(padding=(0, 2, 0, 0), pad_edge=False)
     for number, column in enumerate(widths):
         line.add_column(width=column, overflow="fold", justify="left" if number < 2 else "right")
@@ -68,7 +66,8 @@ def bounds(one: RequirementVerdict) -> str:
         return f"≤ {show(one.upper, one.unit)}"
     if one.upper is None:
         return f"≥ {show(one.lower, one.unit)}"
-    return f"{show(one.lower, one.unit)} … {show(one.upper, one.unit)}"
+    lower, upper = show(one.lower, one.unit), show(one.upper, one.unit)
+    return lower if lower == upper else f"{lower} … {upper}"
 
 
 def _widths(requirements: tuple[RequirementVerdict, ...], width: int) -> tuple[int, ...]:

@@ -113,9 +113,11 @@ def _reason(question: Question, interval: MeanInterval, outcome: Outcome, n: int
             f"{mean}; at 95 % confidence the true mean is {lower} to {upper}, on both sides of "
             f"{question.limit_text}."
         )
+    bound = question.requirement.bound
+    limit = f"; the limit is {question.limit_text}" if bound and bound.of_offered else ""
     if (outcome == "pass") == question.wants_less:
-        return f"{mean}, at 95 % confidence at most {upper}."
-    return f"{mean}, at 95 % confidence at least {lower}."
+        return f"{mean}, at 95 % confidence at most {upper}{limit}."
+    return f"{mean}, at 95 % confidence at least {lower}{limit}."
 
 
 def _settle(question: Question, interval: MeanInterval) -> str:

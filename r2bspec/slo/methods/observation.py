@@ -111,7 +111,7 @@ def _reason(question: Question, seen: float, n: int, rule: float | None) -> str:
     if rule is None:
         return f"{what}."
     return (
-        f"{what}. This was seen, not proved: at 95 % confidence up to {show(rule, 'share')} of "
+        f"{what}. This was seen, not proved: at 95 % confidence up to {show(rule, 'share', 2)} of "
         f"{things(question)} may still break it."
     )
 

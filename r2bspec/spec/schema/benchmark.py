@@ -18,9 +18,7 @@ _SEARCH = record(
     "The search for the highest rate that holds: the backlog of unanswered messages does not "
     "grow, and 'holds' is met.",
     {
-        "min": quantity(
-            Rate, "The lowest rate that is tried.", examples=["5 Hz"], positive=True
-        ),
+        "min": quantity(Rate, "The lowest rate that is tried.", examples=["5 Hz"], positive=True),
         "max": quantity(
             Rate, "The highest rate that is tried.", examples=["200 Hz"], positive=True
         ),
@@ -118,9 +116,7 @@ SLOS: Schema = named(
     snippets=[
         {
             "label": "an objective",
-            "body": {
-                "${1:name}": {"at": "${2:30 Hz}", "require": ["${3:latency.p99 < 50 ms}"]}
-            },
+            "body": {"${1:name}": {"at": "${2:30 Hz}", "require": ["${3:latency.p99 < 50 ms}"]}},
         }
     ],
 )

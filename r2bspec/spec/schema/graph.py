@@ -48,15 +48,11 @@ MONITORS: Schema = named(
         examples=[{"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"}],
     ),
     at_least=1,
-    examples=[
-        {"detections": {"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"}}
-    ],
+    examples=[{"detections": {"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"}}],
     snippets=[
         {
             "label": "a monitor",
-            "body": {
-                "${1:name}": {"topic": "${2:topic}", "format": "${3:sensor_msgs/msg/Image}"}
-            },
+            "body": {"${1:name}": {"topic": "${2:topic}", "format": "${3:sensor_msgs/msg/Image}"}},
         }
     ],
 )

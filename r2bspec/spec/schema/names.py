@@ -53,8 +53,7 @@ LABEL = Form(
 VARIABLE = Form(
     f"^{_TOKEN}$",
     "a variable's name",
-    "a variable's name is made of letters, digits and underscores, and does not begin with a "
-    "digit",
+    "a variable's name is made of letters, digits and underscores, and does not begin with a digit",
 )
 ENVIRONMENT = Form(
     f"^{_TOKEN}$",
@@ -90,5 +89,7 @@ DATASET = Form(
     "a dataset's name is made of letters, digits, underscores, dots and dashes; a path goes "
     "under 'path'",
 )
-SHA256 = Form("^[0-9a-f]{64}$", "a SHA-256 digest", "a SHA-256 digest is 64 digits, 0 to 9 and a to f")
+SHA256 = Form(
+    "^[0-9a-f]{64}$", "a SHA-256 digest", "a SHA-256 digest is 64 digits, 0 to 9 and a to f"
+)
 NOT_EMPTY = Form(r"\S", "a path", "this must not be empty")

@@ -20,7 +20,9 @@ def not_of_type(violation: Violation) -> Diagnostic:
     """A value of another type than the schema wants."""
     if violation.value is None:
         return _no_value(violation)
-    message = f"{violation.name} must be {expected(violation.schema)}, not {called(violation.value)}"
+    message = (
+        f"{violation.name} must be {expected(violation.schema)}, not {called(violation.value)}"
+    )
     help_text, repair = _way_out(violation)
     return violation.error("R2B103", message, help_text, repair=repair)
 
