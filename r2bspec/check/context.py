@@ -75,8 +75,9 @@ class Context:
     def bag_path(self) -> Path:
         """The place of the bag's name in the document: its own value, or below it."""
         path: Path = ("data_loader", "bag")
+        tree = self.loaded.tree
         for key in ("dataset", "path"):
-            if lookup(self.loaded.tree, (*path, key)) is not None:
+            if tree is not None and lookup(tree, (*path, key)) is not None:
                 return (*path, key)
         return path
 

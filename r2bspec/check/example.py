@@ -9,9 +9,7 @@ _SECTIONS = {
     "preprocessors": "",
     "playback": "playback: {inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}}",
     "graph": (
-        "graph:\n"
-        "  nodes:\n"
-        "    relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}"
+        "graph:\n  nodes:\n    relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}"
     ),
     "monitors": "monitors: {output: {topic: output, format: sensor_msgs/msg/Image}}",
     "benchmark": "benchmark: {rates: [30 Hz]}",

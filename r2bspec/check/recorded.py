@@ -44,9 +44,7 @@ def amounts(context: Context) -> dict[str, Amount]:
             length_s = (min(end_ns, bag.duration_ns) - start_ns) / 1e9
             estimate = round(info.rate_hz * max(length_s, 0))
             found[name] = (
-                _looked_up(context, info.name)
-                if estimate < _FEW
-                else Amount(estimate, exact=False)
+                _looked_up(context, info.name) if estimate < _FEW else Amount(estimate, exact=False)
             )
     return found
 
@@ -66,11 +64,11 @@ def _looked_up(context: Context, topic: str) -> Amount:
     from r2bspec.data import DataError, Window, read_messages
 
     window = context.spec.data_loader.window
-    location = context.bag_location
-    assert location is not None and location.path is not None  # noqa: S101 -- there is an index
+    path = context.bag_location.path if context.bag_location is not None else None
+    assert path is not None  # noqa: S101 -- a rendered bag is counted without reading
     wanted = Window(start_ns=window.start.ns, end_ns=window.end.ns if window.end else None)
     try:
-        seen = sum(1 for _ in islice(read_messages(location.path, {topic}, wanted), _FEW))
+        seen = sum(1 for _ in islice(read_messages(path, {topic}, wanted), _FEW))
     except DataError:
         # What cannot be read, or a window outside of the bag, is reported by rules of their own.
         return Amount(_FEW, exact=False)

@@ -12,7 +12,7 @@ from r2bspec.check.rule import Rule
 
 @cache
 def all_rules() -> tuple[Rule, ...]:
-    """Every rule, in the order of their codes, in which causes come before consequences."""
+    """Every rule, causes before consequences: the early ones, then in the order of their codes."""
     modules = pkgutil.iter_modules(rules.__path__, f"{rules.__name__}.")
     found: list[Rule] = [import_module(module.name).RULE for module in modules]
-    return tuple(sorted(found, key=lambda rule: rule.code))
+    return tuple(sorted(found, key=lambda rule: (not rule.early, rule.code)))

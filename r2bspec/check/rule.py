@@ -20,18 +20,21 @@ class Rule:
         title: what is wrong, in a few words, without a full stop.
         severity: how bad its findings are, unless one says otherwise.
         why: one or two sentences: what would go wrong if it were let through.
-        failing: a whole spec in which the rule finds something.
+        failing: a whole spec in which the rule finds something; empty where that takes a file
+            that no example can hold.
         passing: the same, put right: nothing is found in it.
         find: yields the findings; it may look at everything in the context, and executes nothing.
+        early: whether its findings explain what rules of lower codes find.
     """
 
     code: str
     title: str
     severity: Severity
     why: str
-    failing: str
-    passing: str
     find: Callable[[Context], Iterator[Finding]]
+    failing: str = ""
+    passing: str = ""
+    early: bool = False
 
     @property
     def page(self) -> Page:

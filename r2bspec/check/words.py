@@ -25,13 +25,13 @@ def suggestion(wrong: str, known: Iterable[str], what: str) -> str:
     Args:
         wrong: the name as written.
         known: the names that would be right.
-        what: begins the list, as in ``published are``.
+        what: what they are, as in ``topics that are published``.
     """
     names = sorted(set(known))
     close = did_you_mean(wrong, names)
     if close:
         return f"did you mean {quote(close)}?"
-    return f"{what} {listed(names)}" if names else ""
+    return f"{what}: {listed(names)}" if names else ""
 
 
 def counted(number: int, noun: str) -> str:

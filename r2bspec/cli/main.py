@@ -58,15 +58,15 @@ class _Verbs(click.Group):
             formatter.write_dl(list(_VERBS.items()))
 
 
-@click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=_Verbs,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Exit status: 0 holds; 1 findings, or an SLO failed; 2 wrong usage or input; "
+    "3 inconclusive; 4 the run failed or is invalid; 130 interrupted.",
+)
 @click.version_option(__version__, "-V", "--version", message="r2bspec %(version)s")
 def command() -> None:
-    r"""State, run and gate performance benchmarks of ROS 2 graphs.
-
-    \b
-    Exit status: 0 holds, 1 findings or a failed SLO, 2 wrong usage or input,
-    3 inconclusive, 4 the run failed or is invalid, 130 interrupted.
-    """
+    """State, run and gate performance benchmarks of ROS 2 graphs."""
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -37,6 +37,7 @@ def describe_machine() -> dict[str, Any]:
         "load_1min": load_1min,
         "load_5min": load_5min,
         "cpu_governor": _read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
+        "gpus": _gpus(),
     }
 
 
@@ -66,6 +67,24 @@ def _cpu_model() -> str:
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
     return platform.processor()
+
+
+def _gpus() -> list[str]:
+    """The names of the NVIDIA GPUs, where NVML and its bindings (the extra `gpu`) are there."""
+    try:
+        import pynvml
+
+        pynvml.nvmlInit()
+    except Exception:  # the bindings raise their own errors where there is no driver
+        return []
+    try:
+        count = pynvml.nvmlDeviceGetCount()
+        return [
+            str(pynvml.nvmlDeviceGetName(pynvml.nvmlDeviceGetHandleByIndex(n)))
+            for n in range(count)
+        ]
+    finally:
+        pynvml.nvmlShutdown()
 
 
 def _os_name() -> str:

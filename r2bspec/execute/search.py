@@ -15,6 +15,10 @@ from typing import Literal
 
 from r2bspec.record.model import Probe, SearchRecord
 
+_STRIDE_GROWTH = 4.0
+"""Strides of 2, 8 and 32 times the precision: a good guess costs one short stride, and a bad one
+is left behind after two or three."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -108,16 +112,16 @@ class PeakSearch:
         assert self._fails_hz is not None  # noqa: S101 - the maximum did not
         if self._fails_hz / self._holds_hz <= 1 + self._precision:
             return None
-        # Half the precision to either side, so that two probes around a good guess are enough.
-        for candidate_hz in (
-            self._guess_hz * (1 - self._precision / 2),
-            self._guess_hz * (1 + self._precision / 2.01),
-        ):
-            if self._holds_hz * (1 + self._precision / 4) < candidate_hz < self._fails_hz:
-                return candidate_hz
+        below_hz = self._guess_hz * (1 - self._precision / 2)
+        if self._holds_hz < below_hz < self._fails_hz:
+            return below_hz
+        # One step of the precision above what held: if that fails, the search is over.
+        above_hz = self._holds_hz * (1 + 0.999 * self._precision)
+        if self._stride == 1.0 and self._guess_hz and above_hz < self._fails_hz:
+            self._stride = _STRIDE_GROWTH / 2
+            return above_hz
         middle_hz = math.sqrt(self._holds_hz * self._fails_hz)
-        if not self._guess_hz:
-            return middle_hz
-        # The guess was close but low: the peak is near, so walk up in doubling steps.
-        self._stride *= 2
-        return min(middle_hz, self._holds_hz * (1 + self._stride * self._precision))
+        # The guess was low: walk up in growing strides until something fails, then halve.
+        walked_hz = self._holds_hz * (1 + self._stride * self._precision)
+        self._stride *= _STRIDE_GROWTH
+        return min(middle_hz, walked_hz)

@@ -44,11 +44,17 @@ def silence(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> Si
 
 
 def throughput(arrived_ns: NDArray[np.int64], silent: Silence) -> float:
-    """(n - 1) / (t_last - t_first) in Hz, the time including `silent`; 0 for fewer than two."""
+    """(n - 1) / (t_last - t_first) in Hz; 0 for fewer than two outputs.
+
+    Of a silence at an end, the part beyond the longest pause between outputs adds to the time:
+    what an ordinary pause would have been is not held against the graph.
+    """
     if arrived_ns.size < 2:
         return 0.0
-    span = int(arrived_ns[-1] - arrived_ns[0])
-    return _rate(arrived_ns.size, span + silent.before_ns + silent.after_ns)
+    longest = int(np.max(np.diff(arrived_ns)))
+    pauses = (silent.before_ns, silent.after_ns)
+    beyond = sum(max(0, pause - longest) for pause in pauses)
+    return _rate(arrived_ns.size, int(arrived_ns[-1] - arrived_ns[0]) + beyond)
 
 
 def _rate(n: int, span_ns: int) -> float:

@@ -18,12 +18,12 @@ from r2bspec.spec.exclusive import exclusive_errors
 from r2bspec.spec.extensions import without_extensions
 from r2bspec.spec.model import Spec
 from r2bspec.spec.overrides import apply_overrides
-from r2bspec.spec.violations import explain_violations
 from r2bspec.spec.source import Read, Source, accept, decode, read_file
 from r2bspec.spec.tree import MapNode, ScalarNode, TreeNode, UnknownNode, lookup, span_at, to_plain
 from r2bspec.spec.typed import to_spec
 from r2bspec.spec.validator import schema
 from r2bspec.spec.variables import substitute
+from r2bspec.spec.violations import explain_violations
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Loaded:
     sources: Mapping[str, Source] = field(repr=False)
     used_variables: frozenset[str] = frozenset()
 
-    def span(self, path: Path, key: bool = False) -> Span:  # noqa: FBT001, FBT002
+    def span(self, path: Path, key: bool = False) -> Span:
         """Where the value at a path stands, or its key.
 
         Where there is no such value (a default, a key that is missing), the place is the key of
@@ -110,7 +110,7 @@ def load_spec(
         return Loaded(read.source.file, base_dir, None, None, _sorted(found), sources)
 
     overridden = apply_overrides(tree, sets, variables or {})
-    found += overridden.diagnostics
+    found += overridden.problems.found
     sources |= overridden.sources
     tree = without_extensions(overridden.tree, schema())
     used: frozenset[str] = frozenset()

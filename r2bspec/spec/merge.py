@@ -26,6 +26,4 @@ def merged(merges: Iterable[Merge], own: dict[str, Entry]) -> dict[str, Entry]:
     for merge in merges:
         for key, entry in merge.source.entries.items():
             entries.setdefault(key, entry)
-    for key, entry in own.items():
-        entries[key] = entry
-    return entries
+    return entries | own

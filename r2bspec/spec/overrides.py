@@ -11,9 +11,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from r2bspec.diagnostics import Diagnostic, Path, Severity, Span, did_you_mean, format_path
+from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
 from r2bspec.spec.compose import compose
+from r2bspec.spec.problems import Problems
 from r2bspec.spec.source import Source, accept
 from r2bspec.spec.tree import Entry, ListNode, MapNode, ScalarNode, TreeNode, UnknownNode, child
 from r2bspec.spec.variables import as_unquoted
@@ -26,7 +27,7 @@ class Overridden:
     """The tree with the options applied, what was wrong, and the options as sources."""
 
     tree: TreeNode
-    diagnostics: list[Diagnostic] = field(default_factory=list)
+    problems: Problems = field(default_factory=Problems)
     sources: dict[str, Source] = field(default_factory=dict)
 
 
@@ -60,8 +61,7 @@ def _apply_set(result: Overridden, text: str) -> None:
     option = _parse(text)
     result.sources[option.source.file] = option.source
     if not option.path:
-        _error(
-            result,
+        result.problems.error(
             "R2B127",
             f"{quote(text)} is not of the form path=value",
             option.span(0, len(text)),
@@ -76,7 +76,7 @@ def _apply_set(result: Overridden, text: str) -> None:
             wrong = format_path(option.path[: depth + 1])
             span = option.span(start, start + len(str(part)))
             message = f"there is no '{wrong}' in the document to replace"
-            _error(result, "R2B127", message, span, _alternatives(node, part))
+            result.problems.error("R2B127", message, span, _alternatives(node, part))
             return
         node = below
     value = _value(result, option)
@@ -92,8 +92,7 @@ def _apply_variable(result: Overridden, name: str, text: str) -> None:
     if name not in known:
         close = did_you_mean(name, known)
         listed = "declared are " + ", ".join(sorted(known)[:10]) if known else "it declares none"
-        _error(
-            result,
+        result.problems.error(
             "R2B128",
             f"the document declares no variable {quote(name)}",
             option.span(0, len(name)),
@@ -127,16 +126,16 @@ def _value(result: Overridden, option: _Option) -> TreeNode:
     if text[:1] not in ("[", "{", "'", '"'):
         read = accept(text, option.source.file)
         if not read.usable:
-            result.diagnostics += [replace(found, span=span) for found in read.diagnostics]
+            result.problems.found += [replace(found, span=span) for found in read.diagnostics]
             return UnknownNode(span)
         return ScalarNode(as_unquoted(text), text, span)
     # Blanks in place of the path keep the columns right.
     padded = accept(" " * option.value_offset + text, option.source.file)
     if not padded.usable:
-        result.diagnostics += padded.diagnostics
+        result.problems.found += padded.diagnostics
         return UnknownNode(span)
     composed = compose(padded.source)
-    result.diagnostics += composed.diagnostics
+    result.problems.found += composed.diagnostics
     return composed.tree or UnknownNode(span)
 
 
@@ -165,7 +164,3 @@ def _alternatives(node: TreeNode, part: str | int) -> str:
     if isinstance(node, ListNode):
         return f"the list has {len(node.items)} items, counted from [0]"
     return "only what the document has can be replaced"
-
-
-def _error(result: Overridden, code: str, message: str, span: Span, help_text: str) -> None:
-    result.diagnostics.append(Diagnostic(code, Severity.ERROR, message, span, help=help_text))

@@ -40,7 +40,7 @@ def resolve(text: str) -> ScalarValue:
         ScalarError: a whole number beyond 64 bits, or a number that is not finite.
     """
     if text[:1] not in _MAYBE_NUMBER:
-        return _WORDS[text] if text in _WORDS else text
+        return _WORDS.get(text, text)
     if _DECIMAL.fullmatch(text):
         return _integer(text, 10)
     if _BASED.fullmatch(text):

@@ -97,10 +97,7 @@ def span_at(root: TreeNode, path: Path, *, key: bool = False) -> Span:
         below = child(node, part)
         if below is None:
             return key_span
-        if isinstance(node, MapNode):
-            key_span = node.entries[str(part)].key_span
-        else:
-            key_span = below.span
+        key_span = node.entries[str(part)].key_span if isinstance(node, MapNode) else below.span
         node = below
     return key_span if key or node is root else node.span
 

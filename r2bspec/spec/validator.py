@@ -21,7 +21,7 @@ def schema() -> dict[str, Any]:
     return strict_schema()
 
 
-def schema_errors(plain: object) -> Iterator[ValidationError]:
+def schema_errors(plain: Any) -> Iterator[ValidationError]:
     """Every violation of the strict schema."""
     yield from _validator().iter_errors(plain)
 
@@ -43,6 +43,7 @@ def _validator() -> Validator:
     types = Draft7Validator.TYPE_CHECKER.redefine(
         "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
     )
-    extended: Any = validators.extend(Draft7Validator, {KIND: check_kind}, type_checker=types)
+    extend: Any = validators.extend
+    extended = extend(Draft7Validator, {KIND: check_kind}, type_checker=types)
     made: Validator = extended(schema())
     return made

@@ -17,9 +17,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from r2bspec.diagnostics import Certainty, Diagnostic, Related, Severity, Span, did_you_mean
+from r2bspec.diagnostics import Certainty, Diagnostic, Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
 from r2bspec.spec.columns import inner_span
+from r2bspec.spec.problems import Problems
 from r2bspec.spec.references import OPENING, Malformed, Reference, references
 from r2bspec.spec.scalars import ScalarError, ScalarValue, resolve
 from r2bspec.spec.schema.build import TOPIC_KEYS
@@ -54,14 +55,14 @@ def substitute(
         if key not in _DECLARATIONS:
             entries[key] = replace(entry, value=work.walk(entry.value, known.get(key)))
     tree = MapNode(entries, root.span)
-    return Substituted(tree, tuple(work.diagnostics), frozenset(work.used))
+    return Substituted(tree, tuple(work.problems.found), frozenset(work.used))
 
 
 class _Substitution:
     def __init__(
         self, root: MapNode, sources: Mapping[str, Source], environ: Mapping[str, str]
     ) -> None:
-        self.diagnostics: list[Diagnostic] = []
+        self.problems = Problems()
         self.used: set[str] = set()
         self.variables: MapNode | None = None
         self._sources = sources
@@ -117,7 +118,7 @@ class _Substitution:
 
     def _key(self, key: str, span: Span, *, topics: bool) -> tuple[str, bool]:
         if not topics:
-            self._error(
+            self.problems.error(
                 "R2B125",
                 "nothing is replaced in this key",
                 span,
@@ -128,7 +129,7 @@ class _Substitution:
         return (found.text, True) if isinstance(found, ScalarNode) else (key, False)
 
     def _clash(self, key: str, new: str, span: Span, first: Span) -> None:
-        self._error(
+        self.problems.error(
             "R2B126",
             f"with its variables replaced, the key {quote(key)} is {quote(new)}, which stands "
             "here already",
@@ -166,13 +167,13 @@ class _Substitution:
         """What one reference stands for, with its origin; None if that is not known."""
         if isinstance(found, Malformed):
             span = self._inner(node, found.start, found.end - found.start)
-            self._error("R2B123", found.message, span, found.help)
+            self.problems.error("R2B123", found.message, span, found.help)
             return None
         span = self._inner(node, found.name_start, len(found.name))
         if found.kind == "env":
             return self._environment(found.name, span)
         if self._in_declarations:
-            self._error(
+            self.problems.error(
                 "R2B124",
                 "a variable cannot refer to another variable",
                 self._inner(node, found.start, found.end - found.start),
@@ -184,7 +185,7 @@ class _Substitution:
     def _variable(self, name: str, span: Span) -> ScalarNode | None:
         declared = self.variables.entries if self.variables is not None else {}
         if name not in declared:
-            self._error(
+            self.problems.error(
                 "R2B120", f"there is no variable '{name}'", span, _known_variables(name, declared)
             )
             return None
@@ -198,7 +199,7 @@ class _Substitution:
     def _environment(self, name: str, span: Span) -> ScalarNode | None:
         if name not in self._allowed:
             close = did_you_mean(name, self._allowed)
-            self._error(
+            self.problems.error(
                 "R2B121",
                 f"'environment:' does not list {name}",
                 span,
@@ -207,7 +208,7 @@ class _Substitution:
             return None
         text = self._environ.get(name)
         if text is None:
-            self._error(
+            self.problems.error(
                 "R2B122",
                 f"the environment variable {name} is not set",
                 span,
@@ -222,28 +223,6 @@ class _Substitution:
     def _inner(self, node: ScalarNode, offset: int, length: int) -> Span:
         source = self._sources.get(node.span.file)
         return inner_span(source, node.span, node.text, offset, length)
-
-    def _error(
-        self,
-        code: str,
-        message: str,
-        span: Span,
-        help_text: str,
-        *,
-        related: tuple[Related, ...] = (),
-        certainty: Certainty = Certainty.CERTAIN,
-    ) -> None:
-        self.diagnostics.append(
-            Diagnostic(
-                code,
-                Severity.ERROR,
-                message,
-                span,
-                help=help_text,
-                related=related,
-                certainty=certainty,
-            )
-        )
 
 
 def as_unquoted(text: str) -> ScalarValue:

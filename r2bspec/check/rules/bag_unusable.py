@@ -14,9 +14,7 @@ from r2bspec.diagnostics.model import Severity
 def _find(context: Context) -> Iterator[Finding]:
     error = context.bag_error
     if error is not None:
-        yield Finding(
-            message=str(error), path=context.bag_path, help=error.hint, code=error.code
-        )
+        yield Finding(message=str(error), path=context.bag_path, help=error.hint, code=error.code)
 
 
 RULE = Rule(

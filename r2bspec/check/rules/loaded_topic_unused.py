@@ -26,13 +26,13 @@ def _find(context: Context) -> Iterator[Finding]:
                 message=f"{quote(shown)} is loaded, but neither a preprocessor nor a playback "
                 "input reads it",
                 path=each.path,
-                help=suggestion(shown, read, "read are"),
-                about=frozenset({subjects.topic(phase.phase, each.topic)}),
+                help=suggestion(shown, read, "topics that are read"),
+                about=frozenset({subjects.FEED, subjects.topic(phase.phase, each.topic)}),
             )
 
 
 RULE = Rule(
-    code="R2B323",
+    code="R2B403",
     title="a loaded topic that nobody uses",
     severity=Severity.WARNING,
     why="Loading it costs time and memory, and often its name is a misspelt one.",

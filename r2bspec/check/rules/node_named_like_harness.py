@@ -23,7 +23,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 "harness is",
                 path=node.path,
                 key=True,
-                help=f"reserved are {listed(reserved)}",
+                help=f"reserved: {listed(reserved)}",
             )
 
 

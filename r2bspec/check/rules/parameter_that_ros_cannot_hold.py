@@ -56,8 +56,7 @@ RULE = Rule(
         graph="""
             nodes:
               relay:
-                package: topic_tools
-                executable: relay
+                command: [sh, ./relay.sh]
                 parameters: {gains: [1, 0.5]}
                 subscribes: {input: sensor_msgs/msg/Image}
                 publishes: {output: sensor_msgs/msg/Image}
@@ -68,8 +67,7 @@ RULE = Rule(
         graph="""
             nodes:
               relay:
-                package: topic_tools
-                executable: relay
+                command: [sh, ./relay.sh]
                 parameters: {gains: [1.0, 0.5]}
                 subscribes: {input: sensor_msgs/msg/Image}
                 publishes: {output: sensor_msgs/msg/Image}

@@ -31,7 +31,7 @@ def _find(context: Context) -> Iterator[Finding]:
                     message=f"{node.key} declares no parameter {quote(name)}",
                     path=(*node.path, "parameters", name),
                     key=True,
-                    help=suggestion(name, declared, "it declares"),
+                    help=suggestion(name, declared, "its parameters"),
                 )
 
 

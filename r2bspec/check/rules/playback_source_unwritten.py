@@ -27,7 +27,7 @@ def _finding(context: Context, phase: PhaseWiring, each: Endpoint) -> Finding:
     shown = context.shown(each.topic)
     unknown = [node.key for node in phase.may_write]
     written = [topic for topic in phase.topics if phase.writers(topic)]
-    advice = suggestion(shown, [context.shown(topic) for topic in written], "there are")
+    advice = suggestion(shown, [context.shown(topic) for topic in written], "topics that there are")
     if unknown:
         advice += f"; or state what {listed(unknown)} publishes under 'publishes:' there"
     unread = (topic for topic in written if not phase.readers(topic))
@@ -39,7 +39,8 @@ def _finding(context: Context, phase: PhaseWiring, each: Endpoint) -> Finding:
         path=each.path,
         help=advice,
         severity=Severity.WARNING if unknown else None,
-        about=frozenset({subjects.topic(phase.phase, each.topic)}),
+        about=frozenset({subjects.topic(phase.phase, each.topic)})
+        | {subjects.value(node.path) for node in phase.may_write},
         explains=frozenset(
             {subjects.FEED} | {subjects.topic(phase.phase, topic) for topic in instead}
         ),
@@ -47,7 +48,7 @@ def _finding(context: Context, phase: PhaseWiring, each: Endpoint) -> Finding:
 
 
 RULE = Rule(
-    code="R2B319",
+    code="R2B401",
     title="a playback input whose messages come from nowhere",
     severity=Severity.ERROR,
     why="What is played is what was loaded, or what preprocessors made of it. Nothing arrives on a "

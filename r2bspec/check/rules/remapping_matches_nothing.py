@@ -60,7 +60,7 @@ def _help(left: str, right: str, close: str, own: tuple[str, ...]) -> str:
     if right in own:
         turned = quote(f"{right}: {left}")
         return f"the node's own name of the topic comes first: {turned}"
-    return f"its topics are {listed(own)}"
+    return f"its topics: {listed(own)}"
 
 
 def _consequences(phase: str, node: NodeWiring, right: str, close: str) -> frozenset[str]:

@@ -24,7 +24,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 message=f"the bag {quote(bag.name)} has no topic {quote(name)}",
                 path=("data_loader", "topics", name),
                 key=True,
-                help=suggestion(name, bag.topics, "it has"),
+                help=suggestion(name, bag.topics, "its topics"),
                 explains=frozenset({subjects.value(("data_loader", "topics", name))}),
             )
 

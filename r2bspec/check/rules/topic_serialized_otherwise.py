@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from r2bspec.check.context import Context
-from r2bspec.check.example import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.model import Severity
@@ -31,9 +30,6 @@ RULE = Rule(
     code="R2B306",
     title="recorded messages that are not CDR",
     severity=Severity.ERROR,
-    why="Messages are played as they were recorded, and ROS 2 nodes understand CDR. (The example "
-    "needs a bag of that kind, so nothing is found in it.)",
-    failing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
-    passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
+    why="Messages are played as they were recorded, and ROS 2 nodes understand CDR.",
     find=_find,
 )

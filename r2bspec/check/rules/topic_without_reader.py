@@ -16,12 +16,13 @@ from r2bspec.wiring.model import Endpoint, PhaseWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    for phase in context.wiring.phases:
-        if phase.may_read:
-            continue
-        for writer in phase.endpoints:
-            if writer.writes and not phase.readers(writer.topic) and _on_purpose(writer):
-                yield _finding(context, phase, writer)
+    # Of the preprocess phase, rules of their own look at what is loaded and what is played.
+    phase = context.wiring.measure
+    if phase.may_read:
+        return
+    for writer in phase.endpoints:
+        if writer.writes and not phase.readers(writer.topic) and _on_purpose(writer):
+            yield _finding(context, phase, writer)
 
 
 def _on_purpose(writer: Endpoint) -> bool:
@@ -39,7 +40,7 @@ def _finding(context: Context, phase: PhaseWiring, writer: Endpoint) -> Finding:
         else f"nobody reads {quote(shown)}, to which {quote(writer.own_name)} is remapped",
         path=writer.path,
         key=writer.at_key,
-        help=suggestion(shown, read, "read are"),
+        help=suggestion(shown, read, "topics that are read"),
         about=frozenset({subjects.topic(phase.phase, writer.topic)}),
     )
 

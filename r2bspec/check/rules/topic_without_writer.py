@@ -39,7 +39,8 @@ def _finding(context: Context, phase: PhaseWiring, reader: Endpoint) -> Finding:
         key=reader.at_key,
         help="; or ".join(part for part in (advice, state) if part),
         severity=Severity.WARNING if unknown else None,
-        about=frozenset({subjects.topic(phase.phase, reader.topic)}),
+        about=frozenset({subjects.topic(phase.phase, reader.topic)})
+        | {subjects.value(node.path) for node in phase.may_write},
         explains=_consequences(phase, reader),
     )
 
@@ -60,10 +61,10 @@ def _advice(context: Context, phase: PhaseWiring, reader: Endpoint) -> str:
     wrong = context.shown(reader.topic, namespace)
     published = {context.shown(name, namespace): name for name in _published(phase)}
     if did_you_mean(wrong, published) or reader.owner == "monitor" or not reader.at_key:
-        return suggestion(wrong, published, "published are")
+        return suggestion(wrong, published, "topics that are published")
     fitting = [shown for shown, name in published.items() if reader.type in _types(phase, name)]
     if not fitting:
-        return suggestion(wrong, published, "published are")
+        return suggestion(wrong, published, "topics that are published")
     if len(fitting) == 1:
         return f"remap it: {quote(f'remappings: {{{reader.own_name}: {fitting[0]}}}')}"
     return f"remap it; topics of its type are {listed(fitting)}"

@@ -16,7 +16,7 @@ _WINDOW = ("data_loader", "window")
 
 def _find(context: Context) -> Iterator[Finding]:
     window = context.spec.data_loader.window
-    if window.end is not None and window.end <= window.start:
+    if window.end is not None and window.end.ns <= window.start.ns:
         yield Finding(
             message=f"the window ends at {window.end}, not after its start at {window.start}",
             path=(*_WINDOW, "end"),

@@ -18,7 +18,7 @@ _WINDOW = ("data_loader", "window")
 
 def _find(context: Context) -> Iterator[Finding]:
     bag, window = context.bag, context.spec.data_loader.window
-    if bag is None or (window.end is not None and window.end <= window.start):
+    if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
         return
     lasts_ns = _duration_ns(context)
     lasts = f"the bag {quote(bag.name)} lasts {lasts_ns / 1e9:g} s"

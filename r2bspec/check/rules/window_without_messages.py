@@ -19,7 +19,7 @@ _WINDOW = ("data_loader", "window")
 def _find(context: Context) -> Iterator[Finding]:
     bag = context.bag
     window = context.spec.data_loader.window
-    if bag is None or (window.end is not None and window.end <= window.start):
+    if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
         return
     for name, amount in amounts(context).items():
         info = bag.find(name)

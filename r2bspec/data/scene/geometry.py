@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from r2bspec.data.scene.waves import cosine, sine
+
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 
@@ -51,9 +53,9 @@ def subtract(left: Vector, right: Vector) -> Vector:
 
 def from_yaw_pitch_roll(yaw: float, pitch: float, roll: float) -> Matrix:
     """World from body, in radians: Rz(yaw) Ry(pitch) Rx(roll); positive pitch looks down."""
-    cy, sy = math.cos(yaw), math.sin(yaw)
-    cp, sp = math.cos(pitch), math.sin(pitch)
-    cr, sr = math.cos(roll), math.sin(roll)
+    cy, sy = cosine(yaw), sine(yaw)
+    cp, sp = cosine(pitch), sine(pitch)
+    cr, sr = cosine(roll), sine(roll)
     return (
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
         (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),

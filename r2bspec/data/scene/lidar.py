@@ -10,6 +10,7 @@ from r2bspec.data.scene.rig import Lidar
 from r2bspec.data.scene.room import Rays, Room
 from r2bspec.data.scene.sizes import CLOUD_FIELDS, CLOUD_POINT_BYTES
 from r2bspec.data.scene.surfaces import lidar_brightness
+from r2bspec.data.scene.waves import cosine, sine
 
 if TYPE_CHECKING:
     import numpy as np
@@ -54,13 +55,13 @@ def scan(
     import numpy as np
 
     beams = [math.radians(elevation) for elevation in lidar.elevations_deg]
-    flat = np.array([math.cos(beam) for beam in beams])[None, :]
-    up = np.array([math.sin(beam) for beam in beams])[None, :]
+    flat = np.array([cosine(beam) for beam in beams])[None, :]
+    up = np.array([sine(beam) for beam in beams])[None, :]
     times_ns = [offset_ns + column * turn_ns // lidar.columns for column in range(lidar.columns)]
     # Seen from above, the head turns clockwise.
     angles = [-2 * math.pi * column / lidar.columns for column in range(lidar.columns)]
-    ahead = np.array([math.cos(angle) for angle in angles])[:, None] * flat
-    left = np.array([math.sin(angle) for angle in angles])[:, None] * flat
+    ahead = np.array([cosine(angle) for angle in angles])[:, None] * flat
+    left = np.array([sine(angle) for angle in angles])[:, None] * flat
 
     poses = [motion.pose(time_ns / 1e9) for time_ns in times_ns]
     origins = np.array([pose.apply(lidar.position_m) for pose in poses])

@@ -12,6 +12,7 @@ from r2bspec.data.scene.geometry import (
     from_yaw_pitch_roll,
     transpose,
 )
+from r2bspec.data.scene.waves import cosine, sine
 
 GRAVITY_M_S2 = 9.80665
 
@@ -28,11 +29,18 @@ class Track:
         value, speed, acceleration = self.rest, 0.0, 0.0
         for amplitude, hertz, phase in self.waves:
             omega = 2 * math.pi * hertz
-            sine = amplitude * math.sin(omega * seconds + phase)
-            value += sine
-            speed += amplitude * omega * math.cos(omega * seconds + phase)
-            acceleration -= omega * omega * sine
+            wave = amplitude * sine(omega * seconds + phase)
+            value += wave
+            speed += amplitude * omega * cosine(omega * seconds + phase)
+            acceleration -= omega * omega * wave
         return value, speed, acceleration
+
+    def value(self, seconds: float) -> float:
+        """The value alone, with the bits that `at` gives."""
+        value = self.rest
+        for amplitude, hertz, phase in self.waves:
+            value += amplitude * sine(2 * math.pi * hertz * seconds + phase)
+        return value
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +57,9 @@ class Motion:
     def pose(self, seconds: float) -> Pose:
         """World from body at a time after the sequence's start."""
         return Pose(
-            (self.x.at(seconds)[0], self.y.at(seconds)[0], self.z.at(seconds)[0]),
+            (self.x.value(seconds), self.y.value(seconds), self.z.value(seconds)),
             from_yaw_pitch_roll(
-                self.yaw.at(seconds)[0], self.pitch.at(seconds)[0], self.roll.at(seconds)[0]
+                self.yaw.value(seconds), self.pitch.value(seconds), self.roll.value(seconds)
             ),
         )
 
@@ -61,9 +69,9 @@ class Motion:
         pitch, pitch_rate, _ = self.pitch.at(seconds)
         roll, roll_rate, _ = self.roll.at(seconds)
         return (
-            roll_rate - yaw_rate * math.sin(pitch),
-            pitch_rate * math.cos(roll) + yaw_rate * math.sin(roll) * math.cos(pitch),
-            yaw_rate * math.cos(roll) * math.cos(pitch) - pitch_rate * math.sin(roll),
+            roll_rate - yaw_rate * sine(pitch),
+            pitch_rate * cosine(roll) + yaw_rate * sine(roll) * cosine(pitch),
+            yaw_rate * cosine(roll) * cosine(pitch) - pitch_rate * sine(roll),
         )
 
     def specific_force_m_s2(self, seconds: float) -> Vector:

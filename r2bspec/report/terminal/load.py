@@ -20,14 +20,14 @@ def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
         return None
     # Many rates are spread over several tables, one below the other.
     across = max(1, (width - _NAME_WIDTH - _MEMORY_WIDTH) // _RATE_WIDTH)
-    return Group(*(_table(rates[start : start + across]) for start in range(0, len(rates), across)))
+    return Group(
+        heading("load", "CPU mean (max), where 100 % is one core"),
+        *(_table(rates[start : start + across]) for start in range(0, len(rates), across)),
+    )
 
 
 def _table(rates: tuple[RateMetrics, ...]) -> RenderableType:
-    made = table(
-        ["process", *(show(rate.offered_hz, "Hz") for rate in rates), "memory"],
-        heading("load", "CPU mean (max), where 100 % is one core"),
-    )
+    made = table(["process", *(show(rate.offered_hz, "Hz") for rate in rates), "memory"])
     names = dict.fromkeys(name for rate in rates for name in rate.pooled.processes)
     for name in names:
         uses = [rate.pooled.processes.get(name) for rate in rates]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from rich.console import RenderableType
+from rich.console import Group, RenderableType
 from rich.text import Text
 
 from r2bspec.measure.model import MonitorMetrics, RateMetrics, RunMetrics
@@ -45,10 +45,7 @@ def monitor_sections(metrics: RunMetrics, width: int) -> Iterator[RenderableType
 
 
 def _section(name: str, rates: tuple[RateMetrics, ...], columns: list[_Column]) -> RenderableType:
-    made = table(
-        ["offered", *(column.name for column in columns)],
-        heading(name, "latency from publication; below each line, its range over iterations"),
-    )
+    made = table(["offered", *(column.name for column in columns)])
     for rate in rates:
         seen = rate.pooled.monitors[name]
         made.add_row(
@@ -60,7 +57,8 @@ def _section(name: str, rates: tuple[RateMetrics, ...], columns: list[_Column]) 
                 Text(f"× {len(rate.iterations)}", style=QUIET),
                 *(Text(_spread(rate, name, column), style=QUIET) for column in columns),
             )
-    return made
+    aside = "latency from publication; below each line, its range over the iterations"
+    return Group(heading(name, aside), made)
 
 
 def _spread(rate: RateMetrics, monitor: str, column: _Column) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import groupby
 
 from rich.console import Group, RenderableType
@@ -13,53 +14,62 @@ from r2bspec.measure.units import show
 from r2bspec.report.terminal.style import QUIET, heading, outcome_text
 from r2bspec.slo.model import RequirementVerdict, Verdict
 
+_INDENT = 2
 _REASON_INDENT = 4
+_LEAST_TEXT = 16
+
+
+@dataclass(frozen=True)
+class _Line:
+    """The cells of one requirement: what was required, the estimate, and its bounds."""
+
+    verdict: RequirementVerdict
+    text: str
+    estimate: str
+    bounds: str
 
 
 def verdict_section(verdict: Verdict, width: int) -> RenderableType | None:
     """Every requirement, by objective; None if there are none."""
     if not verdict.requirements:
         return None
-    widths = _widths(verdict.requirements, width)
+    lines = _lines(verdict.requirements)
+    widths = _widths(lines, width)
     parts: list[RenderableType] = []
     for (name, at_hz), group in groupby(
-        verdict.requirements, key=lambda one: (one.objective, one.at_hz)
+        lines, key=lambda line: (line.verdict.objective, line.verdict.at_hz)
     ):
         if parts:
             parts.append("")
-        at = f"at {show(at_hz, 'Hz')}" if at_hz is not None else ""
-        parts.append(heading(name, at))
-        for one in group:
-            parts += _requirement(one, widths)
+        parts.append(heading(name, f"at {show(at_hz, 'Hz')}" if at_hz is not None else ""))
+        for line in group:
+            parts += _requirement(line, widths)
     return Group(*parts)
 
 
-def _requirement(one: RequirementVerdict, widths: tuple[int, ...]) -> list[RenderableType]:
-    line = Table.grid(padding=(0, 2, 0, 0), pad_edge=False)
-    for number, column in enumerate(widths):
-        line.add_column(width=column, overflow="fold", justify="left" if number < 2 else "right")
-    line.add_row(outcome_text(one.outcome), Text(one.text), *map(Text, _numbers(one)))
-    said = [Text(one.reason)]
-    if one.settle:
-        said.append(Text(one.settle, style=QUIET))
+def _lines(requirements: tuple[RequirementVerdict, ...]) -> list[_Line]:
+    several = len({one.monitor for one in requirements} - {None}) > 1
     return [
-        Padding(line, (0, 0, 0, 2)),
-        *(Padding(text, (0, 0, 0, _REASON_INDENT), expand=False) for text in said),
+        _Line(
+            verdict=one,
+            text=_text(one, name_monitor=several),
+            estimate="lost" if one.lost else show(one.estimate, one.unit),
+            bounds=_bounds(one),
+        )
+        for one in requirements
     ]
 
 
-def _numbers(one: RequirementVerdict) -> tuple[str, str]:
-    """The estimate, and what the confidence bounds or the observation say of it."""
-    return estimate(one), bounds(one)
+def _text(one: RequirementVerdict, *, name_monitor: bool) -> str:
+    """The requirement as written; where monitors differ, one that it left out is put in front."""
+    text = one.text.strip()
+    if not name_monitor or one.monitor is None or text.startswith(f"{one.monitor}."):
+        return text
+    return f"{one.monitor}.{text}"
 
 
-def estimate(one: RequirementVerdict) -> str:
-    """The estimate as text; ``lost`` where it is a message that never arrived."""
-    return "lost" if one.lost else show(one.estimate, one.unit)
-
-
-def bounds(one: RequirementVerdict) -> str:
-    """The interval of confidence as text, one-sided where only one side is bounded."""
+def _bounds(one: RequirementVerdict) -> str:
+    """The interval of confidence, one-sided where only one side is bounded."""
     if one.lower is None and one.upper is None:
         return "observed" if one.method == "observation" else ""
     if one.lower is None:
@@ -70,10 +80,26 @@ def bounds(one: RequirementVerdict) -> str:
     return lower if lower == upper else f"{lower} … {upper}"
 
 
-def _widths(requirements: tuple[RequirementVerdict, ...], width: int) -> tuple[int, ...]:
-    """Column widths that suit all requirements; the text of a requirement gives way first."""
-    outcome = max(outcome_text(one.outcome).cell_len for one in requirements)
-    numbers = [max(len(_numbers(one)[column]) for one in requirements) for column in range(2)]
-    text = max(len(one.text) for one in requirements)
-    room = width - outcome - sum(numbers) - 2 - 2 * 3
-    return (outcome, min(text, max(room, 16)), *numbers)
+def _widths(lines: list[_Line], width: int) -> tuple[int, int, int, int]:
+    """Column widths that suit all lines; where there is no room, the requirements are wrapped."""
+    outcome = max(outcome_text(line.verdict.outcome).cell_len for line in lines)
+    estimate = max(len(line.estimate) for line in lines)
+    bounds = max(len(line.bounds) for line in lines)
+    room = width - _INDENT - outcome - estimate - bounds - 2 * 3
+    text = min(max(len(line.text) for line in lines), max(room, _LEAST_TEXT))
+    return outcome, text, estimate, bounds
+
+
+def _requirement(line: _Line, widths: tuple[int, int, int, int]) -> list[RenderableType]:
+    cells = Table.grid(padding=(0, 2, 0, 0), pad_edge=False)
+    for number, column in enumerate(widths):
+        cells.add_column(width=column, overflow="fold", justify="left" if number < 2 else "right")
+    one = line.verdict
+    cells.add_row(outcome_text(one.outcome), *map(Text, (line.text, line.estimate, line.bounds)))
+    said = [Text(one.reason)]
+    if one.settle:
+        said.append(Text(one.settle, style=QUIET))
+    return [
+        Padding(cells, (0, 0, 0, _INDENT)),
+        *(Padding(text, (0, 0, 0, _REASON_INDENT), expand=False) for text in said),
+    ]

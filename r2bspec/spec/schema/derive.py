@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -50,6 +51,11 @@ def published_schema() -> Schema:
         "title": TITLE,
         **_rewrite(DOCUMENT, _publish),
     }
+
+
+def published_schema_text() -> str:
+    """The published schema as a file, with a newline at its end."""
+    return json.dumps(published_schema(), indent=2, ensure_ascii=False) + "\n"
 
 
 def _publish(schema: Schema) -> Schema:

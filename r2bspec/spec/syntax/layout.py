@@ -9,6 +9,7 @@ from r2bspec.spec.syntax.report import Report, indentation
 
 
 def colon(report: Report) -> Diagnostic | None:
+    """A ``:`` where no map can begin."""
     if "mapping values are not allowed" not in report.problem:
         return None
     key = re.match(r"\s*(?:- +)*([^\s:#'\"\[{][^:#]*?)\s*:(?:\s|$)", report.before)
@@ -34,7 +35,7 @@ def colon(report: Report) -> Diagnostic | None:
     above = report.line_above()
     no_space = re.match(r"\s*(?:- +)*([A-Za-z_]\w*):(\S.*)", above[1])
     if no_space is not None:
-        number, text = above
+        number, _ = above
         column = no_space.start(2) + 1
         return report.error(
             "R2B014",
@@ -55,6 +56,7 @@ def colon(report: Report) -> Diagnostic | None:
 
 
 def no_colon(report: Report) -> Diagnostic | None:
+    """A line that should be a key."""
     if "could not find expected ':'" not in report.problem:
         return None
     text = report.source.line(report.began.line)[report.began.column - 1 :].rstrip()
@@ -74,6 +76,7 @@ def no_colon(report: Report) -> Diagnostic | None:
 
 
 def wrong_indentation(report: Report) -> Diagnostic | None:
+    """A line that belongs to no level above it."""
     expected = ("did not find expected key", "did not find expected '-'", "expected <block end>")
     if not report.problem.startswith(expected):
         return None
@@ -107,6 +110,7 @@ def wrong_indentation(report: Report) -> Diagnostic | None:
 
 
 def list_in_line(report: Report) -> Diagnostic | None:
+    """A ``-`` behind a key."""
     if "sequence entries are not allowed" not in report.problem:
         return None
     return report.error(
@@ -118,6 +122,7 @@ def list_in_line(report: Report) -> Diagnostic | None:
 
 
 def document(report: Report) -> Diagnostic | None:
+    """What stands around a document, or in front of a value."""
     if "<document start>" in report.problem:
         return report.error(
             "R2B021",

@@ -9,6 +9,7 @@ from r2bspec.spec.syntax.report import Report
 
 
 def tab(report: Report) -> Diagnostic | None:
+    """A tab for indentation."""
     at_tab = report.rest.startswith("\t") and "start any token" in report.problem
     if not at_tab and "tab character" not in report.problem:
         return None
@@ -24,6 +25,7 @@ def tab(report: Report) -> Diagnostic | None:
 
 
 def reserved(report: Report) -> Diagnostic | None:
+    """A character with which no unquoted text begins."""
     if "start any token" not in report.problem:
         return None
     char = report.rest[:1]
@@ -42,6 +44,7 @@ def reserved(report: Report) -> Diagnostic | None:
 
 
 def unclosed_quote(report: Report) -> Diagnostic | None:
+    """A quote without its partner."""
     ended = "unexpected end of stream" in report.problem
     if not ended and "document indicator" not in report.problem:
         return None
@@ -57,7 +60,7 @@ def unclosed_quote(report: Report) -> Diagnostic | None:
 
 
 def unclosed_bracket(report: Report) -> Diagnostic | None:
-    """A flow list or map that meets something else than a comma or its own end."""
+    """A list or map in brackets that meets something else than a comma or its end."""
     if "flow" not in report.context:
         return None
     at_end = not report.rest.strip() or "stream end" in report.problem
@@ -96,6 +99,7 @@ def unclosed_bracket(report: Report) -> Diagnostic | None:
 
 
 def stray_bracket(report: Report) -> Diagnostic | None:
+    """A closing bracket, or a comma, without anything open."""
     if report.rest[:1] not in ("]", "}", ","):
         return None
     return report.error(
@@ -108,6 +112,7 @@ def stray_bracket(report: Report) -> Diagnostic | None:
 
 
 def escape(report: Report) -> Diagnostic | None:
+    """A backslash before a character that needs none."""
     if "escape character" not in report.problem and "hexdecimal" not in report.problem:
         return None
     # libyaml points to the backslash, the Python scanner behind it.
@@ -123,6 +128,7 @@ def escape(report: Report) -> Diagnostic | None:
 
 
 def name_missing(report: Report) -> Diagnostic | None:
+    """A ``*`` or ``&`` with which text begins."""
     if "alphabetic or numeric" not in report.problem:
         return None
     char = "*" if "alias" in report.context else "&"
@@ -136,5 +142,5 @@ def name_missing(report: Report) -> Diagnostic | None:
 
 
 def _word(text: str) -> str:
-    """The text that begins here, up to a colon or a comment, or within brackets up to the next mark."""
+    """The text that begins here: up to a colon, a comment, or the next mark in brackets."""
     return re.split(r"\s+#|[,\]}]|:(?:\s|$)", text, maxsplit=1)[0].rstrip()

@@ -6,12 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
+from data_bags import WINDOW
 
-from r2bspec.data.model import MadeDataset, Window
+from r2bspec.data.model import MadeDataset
 from r2bspec.data.synthesis import make
-
-# Two frames of each camera, one turn of the lidar, ten readings of the IMU.
-WINDOW = Window(start_ns=0, end_ns=50_000_000)
 
 
 @pytest.fixture(scope="session")

@@ -11,11 +11,15 @@ from typing import Any, Literal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from r2bspec.data.model import Message
+from r2bspec.data.model import Message, Window
 from r2bspec.data.reader import read_messages
 
 STRING = "std_msgs/msg/String"
 START_NS = 1_700_000_000_000_000_000
+
+# What the shared dataset holds: two frames of each camera, a turn of the lidar, ten readings of
+# the IMU.
+WINDOW = Window(start_ns=0, end_ns=50_000_000)
 
 
 @cache

@@ -7,6 +7,7 @@ import sys
 
 import msgspec
 import pytest
+from data_bags import WINDOW
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,8 +16,6 @@ from r2bspec.data.index import index_bag
 from r2bspec.data.model import MadeDataset, Window
 from r2bspec.data.reader import read_messages
 from r2bspec.data.sequences import DURATION_NS, SEQUENCES, describe, message_times_ns
-
-from conftest import WINDOW  # isort: skip
 
 
 def test_carries_the_sequences_of_r2b_2023() -> None:

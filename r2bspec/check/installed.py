@@ -1,0 +1,104 @@
+"""What is installed on this machine, looked up without importing or starting anything."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+from collections.abc import Iterator
+from importlib.machinery import ModuleSpec, PathFinder
+from pathlib import Path
+
+_LARGEST_BYTES = 1_000_000
+_PACKAGES = "share/ament_index/resource_index/packages"
+
+
+def find_module(name: str) -> ModuleSpec | None:
+    """Find a module by its dotted name; the packages above it are found, not imported."""
+    top, *below = name.split(".")
+    found = _find_top(top)
+    path = top
+    for part in below:
+        if found is None or found.submodule_search_locations is None:
+            return None
+        path = f"{path}.{part}"
+        found = PathFinder.find_spec(path, list(found.submodule_search_locations))
+    return found
+
+
+def _find_top(name: str) -> ModuleSpec | None:
+    try:
+        found = importlib.util.find_spec(name)
+    except (ImportError, ValueError):
+        found = None
+    # A node's process is started with 'python -m' and finds modules in the current folder, too.
+    return found or PathFinder.find_spec(name, [str(Path.cwd())])
+
+
+def top_level_names(source: Path) -> frozenset[str] | None:
+    """The names that a Python file defines, or None if that cannot be told from its text.
+
+    Raises:
+        SyntaxError: it is no Python, as this interpreter understands it.
+    """
+    try:
+        if source.stat().st_size > _LARGEST_BYTES:
+            return None
+        tree = ast.parse(source.read_bytes())
+    except (OSError, ValueError):
+        return None
+    names = set(_bound(tree.body))
+    return None if names & {"*", "__getattr__"} else frozenset(names)
+
+
+def _bound(body: list[ast.stmt]) -> Iterator[str]:
+    """The names that statements bind, also inside of ``if``, ``try`` and ``with``."""
+    for statement in body:
+        match statement:
+            case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef():
+                yield statement.name
+            case ast.Import() | ast.ImportFrom():
+                for alias in statement.names:
+                    yield (alias.asname or alias.name).partition(".")[0]
+            case _:
+                for part in ast.iter_child_nodes(statement):
+                    if isinstance(part, ast.stmt):
+                        yield from _bound([part])
+                    elif isinstance(part, ast.ExceptHandler):
+                        yield from _bound(part.body)
+                    else:
+                        yield from _assigned(part)
+
+
+def _assigned(part: ast.AST) -> Iterator[str]:
+    for each in ast.walk(part):
+        if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
+            yield each.id
+
+
+def ament_prefixes() -> list[Path]:
+    """The folders in which ROS packages are installed."""
+    return [Path(each) for each in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if each]
+
+
+def ament_packages() -> set[str]:
+    """The names of all ROS packages that are installed."""
+    found: set[str] = set()
+    for prefix in ament_prefixes():
+        try:
+            found.update(each.name for each in (prefix / _PACKAGES).iterdir())
+        except OSError:
+            continue
+    return found
+
+
+def package_executables(package: str) -> set[str]:
+    """The names of a ROS package's executables."""
+    found: set[str] = set()
+    for prefix in ament_prefixes():
+        try:
+            entries = list(os.scandir(prefix / "lib" / package))
+        except OSError:
+            continue
+        found.update(each.name for each in entries if os.access(each.path, os.X_OK))
+    return found

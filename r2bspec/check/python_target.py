@@ -1,0 +1,36 @@
+"""What ``python:`` of a node names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class PythonTarget:
+    """A class or function in a module or a file.
+
+    Attributes:
+        text: as written.
+        module: its dotted name; empty for a file.
+        file: where the file should be; without meaning for a module.
+        name: the class or function.
+        readable: whether the file lies in the folder of the spec, so that it may be read.
+    """
+
+    text: str
+    module: str
+    file: Path
+    name: str
+    readable: bool
+
+
+def python_target(text: str, base_dir: Path) -> PythonTarget:
+    """Take ``module.Class`` or ``./file.py:Class`` apart."""
+    place, colon, name = text.rpartition(":")
+    if not colon:
+        module, _, name = text.rpartition(".")
+        return PythonTarget(text, module, Path(), name, readable=False)
+    file = base_dir / place
+    inside = file.resolve().is_relative_to(base_dir.resolve())
+    return PythonTarget(text, "", file, name, readable=inside)

@@ -1,0 +1,35 @@
+"""Environment variables that are listed but not set."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Certainty, Severity
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for index, name in enumerate(context.spec.environment):
+        if name not in os.environ:
+            yield Finding(
+                message=f"{name} is not set here, so no process gets it",
+                path=("environment", index),
+                help=f"set it, for example: export {name}=...",
+                certainty=Certainty.ENVIRONMENT,
+            )
+
+
+RULE = Rule(
+    code="R2B661",
+    title="an environment variable that is listed but not set",
+    severity=Severity.INFO,
+    why="The processes of a run get the variables that 'environment' lists; one that is not set "
+    "may be meant to be optional.",
+    failing=example(environment="[R2BSPEC_EXAMPLE_MODELS]"),
+    passing=example(environment="[PATH]"),
+    find=_find,
+)

@@ -1,0 +1,41 @@
+"""Executables that an installed ROS package does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.finding import Finding
+from r2bspec.check.installed import package_executables
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import suggestion
+from r2bspec.diagnostics.model import Certainty, Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for _, node in context.nodes:
+        if node.node.kind != "executable":
+            continue
+        package, executable = node.node.package, node.node.executable
+        there = package_executables(package)
+        if executable not in there:
+            yield Finding(
+                message=f"the ROS package {quote(package)} has no executable {quote(executable)} "
+                "on this machine",
+                path=(*node.path, "executable"),
+                help=suggestion(executable, there, "it has") or "it has none at all",
+                certainty=Certainty.ENVIRONMENT,
+                about=frozenset({subjects.value((*node.path, "package"))}),
+            )
+
+
+RULE = Rule(
+    code="R2B623",
+    title="an executable that its ROS package does not have",
+    severity=Severity.WARNING,
+    why="A run on this machine would fail as it starts. It is a warning, because another version "
+    "of the package may have it.",
+    find=_find,
+)

@@ -1,0 +1,71 @@
+"""Monitors that match by stamp where no input carries one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.message_types import begins_with_header
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    inputs = context.spec.playback.inputs
+    if any(begins_with_header(each.format) is not False for each in inputs.values()):
+        return
+    first = next(iter(inputs))
+    for name, monitor in context.spec.monitors.items():
+        if monitor.match == "stamp":
+            yield Finding(
+                message=f"monitor {name} matches by stamp, but no playback input has a header to "
+                "carry one",
+                path=("monitors", name),
+                key=True,
+                help="write 'match: order', if each input has one output",
+                related=(
+                    Pointer(
+                        f"{inputs[first].format} has no header",
+                        ("playback", "inputs", first, "format"),
+                    ),
+                ),
+                about=frozenset({subjects.value(("monitors", name, "match"))}),
+            )
+
+
+RULE = Rule(
+    code="R2B407",
+    title="a monitor that matches by a stamp which no input carries",
+    severity=Severity.ERROR,
+    why="The player writes a unique stamp into the header of what it plays. Where there is no "
+    "header, outputs cannot be told apart by it.",
+    failing=example(
+        graph="""
+            nodes:
+              camera:
+                command: [sh, ./camera.sh]
+                subscribes: {trigger: std_msgs/msg/Bool}
+                publishes: {output: sensor_msgs/msg/Image}
+        """,
+        preprocessors="""
+            trigger:
+              command: [sh, ./trigger.sh]
+              subscribes: {image_raw: sensor_msgs/msg/Image}
+              publishes: {trigger_raw: std_msgs/msg/Bool}
+        """,
+        playback="{inputs: {trigger: {from: trigger_raw, format: std_msgs/msg/Bool}}}",
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              camera:
+                command: [sh, ./camera.sh]
+                subscribes: {image: sensor_msgs/msg/Image}
+                publishes: {output: sensor_msgs/msg/Image}
+        """,
+    ),
+    find=_find,
+)

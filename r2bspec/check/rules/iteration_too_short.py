@@ -1,0 +1,40 @@
+"""Iterations so short that hardly anything is played in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import counted
+from r2bspec.diagnostics.model import Severity
+from r2bspec.spec.quantities import Duration
+
+_LEAST = 2
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    duration = context.spec.benchmark.duration
+    for index, rate in enumerate(context.spec.benchmark.rates):
+        steps = round(rate.hz * duration.seconds)
+        if steps < _LEAST:
+            needed = Duration(round(_LEAST / rate.hz * 1e9))
+            yield Finding(
+                message=f"an iteration of {duration} at {rate} has {counted(steps, 'message')}",
+                path=("benchmark", "rates", index),
+                help=f"a rate is seen between two messages; make 'duration' {needed} or longer",
+                related=(Pointer("the duration", ("benchmark", "duration")),),
+            )
+
+
+RULE = Rule(
+    code="R2B513",
+    title="an iteration with fewer than two messages",
+    severity=Severity.ERROR,
+    why="Throughput is measured from the first to the last message of an iteration.",
+    failing=example(benchmark="{duration: 1 s, rates: [1 Hz]}"),
+    passing=example(benchmark="{duration: 5 s, rates: [1 Hz]}"),
+    find=_find,
+)

@@ -1,0 +1,52 @@
+"""Metrics of monitors without saying which, where there are several."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.metrics import known_metrics
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import listed
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    monitors = context.spec.monitors
+    for each in known_metrics(context):
+        if len(monitors) > 1 and each.info.scope == "monitor" and each.monitor is None:
+            name = each.info.name
+            first = next(iter(monitors))
+            yield Finding(
+                message=f"{quote(name)} is required of each of the monitors {listed(monitors)}",
+                path=each.placed.path,
+                part=each.placed.metric_part,
+                help=f"to mean one of them, write for example {quote(f'{first}.{name}')}",
+            )
+
+
+RULE = Rule(
+    code="R2B503",
+    title="a requirement on every monitor at once",
+    severity=Severity.INFO,
+    why="A metric without the name of a monitor is judged for each. That may be meant; it is said "
+    "here because nothing else in the document shows it.",
+    failing=example(
+        monitors="""
+            output: {topic: output, format: sensor_msgs/msg/Image}
+            input: {topic: image, format: sensor_msgs/msg/Image}
+        """,
+        slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}",
+    ),
+    passing=example(
+        monitors="""
+            output: {topic: output, format: sensor_msgs/msg/Image}
+            input: {topic: image, format: sensor_msgs/msg/Image}
+        """,
+        slos="{fast: {at: 30 Hz, require: [output.latency.p90 < 50 ms]}}",
+    ),
+    find=_find,
+)

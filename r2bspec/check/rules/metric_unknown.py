@@ -1,0 +1,38 @@
+"""Requirements on metrics that do not exist."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.metrics import unknown_metrics
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import listed
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for each in unknown_metrics(context):
+        error = each.error
+        yield Finding(
+            message=str(error),
+            path=each.placed.path,
+            part=each.placed.metric_part,
+            help=f"did you mean {quote(error.suggestion)}?"
+            if error.suggestion
+            else f"there are {listed(error.known)}",
+        )
+
+
+RULE = Rule(
+    code="R2B501",
+    title="a requirement on a metric or a monitor that does not exist",
+    severity=Severity.ERROR,
+    why="What is not measured cannot be judged.",
+    failing=example(slos="{fast: {at: 30 Hz, require: [latncy.p90 < 50 ms]}}"),
+    passing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}"),
+    find=_find,
+)

@@ -1,0 +1,56 @@
+"""Monitors that match by a stamp which their messages do not have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.message_types import begins_with_header
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for name, monitor in context.spec.monitors.items():
+        place = ("monitors", name)
+        if monitor.match == "stamp" and begins_with_header(monitor.format) is False:
+            yield Finding(
+                message=f"monitor {name} matches by stamp, but {monitor.format} has no header",
+                path=(*place, "format"),
+                help="write 'match: order', if each input has one output",
+                about=frozenset({subjects.value((*place, "format"))}),
+                explains=frozenset({subjects.value((*place, "match"))}),
+            )
+
+
+RULE = Rule(
+    code="R2B406",
+    title="a monitor that matches by stamp messages without one",
+    severity=Severity.ERROR,
+    why="An output finds its input by the header stamp that both carry. Without one, every message "
+    "would count as lost.",
+    failing=example(
+        graph="""
+            nodes:
+              counter:
+                command: [sh, ./counter.sh]
+                subscribes: {image: sensor_msgs/msg/Image}
+                publishes: {output: std_msgs/msg/Float32}
+        """,
+        monitors="{output: {topic: output, format: std_msgs/msg/Float32}}",
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              counter:
+                command: [sh, ./counter.sh]
+                subscribes: {image: sensor_msgs/msg/Image}
+                publishes: {output: std_msgs/msg/Float32}
+        """,
+        monitors="{output: {topic: output, format: std_msgs/msg/Float32, match: order}}",
+    ),
+    find=_find,
+)

@@ -1,0 +1,65 @@
+"""Monitors that nothing of what is played can reach."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    phase = context.wiring.measure
+    if phase.may_read or phase.may_write:
+        return
+    reached = phase.reached_from(each.topic for each in phase.owned_by("player"))
+    for monitor in phase.owned_by("monitor"):
+        writers = phase.writers(monitor.topic)
+        if writers and monitor.topic not in reached:
+            yield Finding(
+                message=f"no playback input leads to {quote(context.shown(monitor.topic))}, which "
+                f"monitor {monitor.monitor} watches",
+                path=monitor.path,
+                related=(Pointer("who publishes it", writers[0].path, writers[0].at_key),),
+                about=frozenset(
+                    {subjects.FLOW, subjects.topic(phase.phase, monitor.topic)},
+                ),
+            )
+
+
+RULE = Rule(
+    code="R2B405",
+    title="a monitor that nothing played can reach",
+    severity=Severity.ERROR,
+    why="None of its messages answers an input, so nothing of what it sees says anything about the "
+    "graph under test.",
+    failing=example(
+        graph="""
+            nodes:
+              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
+              ring: {python: r2bspec.nodes.RelayNode, remappings: {input: a, output: b}}
+              back: {python: r2bspec.nodes.RelayNode, remappings: {input: b, output: a}}
+        """,
+        monitors="""
+            output: {topic: output, format: sensor_msgs/msg/Image}
+            other: {topic: a, format: sensor_msgs/msg/Image}
+        """,
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
+              next: {python: r2bspec.nodes.RelayNode, remappings: {input: output, output: a}}
+        """,
+        monitors="""
+            output: {topic: output, format: sensor_msgs/msg/Image}
+            other: {topic: a, format: sensor_msgs/msg/Image}
+        """,
+    ),
+    find=_find,
+)

@@ -1,0 +1,37 @@
+"""Benchmarks that play nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    benchmark = context.spec.benchmark
+    sustained = any(each.requirement.metric == "sustained" for each in context.requirements)
+    if not benchmark.rates and benchmark.search is None and not sustained:
+        at = {subjects.value(("slos", name, "at")) for name in context.spec.slos}
+        yield Finding(
+            message="nothing is played: there are neither rates nor a search",
+            path=("benchmark",),
+            key=True,
+            help="add 'rates: [30 Hz]' or 'search: {min: 5 Hz, max: 200 Hz}' under 'benchmark'",
+            explains=frozenset(at),
+        )
+
+
+RULE = Rule(
+    code="R2B500",
+    title="a benchmark that plays nothing",
+    severity=Severity.ERROR,
+    why="Without a rate or a search nothing would be measured.",
+    failing=example(benchmark="{duration: 5 s}"),
+    passing=example(benchmark="{duration: 5 s, rates: [30 Hz]}"),
+    find=_find,
+)

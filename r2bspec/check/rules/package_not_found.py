@@ -1,0 +1,57 @@
+"""ROS packages that this machine does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.installed import ament_packages, ament_prefixes
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import counted
+from r2bspec.diagnostics import did_you_mean
+from r2bspec.diagnostics.model import Certainty, Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    nodes = [node for _, node in context.nodes if node.node.kind == "executable"]
+    installed = ament_packages() if nodes else set()
+    for node in nodes:
+        package = node.node.package
+        if package not in installed:
+            close = did_you_mean(package, installed)
+            path = (*node.path, "package")
+            yield Finding(
+                message=f"there is no ROS package {quote(package)} on this machine",
+                path=path,
+                help=f"did you mean {quote(close)}?"
+                if close
+                else f"source the workspace that has it; AMENT_PREFIX_PATH names "
+                f"{counted(len(ament_prefixes()), 'folder')}",
+                certainty=Certainty.ENVIRONMENT,
+                explains=frozenset({subjects.value(path)}),
+            )
+
+
+RULE = Rule(
+    code="R2B622",
+    title="a ROS package that is not installed",
+    severity=Severity.WARNING,
+    why="A run on this machine would fail as it starts. It is a warning, because the run may well "
+    "happen on another one.",
+    failing=example(
+        graph="""
+            nodes:
+              detector:
+                package: r2bspec_example_detector
+                executable: detector
+                subscribes: {image: sensor_msgs/msg/Image}
+                publishes: {output: sensor_msgs/msg/Image}
+        """
+    ),
+    passing=example(),
+    find=_find,
+)

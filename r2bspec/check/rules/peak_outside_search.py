@@ -1,0 +1,58 @@
+"""Requirements on the peak that its search can neither meet nor miss."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.metrics import known_metrics
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+_SEARCH = ("benchmark", "search")
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    search = context.spec.benchmark.search
+    if search is None or search.min.hz >= search.max.hz:
+        return
+    for each in known_metrics(context):
+        bound = each.placed.requirement.bound
+        if each.info.statistic != "search" or bound is None or bound.dimension != "rate":
+            continue
+        if search.min.hz < bound.value <= search.max.hz:
+            continue
+        end = "max" if bound.value > search.max.hz else "min"
+        limit = search.max if end == "max" else search.min
+        yield Finding(
+            message=f"the search goes from {search.min} to {search.max} and cannot tell whether "
+            f"{quote(each.placed.requirement.text)}",
+            path=each.placed.path,
+            part=each.placed.bound_part,
+            help=f"search {'beyond' if end == 'max' else 'below'} {bound.value:g} Hz",
+            related=(
+                Pointer(f"it {'ends' if end == 'max' else 'begins'} at {limit}", (*_SEARCH, end)),
+            ),
+            about=frozenset({each.placed.subject}),
+        )
+
+
+RULE = Rule(
+    code="R2B507",
+    title="a required peak outside of the search",
+    severity=Severity.ERROR,
+    why="A search finds no peak beyond its range, so such a requirement would be decided by the "
+    "range alone.",
+    failing=example(
+        benchmark="{search: {min: 5 Hz, max: 40 Hz}}",
+        slos="{headroom: {require: [peak.rate >= 45 Hz]}}",
+    ),
+    passing=example(
+        benchmark="{search: {min: 5 Hz, max: 90 Hz}}",
+        slos="{headroom: {require: [peak.rate >= 45 Hz]}}",
+    ),
+    find=_find,
+)

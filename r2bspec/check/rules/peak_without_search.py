@@ -1,0 +1,41 @@
+"""Requirements on a search that the spec does not ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.metrics import known_metrics
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    if context.spec.benchmark.search is not None:
+        return
+    for each in known_metrics(context):
+        if each.info.statistic == "search":
+            yield Finding(
+                message=f"{quote(each.info.name)} is required, but no search is asked for",
+                path=each.placed.path,
+                part=each.placed.metric_part,
+                help="add one under 'benchmark': 'search: {min: 5 Hz, max: 200 Hz}'",
+                explains=frozenset({each.placed.subject}),
+            )
+
+
+RULE = Rule(
+    code="R2B506",
+    title="a requirement on the peak without a search",
+    severity=Severity.ERROR,
+    why="The peak is what the search finds.",
+    failing=example(slos="{headroom: {require: [peak.rate >= 45 Hz]}}"),
+    passing=example(
+        benchmark="{rates: [30 Hz], search: {min: 5 Hz, max: 200 Hz}}",
+        slos="{headroom: {require: [peak.rate >= 45 Hz]}}",
+    ),
+    find=_find,
+)

@@ -1,0 +1,62 @@
+"""Preprocessors that read what they have written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    phase = context.wiring.preprocess
+    for node in phase.nodes:
+        endpoints = phase.owned_by(node.name)
+        reached = phase.reached_from(each.topic for each in endpoints if each.writes)
+        for each in endpoints:
+            if not each.writes and each.topic in reached:
+                yield Finding(
+                    message=f"{node.key} reads {quote(context.shown(each.topic))}, to which its "
+                    "own output leads",
+                    path=each.path,
+                    key=each.at_key,
+                    help="preprocessors pass messages on from the bag to the playback inputs",
+                    about=frozenset({subjects.topic(phase.phase, each.topic)}),
+                    explains=frozenset({subjects.FEED}),
+                )
+
+
+RULE = Rule(
+    code="R2B402",
+    title="preprocessors in a circle",
+    severity=Severity.ERROR,
+    why="A message in a circle of nodes is never done with, so preprocessing has no end.",
+    failing=example(
+        preprocessors="""
+            relay:
+              python: r2bspec.nodes.RelayNode
+              remappings: {input: again, output: prepared}
+            back:
+              python: r2bspec.nodes.RelayNode
+              remappings: {input: prepared, output: again}
+        """,
+        playback="{inputs: {image: {from: prepared, format: sensor_msgs/msg/Image}}}",
+    ),
+    passing=example(
+        preprocessors="""
+            relay:
+              python: r2bspec.nodes.RelayNode
+              remappings: {input: image_raw, output: again}
+            back:
+              python: r2bspec.nodes.RelayNode
+              remappings: {input: again, output: prepared}
+        """,
+        playback="{inputs: {image: {from: prepared, format: sensor_msgs/msg/Image}}}",
+    ),
+    find=_find,
+)

@@ -1,0 +1,58 @@
+"""Preprocessors whose output is never played."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import listed
+from r2bspec.diagnostics.model import Severity
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    phase = context.wiring.preprocess
+    recorded = {each.topic for each in phase.owned_by("recorder")}
+    if phase.may_read:
+        return
+    for node in phase.nodes:
+        if node.interface.publishes is None:
+            continue
+        written = [each.topic for each in phase.owned_by(node.name) if each.writes]
+        if not phase.reached_from(written) & recorded:
+            yield Finding(
+                message=f"no playback input plays what {node.key} publishes",
+                path=node.path,
+                key=True,
+                help=f"it publishes {listed(context.shown(topic) for topic in written)}",
+                about=frozenset(
+                    {subjects.FEED, *(subjects.topic(phase.phase, topic) for topic in written)}
+                ),
+            )
+
+
+RULE = Rule(
+    code="R2B404",
+    title="a preprocessor that feeds nothing",
+    severity=Severity.WARNING,
+    why="It runs before every benchmark, and nothing of it is ever played.",
+    failing=example(
+        preprocessors="""
+            relay:
+              python: r2bspec.nodes.RelayNode
+              remappings: {input: image_raw, output: prepared}
+        """
+    ),
+    passing=example(
+        preprocessors="""
+            relay:
+              python: r2bspec.nodes.RelayNode
+              remappings: {input: image_raw, output: prepared}
+        """,
+        playback="{inputs: {image: {from: prepared, format: sensor_msgs/msg/Image}}}",
+    ),
+    find=_find,
+)

@@ -1,0 +1,91 @@
+"""Python nodes whose file or module has no such class or function."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.installed import find_module, top_level_names
+from r2bspec.check.python_target import PythonTarget, python_target
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import suggestion
+from r2bspec.diagnostics.model import Certainty, Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.interfaces import reference_table
+
+_REFERENCE = "r2bspec.nodes"
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for _, node in context.nodes:
+        if not node.node.python:
+            continue
+        target = python_target(node.node.python, context.loaded.base_dir)
+        names = _names(target)
+        if names is None or target.name in names:
+            continue
+        path = (*node.path, "python")
+        # An installed module may have the name in another version; these two go with the spec.
+        certain = not target.module or target.module == _REFERENCE
+        yield Finding(
+            message=f"{quote(target.module or target.text.rpartition(':')[0])} has no "
+            f"{quote(target.name)}",
+            path=path,
+            part=(len(target.text) - len(target.name), len(target.name)),
+            help=suggestion(target.name, _public(names), "it has"),
+            severity=None if certain else Severity.WARNING,
+            certainty=Certainty.CERTAIN if certain else Certainty.ENVIRONMENT,
+            about=frozenset({subjects.value(path)}),
+            explains=frozenset({subjects.value(node.path)}),
+        )
+
+
+def _names(target: PythonTarget) -> frozenset[str] | None:
+    """The names that there are, or None if that cannot be told."""
+    if target.module == _REFERENCE:
+        return frozenset(name.rpartition(".")[2] for name in reference_table())
+    source = target.file if target.readable else None
+    if target.module:
+        found = find_module(target.module)
+        origin = found.origin if found is not None else None
+        source = Path(origin) if origin is not None and origin.endswith(".py") else None
+    if source is None or not source.is_file():
+        return None
+    try:
+        return top_level_names(source)
+    except SyntaxError:
+        return None
+
+
+def _public(names: frozenset[str]) -> list[str]:
+    """The names that may well be nodes."""
+    return [name for name in names if name[:1].isupper()] or [
+        name for name in names if not name.startswith("_")
+    ]
+
+
+RULE = Rule(
+    code="R2B625",
+    title="a Python node that its file or module does not have",
+    severity=Severity.ERROR,
+    why="A run would fail as it starts. The file is read, not executed; where a name might come "
+    "from elsewhere (from x import *), nothing is said.",
+    failing=example(
+        graph="""
+            nodes:
+              relay: {python: r2bspec.nodes.RelayNod, remappings: {input: image}}
+        """
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
+        """
+    ),
+    find=_find,
+    early=True,
+)

@@ -1,0 +1,51 @@
+"""Objectives at rates that are never played."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.measure.catalogue import METRICS
+from r2bspec.spec.model import Objective
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    played = context.spec.benchmark.rates
+    for name, objective in context.spec.slos.items():
+        if objective.at is not None and objective.at not in played and _needs_playing(objective):
+            rates = ", ".join(str(rate) for rate in played)
+            yield Finding(
+                message=f"nothing is played at {objective.at}",
+                path=("slos", name, "at"),
+                help=f"played are {rates}; add it under 'benchmark.rates'"
+                if played
+                else "add it under 'benchmark.rates', which is empty",
+                explains=frozenset({subjects.value(("slos", name, "at"))}),
+            )
+
+
+def _needs_playing(objective: Objective) -> bool:
+    """Whether any requirement is about iterations; a sustained rate gets a probe of its own."""
+    return any(
+        (info := METRICS.get(each.metric)) is None or info.statistic not in {"sequential", "search"}
+        for each in objective.require
+    )
+
+
+RULE = Rule(
+    code="R2B504",
+    title="an objective at a rate that is never played",
+    severity=Severity.ERROR,
+    why="There would be nothing to judge it by.",
+    failing=example(slos="{fast: {at: 60 Hz, require: [latency.p90 < 50 ms]}}"),
+    passing=example(
+        benchmark="{rates: [30 Hz, 60 Hz]}",
+        slos="{fast: {at: 60 Hz, require: [latency.p90 < 50 ms]}}",
+    ),
+    find=_find,
+)

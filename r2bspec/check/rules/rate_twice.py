@@ -1,0 +1,36 @@
+"""Rates that are listed twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.spec.quantities import Rate
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    first: dict[Rate, int] = {}
+    for index, rate in enumerate(context.spec.benchmark.rates):
+        if rate in first:
+            yield Finding(
+                message=f"{rate} is played once, although it is listed twice",
+                path=("benchmark", "rates", index),
+                help="'iterations' says how often each rate is played",
+                related=(Pointer("listed here already", ("benchmark", "rates", first[rate])),),
+            )
+        first.setdefault(rate, index)
+
+
+RULE = Rule(
+    code="R2B512",
+    title="a rate that is listed twice",
+    severity=Severity.WARNING,
+    why="Results are kept by rate; the second time would have nowhere to go.",
+    failing=example(benchmark="{rates: [30 Hz, 0.03 kHz]}"),
+    passing=example(benchmark="{rates: [30 Hz, 60 Hz]}"),
+    find=_find,
+)

@@ -1,0 +1,40 @@
+"""Requirements on what is played at a rate, without a rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.metrics import known_metrics
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    rates = ", ".join(str(rate) for rate in context.spec.benchmark.rates)
+    for each in known_metrics(context):
+        placed = each.placed
+        if placed.role == "objective" and placed.at is None and each.info.statistic != "search":
+            yield Finding(
+                message=f"{quote(each.info.name)} is required, but not at which rate",
+                path=placed.path,
+                part=placed.metric_part,
+                help=f"give the objective {quote(placed.objective)} a rate"
+                + (f": 'at:' and one of {rates}" if rates else " with 'at:'"),
+                explains=frozenset({placed.subject}),
+            )
+
+
+RULE = Rule(
+    code="R2B505",
+    title="a requirement at no rate",
+    severity=Severity.ERROR,
+    why="A latency at 10 Hz says little about one at 60 Hz. Only the outcome of the search "
+    "(peak.rate) belongs to no rate.",
+    failing=example(slos="{fast: {require: [latency.p90 < 50 ms]}}"),
+    passing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}"),
+    find=_find,
+)

@@ -1,0 +1,40 @@
+"""Conditions of a search that a single probe cannot answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.metrics import known_metrics
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+_ANSWERED = ("monitor", "playback")
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for each in known_metrics(context):
+        if each.placed.role == "holds" and each.info.scope not in _ANSWERED:
+            yield Finding(
+                message=f"a probe of a search does not answer {quote(each.info.name)}",
+                path=each.placed.path,
+                part=each.placed.metric_part,
+                help="that the backlog does not grow is always asked; leave it out"
+                if each.info.scope == "probe"
+                else "conditions are on metrics of monitors, such as 'drop_rate <= 5 %'",
+                explains=frozenset({each.placed.subject}),
+            )
+
+
+RULE = Rule(
+    code="R2B509",
+    title="a condition of a search that no probe can answer",
+    severity=Severity.ERROR,
+    why="A probe plays one rate for a few seconds and looks at what comes out.",
+    failing=example(benchmark="{search: {min: 5 Hz, max: 200 Hz, holds: [cpu.relay.mean < 80 %]}}"),
+    passing=example(benchmark="{search: {min: 5 Hz, max: 200 Hz, holds: [drop_rate <= 5 %]}}"),
+    find=_find,
+)

@@ -1,0 +1,35 @@
+"""Searches whose range is empty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+
+_SEARCH = ("benchmark", "search")
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    search = context.spec.benchmark.search
+    if search is not None and search.min.hz >= search.max.hz:
+        yield Finding(
+            message=f"the search ends at {search.max}, not above its beginning at {search.min}",
+            path=(*_SEARCH, "max"),
+            help="'max' is the highest rate that is tried; it must lie above 'min'",
+            related=(Pointer("it begins here", (*_SEARCH, "min")),),
+        )
+
+
+RULE = Rule(
+    code="R2B508",
+    title="a search without a range",
+    severity=Severity.ERROR,
+    why="There is no rate to try.",
+    failing=example(benchmark="{rates: [30 Hz], search: {min: 200 Hz, max: 5 Hz}}"),
+    passing=example(benchmark="{rates: [30 Hz], search: {min: 5 Hz, max: 200 Hz}}"),
+    find=_find,
+)

@@ -1,0 +1,48 @@
+"""Bounds on means with a single iteration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.metrics import known_metrics
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    if context.spec.benchmark.iterations > 1:
+        return
+    for each in known_metrics(context):
+        placed = each.placed
+        compared = placed.requirement.op in {"<", "<=", ">", ">="}
+        if each.info.statistic == "mean" and compared and placed.role == "objective":
+            yield Finding(
+                message=f"one iteration can never show that {quote(placed.requirement.text)}",
+                path=placed.path,
+                help="set 'benchmark.iterations' to 2 at least; 5 or more make a useful interval",
+                related=(Pointer("one iteration", ("benchmark", "iterations")),),
+                about=frozenset({placed.subject, subjects.value(("slos", placed.objective, "at"))}),
+            )
+
+
+RULE = Rule(
+    code="R2B511",
+    title="a bound on a mean with a single iteration",
+    severity=Severity.ERROR,
+    why="How much a mean scatters is seen in how much iterations differ, and one differs from "
+    "nothing: such a requirement stays inconclusive for ever.",
+    failing=example(
+        benchmark="{duration: 20 s, iterations: 1, rates: [30 Hz]}",
+        slos="{fast: {at: 30 Hz, require: [throughput.mean >= 97 % of offered]}}",
+    ),
+    passing=example(
+        benchmark="{duration: 5 s, iterations: 4, rates: [30 Hz]}",
+        slos="{fast: {at: 30 Hz, require: [throughput.mean >= 97 % of offered]}}",
+    ),
+    find=_find,
+)

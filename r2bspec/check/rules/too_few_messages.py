@@ -1,0 +1,98 @@
+"""Requirements that no run of the declared length can show to hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.metrics import Known, known_metrics
+from r2bspec.check.rule import Rule
+from r2bspec.check.settling import least_messages
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.spec.quantities import Rate
+
+# Values that an iteration has fewer than messages: what lies between them, and between those.
+_FEWER = {"interval": 1, "jitter": 2}
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for each in known_metrics(context):
+        placed = each.placed
+        allowed = _allowed(each)
+        if placed.role != "objective" or placed.at is None or allowed is None:
+            continue
+        needed = least_messages(allowed)
+        if needed is None:
+            yield _never(each)
+        elif placed.at in context.spec.benchmark.rates:
+            finding = _too_few(context, each, placed.at, needed)
+            if finding is not None:
+                yield finding
+
+
+def _allowed(each: Known) -> float | None:
+    """The share of messages that may be on the wrong side; None if no share decides."""
+    requirement, info = each.placed.requirement, each.info
+    if requirement.bound is None or requirement.op not in {"<", "<=", ">", ">="}:
+        return None
+    ceiling = requirement.op in {"<", "<="}
+    if info.statistic == "percentile" and info.quantile is not None:
+        return 1 - info.quantile if ceiling else info.quantile
+    if info.statistic == "share":
+        return requirement.bound.value if ceiling else 1 - requirement.bound.value
+    return None
+
+
+def _never(each: Known) -> Finding:
+    return Finding(
+        message=f"no number of messages can show that {quote(each.placed.requirement.text)}",
+        path=each.placed.path,
+        help="require 'missed == 0' of what is observed, or allow a small share",
+        about=frozenset({each.placed.subject}),
+    )
+
+
+def _too_few(context: Context, each: Known, at: Rate, needed: int) -> Finding | None:
+    benchmark = context.spec.benchmark
+    per_iteration = round(at.hz * benchmark.duration.seconds) - _FEWER.get(each.info.family, 0)
+    played = max(per_iteration, 0) * benchmark.iterations
+    if played >= needed:
+        return None
+    enough = math.ceil(needed / per_iteration) if per_iteration > 0 else 0
+    return Finding(
+        message=f"{played:,} messages at {at} can never show that "
+        f"{quote(each.placed.requirement.text)}; that takes {needed:,} at least",
+        path=each.placed.path,
+        help=(
+            f"set 'benchmark.iterations' to {enough} or more, or play longer ones"
+            if enough
+            else "make 'benchmark.duration' longer"
+        )
+        + "; with some messages over the bound it takes several times as many",
+        about=frozenset(
+            {each.placed.subject, subjects.value(("slos", each.placed.objective, "at"))}
+        ),
+    )
+
+
+RULE = Rule(
+    code="R2B510",
+    title="a requirement that a run of this length can never settle",
+    severity=Severity.ERROR,
+    why="A verdict needs 95 % confidence. To show that at most 1 % of all messages are late takes "
+    "299 messages of which none is late; with fewer, the best possible run is inconclusive.",
+    failing=example(
+        benchmark="{duration: 5 s, iterations: 1, rates: [30 Hz]}",
+        slos="{fast: {at: 30 Hz, require: [latency.p99 < 50 ms]}}",
+    ),
+    passing=example(
+        benchmark="{duration: 5 s, iterations: 5, rates: [30 Hz]}",
+        slos="{fast: {at: 30 Hz, require: [latency.p99 < 50 ms]}}",
+    ),
+    find=_find,
+)

@@ -1,0 +1,23 @@
+"""``r2bspec schema``: print a JSON Schema, for editors and other programs."""
+
+from __future__ import annotations
+
+import importlib
+
+import click
+
+_SCHEMAS = {
+    "spec": "r2bspec.spec.schema:published_schema_text",
+    "plan": "r2bspec.plan.schema:plan_schema_text",
+    "result": "r2bspec.report.schema:result_schema_text",
+}
+"""Each schema and the function that writes it, so that printing one imports no other."""
+
+
+@click.command("schema")
+@click.argument("name", type=click.Choice(list(_SCHEMAS)), default="spec")
+def command(name: str) -> int:
+    """Print the JSON Schema of a spec, a plan or a result."""
+    module, function = _SCHEMAS[name].split(":")
+    click.echo(getattr(importlib.import_module(module), function)(), nl=False)
+    return 0

@@ -1,0 +1,48 @@
+"""Which files a list of paths, folders and patterns means."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import click
+
+SUFFIX = ".r2b.yaml"
+
+
+def spec_files(paths: Iterable[str]) -> list[str]:
+    """The files meant by `paths`, each once: as given, folders and patterns sorted by name.
+
+    Raises:
+        click.UsageError: a path that does not exist, or that leads to no spec.
+    """
+    return list(dict.fromkeys(file for path in paths for file in _files(path)))
+
+
+def _files(path: str) -> list[str]:
+    if path == "-":
+        return [path]
+    place = Path(path)
+    if place.is_dir():
+        return _some(sorted(_below(path)), f"the folder {path!r} holds no *{SUFFIX} file")
+    if place.exists() or place.is_symlink():
+        return [path]
+    if glob.has_magic(path):
+        matches = sorted(each for each in glob.glob(path, recursive=True) if Path(each).is_file())
+        return _some(matches, f"no file matches {path!r}")
+    raise click.UsageError(f"there is no file {path!r}")
+
+
+def _some(files: list[str], message: str) -> list[str]:
+    if not files:
+        raise click.UsageError(message)
+    return files
+
+
+def _below(folder: str) -> Iterator[str]:
+    """All specs below a folder, hidden folders left out."""
+    for parent, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        yield from (str(Path(parent, name)) for name in files if name.endswith(SUFFIX))

@@ -1,0 +1,52 @@
+"""A growing list of diagnostics, and a way to say that the rest is not worth reading."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Related, Severity, Span
+
+
+class StopReadingError(Exception):
+    """The rest of the document is not worth reading; why has been reported."""
+
+
+class Problems:
+    """Collects the diagnostics of one step."""
+
+    def __init__(self) -> None:
+        self.found: list[Diagnostic] = []
+
+    def error(
+        self,
+        code: str,
+        message: str,
+        span: Span,
+        help_text: str = "",
+        *,
+        related: tuple[Related, ...] = (),
+        edit: Edit | None = None,
+        certainty: Certainty = Certainty.CERTAIN,
+    ) -> None:
+        """Add an error."""
+        self.found.append(
+            Diagnostic(
+                code,
+                Severity.ERROR,
+                message,
+                span,
+                help=help_text,
+                related=related,
+                edit=edit,
+                certainty=certainty,
+            )
+        )
+
+    def stop(self, code: str, message: str, span: Span, help_text: str = "") -> NoReturn:
+        """Add an error, and give up on the document.
+
+        Raises:
+            StopReadingError: always.
+        """
+        self.error(code, message, span, help_text)
+        raise StopReadingError

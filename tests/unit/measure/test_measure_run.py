@@ -1,0 +1,100 @@
+"""The metrics of whole runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from run_simulation import Played, Simulation
+
+from r2bspec.measure.catalogue import names, resolve
+from r2bspec.measure.compute import measure_run
+from r2bspec.measure.model import RunMetrics
+from r2bspec.measure.samples import read_samples
+from r2bspec.measure.values import value
+
+NAN = float("nan")
+
+
+def test_each_iteration_is_kept_and_the_pool_adds_them_up(tmp_path: Path) -> None:
+    run = Simulation(
+        segments=[
+            Played(10, [0.9] * 5, kind="warm_up"),
+            Played(10, [0.01] * 20),
+            Played(10, [0.03] * 19 + [NAN], twice=(0,), strangers=2),
+            Played(30, [0.02] * 30),
+            Played(30, [0.5] * 30, complete=False),
+        ]
+    ).write(tmp_path)
+    metrics = measure_run(run)
+
+    assert [rate.offered_hz for rate in metrics.rates] == [10, 30]
+    assert metrics.incomplete == ("iteration-005",)
+    ten = metrics.rates[0]
+    assert len(ten.iterations) == 2
+    assert [one.monitors["detections"].missed for one in ten.iterations] == [0, 1]
+    pooled = ten.pooled.monitors["detections"]
+    assert (pooled.sent, pooled.answered, pooled.missed) == (40, 39, 1)
+    assert (pooled.received, pooled.duplicates, pooled.unmatched) == (42, 1, 2)
+    assert pooled.drop_rate == 1 / 40
+    assert pooled.latency.p50 == pytest.approx(0.01)
+    assert pooled.latency.max == pytest.approx(0.03)
+    assert pooled.throughput_hz == pytest.approx(10, rel=0.04)
+    spread = ten.spread["detections"]["latency.p50"]
+    assert (spread.low, spread.high) == pytest.approx((0.01, 0.03))
+    assert ten.pooled.processes["apriltag"].cpu_mean == pytest.approx(0.5)
+    assert ten.pooled.machine is not None
+    assert ten.pooled.machine.cpu_mean == pytest.approx(0.65)
+    assert ten.pooled.playback.rate_hz == pytest.approx(10)
+
+
+def test_metrics_survive_json(tmp_path: Path) -> None:
+    run = Simulation(
+        segments=[Played(10, [NAN] * 5), Played(20, [0.1]), Played(30, [0.1, 0.1])]
+    ).write(tmp_path)
+    metrics = measure_run(run)
+    assert msgspec.json.decode(msgspec.json.encode(metrics), type=RunMetrics) == metrics
+
+
+def test_a_silent_monitor_has_counts_and_no_times(tmp_path: Path) -> None:
+    run = Simulation(segments=[Played(10, [NAN] * 5)]).write(tmp_path)
+    seen = measure_run(run).rates[0].pooled.monitors["detections"]
+    assert (seen.sent, seen.received, seen.missed, seen.drop_rate) == (5, 0, 5, 1)
+    assert (seen.latency.n, seen.latency.p50, seen.throughput_hz) == (0, None, 0)
+
+
+def test_an_interval_still_open_at_the_end_counts(tmp_path: Path) -> None:
+    died = Played(10, [0.01] * 10 + [NAN] * 40)
+    run = Simulation(segments=[died]).write(tmp_path)
+    seen = measure_run(run).rates[0].pooled.monitors["detections"]
+    assert seen.interval.max == pytest.approx(4.09)
+    assert seen.throughput_hz < 2
+
+
+def test_every_metric_of_the_catalogue_has_a_value(tmp_path: Path) -> None:
+    run = Simulation(segments=[Played(10, np.linspace(0.01, 0.02, 50))]).write(tmp_path)
+    samples = read_samples(run)
+    iteration = samples.iterations[10][0]
+    for name in names(samples.processes):
+        monitor, info = resolve(name, samples.monitors, samples.processes)
+        if info.scope in {"search", "probe"}:
+            continue
+        assert value(info, monitor, iteration) is not None, name
+
+
+def test_lost_messages_are_the_slowest_when_a_latency_is_asked_for(tmp_path: Path) -> None:
+    run = Simulation(segments=[Played(10, [0.01] * 97 + [NAN] * 3)]).write(tmp_path)
+    samples = read_samples(run)
+    iteration = samples.iterations[10][0]
+
+    def measured(name: str) -> float | None:
+        monitor, info = resolve(name, samples.monitors, samples.processes)
+        return value(info, monitor, iteration)
+
+    assert measured("latency.p90") == pytest.approx(0.01)
+    assert measured("latency.p99") == float("inf")
+    assert measured("latency.max") == float("inf")
+    assert measured("latency.mean") == pytest.approx(0.01)
+    assert measured("drop_rate") == 0.03

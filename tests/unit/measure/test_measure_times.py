@@ -1,0 +1,164 @@
+"""Matching, latency, throughput and processor time on samples with known answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows
+
+from r2bspec.measure.latency import arrivals, intervals, jitter, latencies, latencies_from_due
+from r2bspec.measure.matching import match
+from r2bspec.measure.percentiles import percentile, rank
+from r2bspec.measure.resources import use
+from r2bspec.measure.throughput import mean_rate, silence, throughput
+from r2bspec.record.arrays import RESOURCES, Rows
+
+NAN = float("nan")
+
+
+def matched(played: Played) -> tuple[Rows, Rows]:
+    playback = playback_rows(played)
+    return playback, monitor_rows(played, playback)
+
+
+class TestMatching:
+    def test_losses_duplicates_and_strangers_are_told_apart(self) -> None:
+        playback, monitor = matched(Played(10, [0.01, NAN, 0.01, 0.01], twice=(2, 2), strangers=3))
+        found = match(playback, monitor, "stamp")
+        assert found.answered.tolist() == [True, False, True, True]
+        assert (found.missed, found.duplicates, found.unmatched) == (1, 2, 3)
+
+    def test_the_first_answer_counts(self) -> None:
+        playback, monitor = matched(Played(10, [0.01, 0.02], twice=(0,)))
+        found = match(playback, monitor, "stamp")
+        assert latencies(playback, monitor, found) == pytest.approx([0.01, 0.02], abs=1e-9)
+
+    def test_an_overtaken_answer_is_reordered_and_not_lost(self) -> None:
+        playback, monitor = matched(Played(10, [0.25, 0.01, 0.01, 0.01]))
+        found = match(playback, monitor, "stamp")
+        assert (found.reordered, found.missed) == (1, 0)
+        assert latencies(playback, monitor, found)[0] == pytest.approx(0.25, abs=1e-9)
+
+    def test_by_order_the_kth_message_answers_the_kth_step(self) -> None:
+        playback, monitor = matched(Played(10, [0.01, NAN, 0.01], twice=(2, 2)))
+        found = match(playback, monitor, "order")
+        assert found.step.tolist() == [0, 1, 2, -1]
+        assert (found.missed, found.duplicates, found.unmatched) == (0, 0, 1)
+
+    @pytest.mark.parametrize("by", ["stamp", "order"])
+    def test_nothing_sent_and_nothing_received(self, by: str) -> None:
+        playback, monitor = matched(Played(10, [0.01, 0.01], strangers=1))
+        none = match(playback[:0], monitor, by)  # type: ignore[arg-type]
+        assert (none.missed, none.unmatched) == (0, 3)
+        silent = match(playback, monitor[:0], by)  # type: ignore[arg-type]
+        assert (silent.missed, silent.unmatched) == (2, 0)
+
+
+class TestTimes:
+    def test_a_nanosecond_survives_weeks_of_uptime(self) -> None:
+        playback, monitor = matched(Played(10, [0.010000001, 0.010000002]))
+        found = match(playback, monitor, "stamp")
+        assert latencies(playback, monitor, found).tolist() == [0.010000001, 0.010000002]
+
+    def test_latency_from_due_includes_the_wait_of_the_playback(self) -> None:
+        playback, monitor = matched(Played(10, [0.01, 0.01], late=[0, 0.03]))
+        found = match(playback, monitor, "stamp")
+        assert latencies(playback, monitor, found) == pytest.approx([0.01, 0.01])
+        assert latencies_from_due(playback, monitor, found) == pytest.approx([0.01, 0.04])
+
+    def test_intervals_and_jitter(self) -> None:
+        playback, monitor = matched(Played(10, [0.01, 0.02, 0.01]))
+        arrived = arrivals(monitor, match(playback, monitor, "stamp"))
+        assert intervals(arrived) == pytest.approx([0.11, 0.09])
+        assert jitter(arrived) == pytest.approx([0.02])
+        assert jitter(arrived[:2]).size == 0
+        assert intervals(arrived[:0]).size == 0
+
+
+class TestPercentiles:
+    def test_nearest_rank(self) -> None:
+        values = np.array([5.0, 1.0, 4.0, 2.0, 3.0])
+        assert [percentile(values, q) for q in (0, 0.2, 0.21, 0.5, 0.99, 1)] == [1, 1, 2, 3, 5, 5]
+
+    def test_whole_ranks_are_not_pushed_up_by_rounding(self) -> None:
+        assert rank(0.07, 100) == 7
+        assert rank(0.99, 100) == 99
+        assert rank(0.999, 1000) == 999
+
+    def test_lost_messages_come_last(self) -> None:
+        values = np.arange(98.0)
+        assert percentile(values, 0.98, lost=2) == 97
+        assert percentile(values, 0.99, lost=2) == float("inf")
+
+    def test_nothing_has_no_percentile(self) -> None:
+        assert percentile(np.empty(0), 0.5) is None
+        assert percentile(np.empty(0), 0.5, lost=1) == float("inf")
+
+
+class TestThroughput:
+    def test_n_events_bound_n_minus_1_periods(self) -> None:
+        assert mean_rate(EPOCH_NS + np.arange(51) * 10**8) == 10.0
+        assert mean_rate(np.array([EPOCH_NS])) == 0.0
+        assert mean_rate(np.empty(0, np.int64)) == 0.0
+
+    def test_ordinary_pauses_at_the_ends_do_not_count(self) -> None:
+        arrived = EPOCH_NS + np.arange(51) * 10**8
+        silent = silence(arrived, EPOCH_NS - 10**7, int(arrived[-1]) + 9 * 10**7)
+        assert (silent.before_ns, silent.after_ns) == (0, 0)
+        assert throughput(arrived, silent) == 10.0
+
+    def test_a_graph_that_died_does_not_keep_its_rate(self) -> None:
+        arrived = EPOCH_NS + np.arange(26) * 10**8
+        silent = silence(arrived, EPOCH_NS, EPOCH_NS + 5 * 10**9)
+        assert silent.after_ns == 25 * 10**8
+        assert throughput(arrived, silent) == pytest.approx(5.1, abs=0.01)
+
+    def test_nor_does_one_that_began_late(self) -> None:
+        arrived = EPOCH_NS + 25 * 10**8 + np.arange(26) * 10**8
+        silent = silence(arrived, EPOCH_NS, EPOCH_NS + 51 * 10**8)
+        assert throughput(arrived, silent) == pytest.approx(5.1, abs=0.01)
+
+    def test_a_last_message_lost_costs_no_more_than_itself(self) -> None:
+        arrived = EPOCH_NS + np.arange(19) * 10**8
+        silent = silence(arrived, EPOCH_NS, EPOCH_NS + 2 * 10**9)
+        assert 9.4 < throughput(arrived, silent) < 9.6
+
+
+class TestResources:
+    def sampled(self, times_s: list[float], cpu_s: list[float], process: int = 0) -> Rows:
+        rows = np.zeros(len(times_s), RESOURCES)
+        rows["time_ns"] = EPOCH_NS + np.round(np.array(times_s) * 1e9).astype(np.int64)
+        rows["cpu_s"] = cpu_s
+        rows["process"] = process
+        rows["memory_bytes"] = np.arange(len(times_s)) * 100
+        return rows
+
+    def window(self, rows: Rows, begin_s: float, end_s: float) -> tuple[float | None, float | None]:
+        used = use(
+            rows, frozenset({0}), EPOCH_NS + round(begin_s * 1e9), EPOCH_NS + round(end_s * 1e9)
+        )
+        assert used is not None
+        return used.cpu_mean, used.cpu_max
+
+    def test_only_the_window_counts(self) -> None:
+        # Idle for a second, one core for a second, idle again.
+        rows = self.sampled([0, 1, 2, 3], [5, 5, 6, 6])
+        assert self.window(rows, 1, 2) == pytest.approx((1.0, 1.0))
+        assert self.window(rows, 0.5, 2.5) == pytest.approx((0.5, 1.0))
+        assert self.window(rows, 1.25, 1.75) == pytest.approx((1.0, 1.0))
+
+    def test_what_was_not_sampled_is_not_guessed(self) -> None:
+        rows = self.sampled([0, 1], [0, 1])
+        assert self.window(rows, 0.5, 1.25) == pytest.approx((1.0, 1.0))
+        assert self.window(rows, 0.9, 2) == (None, None)
+        assert use(rows, frozenset({0}), EPOCH_NS + 2 * 10**9, EPOCH_NS + 3 * 10**9) is None
+        assert use(rows, frozenset({7}), EPOCH_NS, EPOCH_NS + 10**9) is None
+
+    def test_processes_of_one_name_are_added(self) -> None:
+        rows = np.concatenate(
+            (self.sampled([0, 2], [0, 1]), self.sampled([0, 2], [0, 3], process=1))
+        )
+        used = use(rows, frozenset({0, 1}), EPOCH_NS, EPOCH_NS + 2 * 10**9)
+        assert used is not None
+        assert used.cpu_mean == pytest.approx(2.0)
+        assert used.memory_max_bytes == 200

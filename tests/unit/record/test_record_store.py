@@ -1,0 +1,158 @@
+"""The run folder: what is written is read back, and what is broken is said to be."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from run_simulation import Played, Simulation, objective
+
+from r2bspec.record.arrays import MONITOR, PLAYBACK
+from r2bspec.record.errors import RecordError
+from r2bspec.record.files import write_whole
+from r2bspec.record.store import RunFolder, open_run
+
+SIMULATION = Simulation(
+    segments=[Played(10, [0.01, 0.02]), Played(10, [0.01], complete=False)],
+    objectives={"fast": objective("latency.p99 < 60 ms", at="10 Hz")},
+)
+
+
+def test_a_run_is_read_back_as_it_was_written(tmp_path: Path) -> None:
+    run = SIMULATION.write(tmp_path / "deep" / "run")
+
+    assert run.plan == SIMULATION.plan()
+    assert run.record.run_id == "0123456789abcdef"
+    assert [segment.complete for segment in run.record.segments] == [True, False]
+    first = run.record.segments[0]
+    assert run.playback(first).dtype == PLAYBACK
+    assert run.playback(first)["due_ns"][1] - run.playback(first)["due_ns"][0] == 10**8
+    assert run.monitor(first, "detections").dtype == MONITOR
+    assert run.monitor(first, "detections").size == 2
+    assert run.resources().size > 0
+    assert run.spec_text().startswith("r2bspec: 1")
+
+
+def test_an_opened_run_needs_no_absolute_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    SIMULATION.write(tmp_path / "run")
+    monkeypatch.chdir(tmp_path)
+    assert open_run(Path("run")).record.status == "complete"
+
+
+def test_no_temporary_file_is_left(tmp_path: Path) -> None:
+    SIMULATION.write(tmp_path / "run")
+    assert not list((tmp_path / "run").rglob("*.tmp"))
+
+
+def test_a_file_that_could_not_be_finished_leaves_the_old_one(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    write_whole(path, b"old")
+
+    def fails(file: object) -> None:
+        raise RuntimeError("interrupted")
+
+    with pytest.raises(RuntimeError):
+        write_whole(path, fails)
+    assert path.read_bytes() == b"old"
+    assert [found.name for found in tmp_path.iterdir()] == ["file"]
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
+    SIMULATION.write(tmp_path)
+    with pytest.raises(RecordError, match="not empty"):
+        RunFolder.create(tmp_path)
+
+
+def test_a_place_that_cannot_be_written_is_an_error_with_a_hint(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordError, match="cannot be made") as raised:
+        RunFolder.create(tmp_path / "file" / "run")
+    assert raised.value.hint
+
+
+@pytest.mark.parametrize("name", ["../escape", "a/b", "", ".", "..", "-x"])
+def test_names_stay_inside_the_folder(tmp_path: Path, name: str) -> None:
+    folder = RunFolder.create(tmp_path / "run")
+    with pytest.raises(RecordError, match="file name"):
+        folder.write_playback(name, np.empty(0, PLAYBACK))
+    with pytest.raises(RecordError, match="file name"):
+        folder.write_monitor("iteration-001", name, np.empty(0, MONITOR))
+    with pytest.raises(RecordError, match="file name"):
+        folder.log_path(name)
+
+
+def test_rows_of_another_type_are_a_mistake_of_the_caller(tmp_path: Path) -> None:
+    folder = RunFolder.create(tmp_path / "run")
+    with pytest.raises(ValueError, match="expected rows"):
+        folder.write_playback("a", np.empty(0, MONITOR))
+
+
+class TestBrokenFolders:
+    """Each is refused with exit status 2 and a hint, never with a traceback."""
+
+    @pytest.fixture
+    def folder(self, tmp_path: Path) -> Path:
+        return SIMULATION.write(tmp_path / "run").folder
+
+    def refused(self, folder: Path, message: str) -> None:
+        with pytest.raises(RecordError, match=message) as raised:
+            open_run(folder)
+        assert raised.value.exit_code == 2
+        assert raised.value.hint
+
+    def test_missing(self, tmp_path: Path) -> None:
+        self.refused(tmp_path / "nowhere", "is not a folder")
+
+    def test_foreign(self, tmp_path: Path) -> None:
+        self.refused(tmp_path, "is not a run folder")
+
+    def test_another_version(self, folder: Path) -> None:
+        record = msgspec.json.decode((folder / "record.json").read_bytes())
+        record["r2bspec_record"] = 2
+        (folder / "record.json").write_bytes(msgspec.json.encode(record))
+        self.refused(folder, "format version 2")
+
+    @pytest.mark.parametrize(
+        "content", [b"", b"{", b"[]", b"{}", b'{"r2bspec_record": 1}', b"\xff"]
+    )
+    def test_damaged_record(self, folder: Path, content: bytes) -> None:
+        (folder / "record.json").write_bytes(content)
+        self.refused(folder, "damaged")
+
+    def test_no_plan(self, folder: Path) -> None:
+        (folder / "plan.json").unlink()
+        self.refused(folder, "cannot be read")
+
+    def test_a_plan_that_was_edited(self, folder: Path) -> None:
+        text = (folder / "plan.json").read_text().replace("60 ms", "600 ms")
+        (folder / "plan.json").write_text(text)
+        self.refused(folder, "is not the plan that this run carried out")
+
+    def test_samples(self, folder: Path) -> None:
+        run = open_run(folder)
+        segment = run.record.segments[0]
+        path = folder / "samples" / segment.id / "playback.npy"
+        whole = path.read_bytes()
+        broken = [whole[:-1], whole[:20], b"", whole + b"x", pickle.dumps([1])]
+        for content in broken:
+            path.write_bytes(content)
+            with pytest.raises(RecordError, match="damaged"):
+                run.playback(segment)
+        np.save(path, np.zeros(3))
+        with pytest.raises(RecordError, match="damaged"):
+            run.playback(segment)
+        np.save(path, np.array([object()]), allow_pickle=True)
+        with pytest.raises(RecordError, match="damaged"):
+            run.playback(segment)
+        path.unlink()
+        with pytest.raises(RecordError, match="missing"):
+            run.playback(segment)
+
+    def test_a_run_without_resources_has_none(self, folder: Path) -> None:
+        (folder / "resources.npy").unlink()
+        assert open_run(folder).resources().size == 0
