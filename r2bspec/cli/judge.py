@@ -44,17 +44,25 @@ def command(run: Path, spec: Path | None, output_format: str, write: bool) -> in
 
 
 def _load(path: Path) -> Spec:
-    """The other spec. Its bag and its nodes do not matter here, so only its text is checked.
+    """The other spec. Of what the rules say, only that counts which is about its SLOs.
+
+    Its bag and its nodes may not exist here: nothing is going to be run.
 
     Raises:
         InvalidSpecError: it is not valid; the findings have been shown.
     """
     from r2bspec.api import InvalidSpecError
+    from r2bspec.check import check
     from r2bspec.report.findings.show import show
     from r2bspec.spec.load import load_spec
 
     loaded = load_spec(path)
-    if loaded.spec is None:
-        show(loaded.diagnostics, loaded.texts)
-        raise InvalidSpecError(loaded, loaded.diagnostics)
+    found = [
+        each
+        for each in check(loaded, offline=True)
+        if loaded.spec is None or each.path[:1] == ("slos",)
+    ]
+    show(found, loaded.texts)
+    if loaded.spec is None or any(each.severity == "error" for each in found):
+        raise InvalidSpecError(loaded, found)
     return loaded.spec

@@ -30,8 +30,10 @@ def _files(path: str) -> list[str]:
     if place.exists() or place.is_symlink():
         return [path]
     if glob.has_magic(path):
-        matches = sorted(each for each in glob.glob(path, recursive=True) if Path(each).is_file())
-        return _some(matches, f"no file matches {path!r}")
+        # Path.glob refuses absolute patterns.
+        matches = glob.glob(path, recursive=True)  # noqa: PTH207
+        files = sorted(each for each in matches if Path(each).is_file())
+        return _some(files, f"no file matches {path!r}")
     raise click.UsageError(f"there is no file {path!r}")
 
 

@@ -69,15 +69,21 @@ def scratch(root: Path, name: str) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def remove_leftovers(root: Path) -> None:
+def remove_leftovers(root: Path, held: str) -> None:
     """Remove what processes left that were killed while making an entry.
 
     A scratch folder whose lock can be had belongs to nobody.
+
+    Args:
+        root: the cache.
+        held: the entry whose lock the caller holds; `scratch` clears that one.
     """
     from filelock import FileLock, Timeout
 
     for folder in root.glob(f"{_SCRATCH_PREFIX}*"):
         name = folder.name.removeprefix(_SCRATCH_PREFIX)
+        if name == held:
+            continue
         with (
             suppress(Timeout, OSError),
             FileLock(root / _LOCKS / f"{name}.lock", timeout=0),

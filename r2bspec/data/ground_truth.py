@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 CONVENTIONS = (
     "Metres, pixels, ns since the epoch, quaternions x y z w. World: z up. Body: x forward, y"
     " left, z up, origin at the IMU. Optical frames: x right, y down, z forward. Tag frame: x"
-    " right and y down in the tag's own image, z into the tag. Pixel (u, v) has its centre at"
-    " whole numbers. Disparity d: pixel (u, v) of the left image shows the same point as"
-    " (u - d, v) of the right one, unless something hides it there."
+    " right and y down in the tag's own image as its authors print it, z into the tag. Pixel"
+    " (u, v) has its centre at whole numbers. Disparity d: pixel (u, v) of the left image shows"
+    " the same point as (u - d, v) of the right one, unless something hides it there."
 )
 
 # Disparities are stored as whole parts of a pixel, in 16 bits.

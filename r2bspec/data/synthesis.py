@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 # Raise it whenever the rendered bytes change: caches are keyed by it.
-GENERATOR = 1
+GENERATOR = 2
 
 Progress = Callable[[int, int], None]
 
@@ -115,7 +115,7 @@ def make(
     record = _intact(final)
     if record is None:
         with locked(root, recipe.name):
-            remove_leftovers(root)
+            remove_leftovers(root, recipe.name)
             record = _intact(final)
             if record is None:
                 with scratch(root, recipe.name) as folder, writing(root):

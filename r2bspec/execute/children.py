@@ -27,7 +27,7 @@ from r2bspec.harness.reaping import clean_up
 from r2bspec.record.model import ProcessRecord
 
 _POLL_S = 0.05
-_SHUTDOWN_S = 3.0
+_SHUTDOWN_S = 10.0
 _GRACE_S = 2.0
 _LOG_TAIL_LINES = 12
 

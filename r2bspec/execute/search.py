@@ -16,8 +16,8 @@ from typing import Literal
 from r2bspec.record.model import Probe, SearchRecord
 
 _STRIDE_GROWTH = 4.0
-"""Strides of 2, 8 and 32 times the precision: a good guess costs one short stride, and a bad one
-is left behind after two or three."""
+"""Strides of 1, 4 and 16 times the precision: next to a good guess the first one ends the search,
+and a bad guess is left behind after two or three."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,7 @@ class PeakSearch:
         self._fails_hz: float | None = None
         self._fails_by_player = False
         self._guess_hz = 0.0
+        self._guess_tried = False
         self._stride = 1.0
         self._done = False
 
@@ -95,8 +96,8 @@ class PeakSearch:
         elif self._fails_hz is None or rate_hz < self._fails_hz:
             self._fails_hz = rate_hz
             self._fails_by_player = outcome.by_player
-        if not outcome.probe.holds and not outcome.by_player:
-            self._guess_hz = max(self._guess_hz, outcome.probe.delivered_hz)
+            if not outcome.by_player and not self._guess_tried:
+                self._guess_hz = outcome.probe.delivered_hz
         return outcome.probe.holds
 
     def _surprising(self, outcome: Outcome) -> bool:
@@ -112,16 +113,14 @@ class PeakSearch:
         assert self._fails_hz is not None  # noqa: S101 - the maximum did not
         if self._fails_hz / self._holds_hz <= 1 + self._precision:
             return None
-        below_hz = self._guess_hz * (1 - self._precision / 2)
-        if self._holds_hz < below_hz < self._fails_hz:
-            return below_hz
-        # One step of the precision above what held: if that fails, the search is over.
-        above_hz = self._holds_hz * (1 + 0.999 * self._precision)
-        if self._stride == 1.0 and self._guess_hz and above_hz < self._fails_hz:
-            self._stride = _STRIDE_GROWTH / 2
-            return above_hz
-        middle_hz = math.sqrt(self._holds_hz * self._fails_hz)
-        # The guess was low: walk up in growing strides until something fails, then halve.
-        walked_hz = self._holds_hz * (1 + self._stride * self._precision)
+        guess_hz = self._guess_hz * (1 - self._precision / 2)
+        if self._holds_hz < guess_hz < self._fails_hz and not self._guess_tried:
+            self._guess_tried = True
+            return guess_hz
+        # Walk away from the guess in growing strides until the peak lies between, then halve.
+        step = 1 + self._stride * 0.999 * self._precision
         self._stride *= _STRIDE_GROWTH
-        return min(middle_hz, walked_hz)
+        middle_hz = math.sqrt(self._holds_hz * self._fails_hz)
+        if self._holds_hz >= guess_hz:
+            return min(middle_hz, self._holds_hz * step)
+        return max(middle_hz, self._fails_hz / step)

@@ -19,6 +19,7 @@ import psutil
 from r2bspec.harness.protocol import RUN_ID_VARIABLE
 
 SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the place is fixed by POSIX shared memory
+_LOCKS = ("_el", "_sl")
 _SEGMENTS = ("fastrtps_*", "fastdds_*", "sem.fastrtps_*", "sem.fastdds_*")
 
 
@@ -30,7 +31,7 @@ def members(run_id: str, sessions: Iterable[int]) -> list[psutil.Process]:
         if process.pid == os.getpid():
             continue
         with contextlib.suppress(psutil.Error, OSError):
-            if process.status() == psutil.STATUS_ZOMBIE:
+            if not _runs(process):
                 continue
             if os.getsid(process.pid) in wanted or _carries(process, run_id):
                 found.append(process)
@@ -55,7 +56,7 @@ def end_all(run_id: str, sessions: Iterable[int], grace_s: float) -> list[str]:
     for process in remaining:
         with contextlib.suppress(psutil.Error):
             process.terminate()
-    psutil.wait_procs(remaining, timeout=grace_s)
+    _wait_for(remaining, grace_s)
     killed: list[str] = []
     # A process may fork while it is being killed, so look again until none is found.
     for _ in range(20):
@@ -66,8 +67,26 @@ def end_all(run_id: str, sessions: Iterable[int], grace_s: float) -> list[str]:
             with contextlib.suppress(psutil.Error):
                 killed.append(process.name())
                 process.kill()
-        psutil.wait_procs(remaining, timeout=1.0)
+        _wait_for(remaining, 1.0)
     return killed
+
+
+def _wait_for(processes: list[psutil.Process], patience_s: float) -> None:
+    """Wait until none of these processes runs.
+
+    A zombie runs no more: who is to collect it may take its time, or never do it, as the first
+    process of many containers.
+    """
+    deadline = time.monotonic() + patience_s
+    while any(map(_runs, processes)) and time.monotonic() < deadline:
+        time.sleep(0.01)
+
+
+def _runs(process: psutil.Process) -> bool:
+    try:
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
 
 
 def remove_dead_segments(since_s: float = 0.0) -> list[str]:
@@ -94,7 +113,7 @@ def remove_dead_segments(since_s: float = 0.0) -> list[str]:
     orphans = [
         each
         for each in SHARED_MEMORY.glob("fast*")
-        if not each.name.endswith("_el") and not each.with_name(f"{each.name}_el").exists()
+        if not each.name.endswith(_LOCKS) and not each.with_name(f"{each.name}_el").exists()
     ]
     if orphans:
         mapped = _mapped()

@@ -71,7 +71,7 @@ def _use_of_one(resources: Rows, index: int, began_ns: int, ended_ns: int) -> Us
     memory_max = int(memory.max()) if memory.size else None
     times = rows["time_ns"]
     start, end = max(began_ns, int(times[0])), min(ended_ns, int(times[-1]))
-    if 2 * (end - start) < ended_ns - began_ns:
+    if end <= start or 2 * (end - start) < ended_ns - began_ns:
         return Use(None, None, memory_max)
     edges = np.concatenate(([start], times[(times > start) & (times < end)], [end]))
     # Relative to the start of the window, because float64 holds no nanoseconds since boot.

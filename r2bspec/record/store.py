@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from r2bspec.plan.canonical import parse_plan
 from r2bspec.plan.errors import PlanError
@@ -137,8 +138,6 @@ class Run:
         """
         path = self.folder / "resources.npy"
         if not path.exists():
-            import numpy as np
-
             return np.empty(0, RESOURCES)
         return read_rows(path, RESOURCES)
 

@@ -232,10 +232,16 @@ def _count(requirements: tuple[RequirementVerdict, ...]) -> tuple[OverallOutcome
         return "pass", "The spec states no objective: there was nothing to judge."
     failed = sum(one.outcome == "fail" for one in requirements)
     open_ = sum(one.outcome == "inconclusive" for one in requirements)
-    of = f"of {total} requirement{'s' if total > 1 else ''}"
+    if total == 1:
+        said = {
+            "fail": "The requirement does not hold.",
+            "inconclusive": "The requirement could not be decided.",
+            "pass": "The requirement holds.",
+        }
+        return requirements[0].outcome, said[requirements[0].outcome]
     if failed:
         left = f", {open_} could not be decided" if open_ else ""
-        return "fail", f"{failed} {of} failed{left}."
+        return "fail", f"{failed} of {total} requirements failed{left}."
     if open_:
-        return "inconclusive", f"{open_} {of} could not be decided."
-    return "pass", f"All {total} requirements hold." if total > 1 else "The requirement holds."
+        return "inconclusive", f"{open_} of {total} requirements could not be decided."
+    return "pass", f"All {total} requirements hold."

@@ -48,5 +48,6 @@ def _wrong_side(question: Question, test: ShareTest) -> str:
 
 
 def _percent(share: float) -> str:
-    """A share in prose: two digits say all that there is to know."""
-    return show(share, "share", 2)
+    """A share in prose: two digits say all that there is to know, and most are never all."""
+    text = show(share, "share", 2)
+    return text if text != "100 %" or share == 1 else show(min(share, 0.999), "share")

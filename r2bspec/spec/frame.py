@@ -73,7 +73,8 @@ class Frame:
         name = key.value
         if not isinstance(name, str):
             self._refuse_key(key)
-            name = key.text
+            self.entries.setdefault(key.text, Entry(key.span, value, known=False))
+            return
         earlier = self.entries.get(name)
         if earlier is not None:
             self.problems.error(

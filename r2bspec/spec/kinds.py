@@ -45,7 +45,7 @@ def _quantity(value: object, kind: type[Quantity], *, positive: bool) -> Problem
     except QuantityError as error:
         if re.fullmatch(r"[+-]?\s*\d+(?:\.\d+)?", value.strip()):
             return _bare(value.strip(), kind)
-        repair = error.suggestion if _same_number(error.suggestion, value) else ""
+        repair = error.suggestion if error.same else ""
         return Problem("R2B110", str(error), _suggested(error.suggestion, repair), repair=repair)
     if positive and not parsed > type(parsed).parse(f"0 {next(iter(kind.units))}"):
         return Problem(
@@ -81,9 +81,3 @@ def _suggested(text: str, repair: str = "") -> str:
     if not text:
         return ""
     return f"write {text}" if text == repair else f"for example {text}"
-
-
-def _same_number(suggestion: str, text: str) -> bool:
-    """Whether a suggestion keeps the number that was written, and so the meaning."""
-    number = re.match(r"\s*([\d.eE+-]+)", text)
-    return number is not None and suggestion.startswith(f"{number[1].rstrip('eE')} ")

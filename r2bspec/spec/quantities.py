@@ -49,11 +49,13 @@ class QuantityError(ValueError):
 
     Attributes:
         suggestion: a text that would have been accepted, or empty.
+        same: whether the suggestion means what was written, and is not a mere example.
     """
 
-    def __init__(self, message: str, suggestion: str = "") -> None:
+    def __init__(self, message: str, suggestion: str = "", *, same: bool = False) -> None:
         super().__init__(message)
         self.suggestion = suggestion
+        self.same = same
 
 
 class Quantity:
@@ -117,15 +119,19 @@ class Quantity:
                     f"{quote(text)} has no unit; a {cls.kind} needs one of {known}",
                     suggestion=f"{text.strip()} {default}",
                 )
+            if text.lstrip().startswith("-"):
+                raise QuantityError(f"a {cls.kind} cannot be negative", suggestion=cls.example)
             raise QuantityError(
                 f"{quote(text)} is not a {cls.kind}; write a number and one of {known}",
                 suggestion=cls.example,
             )
         unit = match["unit"].replace("μ", "µ")
         if unit not in cls.units:
+            meant = cls._known_unit(unit)
             raise QuantityError(
                 f"{quote(match['unit'])} is not a unit of {cls.kind}; known are {known}",
-                suggestion=cls._with_known_unit(match["number"], unit),
+                suggestion=f"{match['number']} {meant}" if meant else cls.example,
+                same=bool(meant),
             )
         # Beyond this exponent, Decimal itself gives up.
         if re.search(r"[eE][+-]?\d{4}", match["number"]):
@@ -137,13 +143,14 @@ class Quantity:
         return number * cls.units[unit]
 
     @classmethod
-    def _with_known_unit(cls, number: str, unit: str) -> str:
+    def _known_unit(cls, unit: str) -> str:
+        """The unit that a word certainly means, or an empty string."""
         folded = unit.casefold()
         by_fold = {name.casefold(): name for name in reversed(cls.units)}
         meant = by_fold.get(folded) or _OTHER_NAMES.get(folded, "")
         # MHz is not mHz: where a capital makes a prefix, nothing is guessed.
-        guessed = meant in cls.units and not (unit.startswith("M") and meant.startswith("m"))
-        return f"{number} {meant}" if guessed else cls.example
+        ambiguous = unit.startswith("M") and meant.startswith("m")
+        return meant if meant in cls.units and not ambiguous else ""
 
 
 class Duration(Quantity):

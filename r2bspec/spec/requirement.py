@@ -29,6 +29,7 @@ Operator = Literal["<", "<=", ">", ">=", "==", "!="]
 _WORD = "[A-Za-z][A-Za-z0-9_]*"
 _METRIC = re.compile(rf"\s*(?P<metric>{_WORD}(?:\.{_WORD})*)")
 _OPERATOR = re.compile(r"\s*(?P<op><=|>=|==|!=|<|>)")
+_MISTAKEN = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}
 _OF = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
 
 
@@ -133,14 +134,15 @@ def parse_requirement(text: str) -> Requirement:
     metric_column = found.start("metric")
     if metric == "sustained":
         if text[found.end() :].strip():
-            raise RequirementError("nothing may follow 'sustained'", found.end(), "sustained")
+            column = _first(text, found.end())
+            raise RequirementError("nothing may follow 'sustained'", column)
         return Requirement(text=text, metric=metric, metric_column=metric_column)
     compared = _OPERATOR.match(text, found.end())
     if compared is None:
+        column = _first(text, found.end())
+        meant = next((op for other, op in _MISTAKEN.items() if text.startswith(other, column)), "<")
         raise RequirementError(
-            f"after {quote(metric)} comes one of < <= > >= == !=",
-            _first(text, found.end()),
-            f"{metric} < ...",
+            f"after {quote(metric)} comes one of < <= > >= == !=", column, f"{metric} {meant} ..."
         )
     column = _first(text, compared.end())
     return Requirement(

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from r2bspec.diagnostics.model import Path
 from r2bspec.spec.kinds import judge
 from r2bspec.spec.schema import strict_schema
 from r2bspec.spec.schema.build import KIND
@@ -19,6 +20,20 @@ if TYPE_CHECKING:
 def schema() -> dict[str, Any]:
     """The strict schema, made once."""
     return strict_schema()
+
+
+def schema_at(path: Path) -> dict[str, Any] | None:
+    """The part of the strict schema that describes the value at a path, or None."""
+    part: Any = schema()
+    for step in path:
+        if isinstance(step, int):
+            part = part.get("items")
+        else:
+            part = part.get("properties", {}).get(step, part.get("additionalProperties"))
+        if not isinstance(part, dict):
+            return None
+    found: dict[str, Any] = part
+    return found
 
 
 def schema_errors(plain: Any) -> Iterator[ValidationError]:

@@ -111,7 +111,7 @@ class _Substitution:
             if OPENING in key:
                 new, sure = self._key(key, entry.key_span, topics=TOPIC_KEYS in rule)
             if new in entries:
-                self._clash(key, new, entry.key_span, entries[new].key_span)
+                self._clash(new, entry.key_span, entries[new].key_span)
                 continue
             entries[new] = Entry(entry.key_span, value, known=sure and entry.known)
         return MapNode(entries, node.span)
@@ -128,14 +128,13 @@ class _Substitution:
         found = self._scalar(ScalarNode(key, key, span))
         return (found.text, True) if isinstance(found, ScalarNode) else (key, False)
 
-    def _clash(self, key: str, new: str, span: Span, first: Span) -> None:
+    def _clash(self, key: str, span: Span, first: Span) -> None:
         self.problems.error(
             "R2B126",
-            f"with its variables replaced, the key {quote(key)} is {quote(new)}, which stands "
-            "here already",
+            f"with variables replaced, two keys are {quote(key)}",
             span,
             "rename one of the two",
-            related=(Related("the other one", first),),
+            related=(Related("the first one", first),),
         )
 
     def _scalar(self, node: ScalarNode) -> ScalarNode | UnknownNode:

@@ -16,17 +16,28 @@ from r2bspec.wiring.model import Endpoint, PhaseWiring
 
 def _find(context: Context) -> Iterator[Finding]:
     told: set[Path] = set()
+    confirmed = _confirmed(context)
     for phase in context.wiring.phases:
         for topic in phase.topics:
             typed = sorted(
                 (each for each in (*phase.writers(topic), *phase.readers(topic)) if each.type),
-                key=_doubt,
+                key=lambda each: 0 if each.type_path in confirmed else _doubt(each),
             )
             for each in typed[1:]:
                 place = each.type_path or each.path
                 if each.type != typed[0].type and place not in told:
                     told.add(place)
                     yield _finding(context, phase, typed[0], each)
+
+
+def _confirmed(context: Context) -> set[Path]:
+    """The places of those formats of playback inputs that the bag or a preprocessor agrees with."""
+    phase = context.wiring.preprocess
+    return {
+        each.type_path
+        for each in phase.owned_by("recorder")
+        if any(writer.type == each.type for writer in phase.writers(each.topic))
+    }
 
 
 def _doubt(endpoint: Endpoint) -> int:
@@ -47,7 +58,9 @@ def _finding(context: Context, phase: PhaseWiring, sure: Endpoint, wrong: Endpoi
         related = Pointer(f"loaded as {topic} here", sure.path)
     else:
         fact = f"{_who(sure)} {_does(sure)} {topic} as {sure.type}"
-        related = Pointer("see here", sure.type_path or sure.path, not sure.type_path)
+        related = Pointer(
+            "see here", sure.type_path or sure.path, sure.at_key and not sure.type_path
+        )
     return Finding(
         message=f"{_claim(wrong, topic)}, but {fact}",
         path=place,

@@ -31,7 +31,7 @@ def _finding(context: Context, phase: PhaseWiring, each: Endpoint) -> Finding:
     if unknown:
         advice += f"; or state what {listed(unknown)} publishes under 'publishes:' there"
     unread = (topic for topic in written if not phase.readers(topic))
-    instead = (topic for topic in unread if did_you_mean(each.topic, [topic]))
+    instead = (topic for topic in unread if did_you_mean(shown, [context.shown(topic)]))
     return Finding(
         message=f"neither the data loader nor a preprocessor publishes {quote(shown)}"
         if not unknown

@@ -50,7 +50,7 @@ def _finding(phase: str, node: NodeWiring, left: str, right: str) -> Finding:
         key=True,
         help=_help(left, right, close, own),
         severity=None if certain else Severity.WARNING,
-        explains=_consequences(phase, node, right, close),
+        explains=_consequences(phase, node, (left, right), close),
     )
 
 
@@ -63,11 +63,13 @@ def _help(left: str, right: str, close: str, own: tuple[str, ...]) -> str:
     return f"its topics: {listed(own)}"
 
 
-def _consequences(phase: str, node: NodeWiring, right: str, close: str) -> frozenset[str]:
+def _consequences(
+    phase: str, node: NodeWiring, rule: tuple[str, str], close: str
+) -> frozenset[str]:
     """The topic that was meant to be used, and those that are used in its place."""
     own = (close,) if close else node.interface.topics or ()
     rules = node.node.remappings
-    topics = {expand(right, node.key, node.namespace)}
+    topics = {expand(name, node.key, node.namespace) for name in rule}
     topics |= {remap(name, rules, node.key, node.namespace).name for name in own}
     return frozenset({subjects.flow(phase)} | {subjects.topic(phase, name) for name in topics})
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from r2bspec.check import subjects
 from r2bspec.check.context import Context
 from r2bspec.check.example import example
-from r2bspec.check.finding import Finding
+from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
 from r2bspec.check.words import listed, suggestion
 from r2bspec.diagnostics import did_you_mean
@@ -38,10 +38,11 @@ def _finding(context: Context, phase: PhaseWiring, reader: Endpoint) -> Finding:
         path=reader.path,
         key=reader.at_key,
         help="; or ".join(part for part in (advice, state) if part),
+        related=_misspelt(context, phase, reader),
         severity=Severity.WARNING if unknown else None,
         about=frozenset({subjects.topic(phase.phase, reader.topic)})
         | {subjects.value(node.path) for node in phase.may_write},
-        explains=_consequences(phase, reader),
+        explains=_consequences(context, phase, reader),
     )
 
 
@@ -62,7 +63,11 @@ def _advice(context: Context, phase: PhaseWiring, reader: Endpoint) -> str:
     published = {context.shown(name, namespace): name for name in _published(phase)}
     if did_you_mean(wrong, published) or reader.owner == "monitor" or not reader.at_key:
         return suggestion(wrong, published, "topics that are published")
-    fitting = [shown for shown, name in published.items() if reader.type in _types(phase, name)]
+    fitting = [
+        shown
+        for shown, name in published.items()
+        if reader.type in _types(phase, name) and not _writes(phase, reader.owner, name)
+    ]
     if not fitting:
         return suggestion(wrong, published, "topics that are published")
     if len(fitting) == 1:
@@ -70,13 +75,28 @@ def _advice(context: Context, phase: PhaseWiring, reader: Endpoint) -> str:
     return f"remap it; topics of its type are {listed(fitting)}"
 
 
-def _consequences(phase: PhaseWiring, reader: Endpoint) -> frozenset[str]:
+def _misspelt(context: Context, phase: PhaseWiring, reader: Endpoint) -> tuple[Pointer, ...]:
+    """The place of a topic that nobody reads, and that may be the one with the wrong name."""
+    unread = {
+        context.shown(name): name
+        for name in _published(phase)
+        if not phase.readers(name) and not _writes(phase, reader.owner, name)
+    }
+    close = did_you_mean(context.shown(reader.topic), unread)
+    return tuple(
+        Pointer(f"{quote(close)}, which nobody reads", each.path, each.at_key)
+        for each in phase.writers(unread.get(close, ""))[:1]
+    )
+
+
+def _consequences(context: Context, phase: PhaseWiring, reader: Endpoint) -> frozenset[str]:
     """The topic itself, and those that nobody reads because this one is read in their place."""
+    wrong = context.shown(reader.topic)
     instead = {
         name
         for name in _published(phase)
         if not phase.readers(name)
-        and (did_you_mean(reader.topic, [name]) or reader.type in _types(phase, name))
+        and (did_you_mean(wrong, [context.shown(name)]) or reader.type in _types(phase, name))
     }
     topics = {subjects.topic(phase.phase, name) for name in (reader.topic, *instead)}
     return frozenset({subjects.flow(phase.phase)} | topics)
@@ -84,6 +104,10 @@ def _consequences(phase: PhaseWiring, reader: Endpoint) -> frozenset[str]:
 
 def _published(phase: PhaseWiring) -> list[str]:
     return [name for name in phase.topics if phase.writers(name)]
+
+
+def _writes(phase: PhaseWiring, owner: str, topic: str) -> bool:
+    return any(writer.owner == owner for writer in phase.writers(topic))
 
 
 def _types(phase: PhaseWiring, topic: str) -> set[str]:

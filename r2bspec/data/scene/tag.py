@@ -13,11 +13,14 @@ if TYPE_CHECKING:
 
 FAMILY: Final = "36h11"
 
-# Id 3 of the family: the 6x6 payload inside the black border, a row a line, 1 is white.
+# Number 3 of the family, as its authors publish and print it: the 6x6 cells inside the black
+# border row by row from the top left, the first the highest bit, 1 is white. OpenCV's dictionary
+# has it upside down up to 5.0.
 _ID: Final = 3
-_PAYLOAD: Final = (0b000110, 0b010011, 0b100101, 0b111001, 0b111000, 0b100111)
+_CODE: Final = 0xE479E9C98
+_PAYLOAD_CELLS: Final = 6
 
-MARKER_CELLS: Final = 8
+MARKER_CELLS: Final = _PAYLOAD_CELLS + 2
 # A white quiet zone of one cell surrounds the black border.
 BOARD_CELLS: Final = MARKER_CELLS + 2
 
@@ -29,8 +32,8 @@ BLACK: Final = 22.0
 class Tag:
     """A tag on a face that looks along the world's -x.
 
-    Its frame has x right and y down in the tag's own image and z into the tag, so that a tag
-    seen frontally is not rotated against the camera's optical frame.
+    Its frame has x right and y down in the tag's own image, as its authors print it, and z into
+    the tag, so that a tag seen frontally is not rotated against the camera's optical frame.
 
     Attributes:
         size_m: edge of the outer square of the black border.
@@ -53,10 +56,10 @@ def board_cells() -> NDArray[np.float32]:
 
     cells = np.full((BOARD_CELLS + 2, BOARD_CELLS + 2), WHITE, np.float32)
     cells[2:-2, 2:-2] = BLACK
-    for row, bits in enumerate(_PAYLOAD):
-        for column in range(6):
-            if bits >> (5 - column) & 1:
-                cells[3 + row, 3 + column] = WHITE
+    for place in range(_PAYLOAD_CELLS**2):
+        if _CODE >> (_PAYLOAD_CELLS**2 - 1 - place) & 1:
+            row, column = divmod(place, _PAYLOAD_CELLS)
+            cells[3 + row, 3 + column] = WHITE
     return cells
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from r2bspec.report.findings.show import wants_colour
 from r2bspec.report.model import Result
 from r2bspec.report.result import to_json
 from r2bspec.report.terminal.load import load_section
@@ -35,7 +36,8 @@ def show_result(result: Result, output_format: str, folder: Path | None = None) 
         if isinstance(sys.stdout, io.TextIOWrapper):
             # A terminal without ✔ shows a question mark, not a traceback.
             sys.stdout.reconfigure(errors="replace")
-        print_report(result, folder, Console())
+        colour = wants_colour(sys.stdout)
+        print_report(result, folder, Console(color_system="auto" if colour else None))
 
 
 def print_report(result: Result, folder: Path | None, console: Console) -> None:

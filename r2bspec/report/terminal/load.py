@@ -8,9 +8,11 @@ from r2bspec.measure.model import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.measure.units import show, significant
 from r2bspec.report.terminal.style import heading, table
 
-_NAME_WIDTH = 24
-_MEMORY_WIDTH = 12
-_RATE_WIDTH = 20
+_MEMORY_WIDTH = 9
+_RATE_WIDTH = 17
+"""Columns with their gaps, at their widest: ``1,023 MiB`` and ``251 µs (348 µs)``."""
+
+_PLAYED, _LATE = "played at", "late p99 (max)"
 
 
 def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
@@ -19,7 +21,9 @@ def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
     if not rates:
         return None
     # Many rates are spread over several tables, one below the other.
-    across = max(1, (width - _NAME_WIDTH - _MEMORY_WIDTH) // _RATE_WIDTH)
+    names = [name for rate in rates for name in rate.pooled.processes]
+    name_width = max(map(len, (*names, _LATE))) + 2
+    across = max(1, (width - name_width - _MEMORY_WIDTH) // _RATE_WIDTH)
     return Group(
         heading("load", "CPU mean (max), where 100 % is one core"),
         *(_table(rates[start : start + across]) for start in range(0, len(rates), across)),
@@ -35,8 +39,8 @@ def _table(rates: tuple[RateMetrics, ...]) -> RenderableType:
     machine = [rate.pooled.machine for rate in rates]
     if any(machine):
         made.add_row("whole machine", *map(_cpu, machine), _memory(machine))
-    made.add_row("playback rate", *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), "")
-    made.add_row("playback late p99 (max)", *map(_lateness, rates), "")
+    made.add_row(_PLAYED, *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), "")
+    made.add_row(_LATE, *map(_lateness, rates), "")
     return made
 
 

@@ -57,7 +57,7 @@ def _section(name: str, rates: tuple[RateMetrics, ...], columns: list[_Column]) 
                 Text(f"× {len(rate.iterations)}", style=QUIET),
                 *(Text(_spread(rate, name, column), style=QUIET) for column in columns),
             )
-    aside = "latency from publication; below each line, its range over the iterations"
+    aside = "latency; below each line, its range over the iterations"
     return Group(heading(name, aside), made)
 
 

@@ -46,7 +46,7 @@ def search_section(search: SearchRecord | None) -> RenderableType | None:
             f"{probe.rate_hz:.4g}{'✔' if probe.holds else '✘'}",
             style="green" if probe.holds else "red",
         )
-    lines: list[RenderableType] = [heading("peak", _peak(search)), probes]
+    lines: list[RenderableType] = [heading("search", f"peak {_peak(search)}"), probes]
     failed = [probe for probe in search.probes if probe.rate_hz == search.fails_hz]
     if failed and not failed[-1].holds:
         last = failed[-1]

@@ -88,7 +88,7 @@ BENCHMARK: Schema = record(
 
 SLOS: Schema = named(
     "The objectives that decide the verdict, by name.",
-    names.LABEL,
+    names.NAME,
     record(
         "Requirements that must hold at one rate.",
         {

@@ -23,7 +23,7 @@ DOCUMENT: Schema = record(
         "r2bspec": _VERSION,
         "name": text(
             "The benchmark's name, by which results are kept.",
-            form=names.LABEL,
+            form=names.NAME,
             examples=["apriltag_node"],
         ),
         "title": text("One line for people.", examples=["AprilTag detection, 720p colour"]),
@@ -32,7 +32,7 @@ DOCUMENT: Schema = record(
         ),
         "labels": named(
             "Anything that the report shall show.",
-            names.PARAMETER,
+            names.LABEL_KEY,
             scalar("The label's value.", examples=["720p"]),
             examples=[{"resolution": "720p", "robot": "carter"}],
         ),

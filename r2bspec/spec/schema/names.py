@@ -10,7 +10,7 @@ class Form:
     """A regular expression in the subset that Python and JavaScript share, and what it means.
 
     Attributes:
-        noun: what a text of this form is called, with its article.
+        noun: what a text of this form is called.
         message: how such a text is written.
     """
 
@@ -24,72 +24,77 @@ _TOKENS = f"{_TOKEN}(?:/{_TOKEN})*"
 
 TOPIC = Form(
     f"^(?:~|(?:~?/)?{_TOKENS})$",
-    "a topic",
+    "topic",
     "a topic is made of letters, digits and underscores, separated by single slashes; no part "
     "begins with a digit, and no slash stands at the end",
 )
 NAMESPACE = Form(
     f"^(?:/|/?{_TOKENS})$",
-    "a namespace",
+    "namespace",
     "a namespace is made of letters, digits and underscores, separated by single slashes; no "
     "part begins with a digit",
 )
 NODE_NAME = Form(
     f"^{_TOKEN}$",
-    "a node's name",
+    "node name",
     "a node's name is made of letters, digits and underscores, and does not begin with a digit",
 )
 MONITOR_NAME = Form(
     "^[A-Za-z][A-Za-z0-9_]*$",
-    "a monitor's name",
+    "monitor name",
     "a monitor's name begins with a letter and goes on with letters, digits and underscores, so "
     "that requirements can use it",
 )
-LABEL = Form(
+NAME = Form(
     "^[A-Za-z][A-Za-z0-9_-]*$",
-    "a name",
+    "name",
     "a name begins with a letter and goes on with letters, digits, underscores and dashes",
 )
 VARIABLE = Form(
     f"^{_TOKEN}$",
-    "a variable's name",
+    "variable name",
     "a variable's name is made of letters, digits and underscores, and does not begin with a digit",
 )
 ENVIRONMENT = Form(
     f"^{_TOKEN}$",
-    "an environment variable's name",
+    "name of an environment variable",
     "an environment variable's name is made of letters, digits and underscores, and does not "
     "begin with a digit",
 )
 PARAMETER = Form(
     "^[A-Za-z_][A-Za-z0-9_./-]*$",
-    "a parameter's name",
+    "parameter name",
     "a parameter's name begins with a letter; its parts are separated by dots",
+)
+LABEL_KEY = Form(
+    "^[A-Za-z_][A-Za-z0-9_.-]*$",
+    "label",
+    "a label begins with a letter and goes on with letters, digits, underscores, dots and dashes",
 )
 MESSAGE_TYPE = Form(
     "^[A-Za-z][A-Za-z0-9_]*/msg/[A-Z][A-Za-z0-9]*$",
-    "a message type",
+    "message type",
     "a message type is written package/msg/Name, such as sensor_msgs/msg/Image",
 )
 PYTHON_NODE = Form(
     r"^(?:[A-Za-z_][A-Za-z0-9_]*(?:\.[A-Za-z_][A-Za-z0-9_]*)+|[^:]+\.py:[A-Za-z_][A-Za-z0-9_]*)$",
-    "a Python node",
+    "Python node",
     "a Python node is written module.Class, or ./file.py:Class relative to this file",
 )
 PACKAGE = Form(
     "^[A-Za-z][A-Za-z0-9_-]*$",
-    "a package's name",
+    "package name",
     "a package's name begins with a letter and goes on with letters, digits, underscores and "
     "dashes",
 )
-FILE_NAME = Form("^[^/]+$", "an executable", "an executable is named without its folder")
+FILE_NAME = Form("^[^/]+$", "executable name", "an executable is named without its folder")
 DATASET = Form(
     "^[A-Za-z0-9][A-Za-z0-9_.-]*$",
-    "a dataset's name",
+    "dataset name",
     "a dataset's name is made of letters, digits, underscores, dots and dashes; a path goes "
     "under 'path'",
 )
 SHA256 = Form(
-    "^[0-9a-f]{64}$", "a SHA-256 digest", "a SHA-256 digest is 64 digits, 0 to 9 and a to f"
+    "^[0-9a-f]{64}$", "SHA-256 digest", "a SHA-256 digest is 64 digits, 0 to 9 and a to f"
 )
-NOT_EMPTY = Form(r"\S", "a path", "this must not be empty")
+NOT_EMPTY = Form(r"\S", "path", "this must not be empty")

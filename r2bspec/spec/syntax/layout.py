@@ -67,6 +67,16 @@ def no_colon(report: Report) -> Diagnostic | None:
         report.began.line,
         report.began.column + max(len(text), 1),
     )
+    glued = re.match(r"[A-Za-z_][A-Za-z0-9_]*:(?=[^\s:/])", text)
+    if glued is not None:
+        column = span.column + glued.end()
+        return report.error(
+            "R2B014",
+            f"a space is missing after '{glued[0]}'",
+            f"write '{glued[0]} {text[glued.end() :]}'",
+            span=Span(span.file, span.line, column - 1, span.line, column),
+            edit=Edit(Span(span.file, span.line, column, span.line, column), " "),
+        )
     return report.error(
         "R2B014",
         "this line is neither a key with a ':' nor a part of the value above",

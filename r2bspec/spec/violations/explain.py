@@ -15,8 +15,9 @@ from r2bspec.spec.schema.build import KIND
 from r2bspec.spec.source import Source
 from r2bspec.spec.tree import MapNode, TreeNode, UnknownNode, lookup, to_plain
 from r2bspec.spec.validator import schema_errors
-from r2bspec.spec.violations.keys import misnamed, missing_keys, name_forgotten, unknown_keys
+from r2bspec.spec.violations.keys import misnamed, missing_keys, name_forgotten
 from r2bspec.spec.violations.model import Violation
+from r2bspec.spec.violations.unknown import unknown_keys
 from r2bspec.spec.violations.values import (
     not_a_choice,
     not_of_kind,
@@ -57,7 +58,7 @@ def explain_violations(root: TreeNode, sources: Mapping[str, Source]) -> list[Di
         if one.keyword == "additionalProperties" and one.path not in explained:
             for diagnostic, meant in unknown_keys(one):
                 found.append(diagnostic)
-                renamed |= {(*one.path, key) for key in meant}
+                renamed.add((*one.path, meant))
     found += missing_keys([one for one in violations if one.keyword == "required"], renamed)
     for one in violations:
         explanation = _EXPLANATIONS.get(one.keyword)

@@ -25,7 +25,7 @@ def repaired_text(text: str, schema: dict[str, Any]) -> str:
 
 def repaired_name(name: str, schema: dict[str, Any]) -> str:
     """A name close to one that cannot be used, or an empty string."""
-    guess = repaired_text(name, schema) or re.sub(r"[^A-Za-z0-9_/~]+", "_", name.strip())
+    guess = repaired_text(name, schema) or re.sub(r"[^A-Za-z0-9_/~]+", "_", name).strip("_")
     return guess if guess != name and re.search(schema["pattern"], guess) else ""
 
 

@@ -9,6 +9,7 @@ from r2bspec.spec.kinds import judge
 from r2bspec.spec.scalars import ScalarError, resolve
 from r2bspec.spec.schema.build import NOUN
 from r2bspec.spec.tree import ScalarNode
+from r2bspec.spec.validator import schema_at
 from r2bspec.spec.violations.model import Violation
 from r2bspec.spec.violations.repairs import repaired_text
 from r2bspec.spec.violations.wording import called, example, expected, listed
@@ -28,18 +29,21 @@ def not_of_type(violation: Violation) -> Diagnostic:
 
 
 def _no_value(violation: Violation) -> Diagnostic:
-    shown = example(violation.schema)
-    such = f", for example {shown}" if shown and len(shown) <= 60 else ""
     if not violation.path:
         return violation.error("R2B116", "the document has no content")
+    shown = example(violation.schema)
+    way_out = f"give it {expected(violation.schema)}"
+    if shown and len(shown) <= 60:
+        way_out += f", for example {shown}"
+    owner = schema_at(violation.path[:-1]) or {}
+    if violation.path[-1] in owner.get("properties", {}) and violation.path[-1] not in owner.get(
+        "required", ()
+    ):
+        way_out += ", or leave the key out"
     node = violation.node
-    written = node.text if isinstance(node, ScalarNode) else ""
-    return violation.error(
-        "R2B116",
-        f"{violation.name} has no value",
-        f"give it {expected(violation.schema)}{such}, or remove the key"
-        + (f"; quote it if {quote(written)} is meant as text" if written else ""),
-    )
+    if isinstance(node, ScalarNode) and node.text and "string" in violation.schema.get("type", ()):
+        way_out += f"; quote it if {quote(node.text)} is meant as text"
+    return violation.error("R2B116", f"{violation.name} has no value", way_out)
 
 
 def _way_out(violation: Violation) -> tuple[str, str]:
@@ -52,7 +56,8 @@ def _way_out(violation: Violation) -> tuple[str, str]:
         text = f'"{node.text}"'
         return f"quote it: {text}", text if plain else ""
     if isinstance(node, ScalarNode) and types == ["integer"]:
-        return _whole_number(node)
+        help_text, repair = _whole_number(node)
+        return help_text or _for_example(violation), repair
     if isinstance(node, ScalarNode) and "array" in types:
         text = f"[{node.text}]"
         simple = plain and not _NOT_IN_FLOW & set(node.text)
@@ -63,8 +68,14 @@ def _way_out(violation: Violation) -> tuple[str, str]:
     if isinstance(value, dict) and violation.path[-2:-1] == ("parameters",):
         name, inner = violation.path[-1], next(iter(value), "name")
         return f"write nested parameters with dots: '{name}.{inner}: ...'", ""
+    if not violation.path:
+        return "a spec begins with 'r2bspec: 1' and 'name: ...'", ""
+    return _for_example(violation) if {"array", "object"} & set(types) else "", ""
+
+
+def _for_example(violation: Violation) -> str:
     shown = example(violation.schema)
-    return (f"for example: {shown}" if shown else ""), ""
+    return f"for example: {shown}" if shown else ""
 
 
 def _whole_number(node: ScalarNode) -> tuple[str, str]:
@@ -116,7 +127,7 @@ def not_of_pattern(violation: Violation) -> Diagnostic:
     message = violation.schema["patternErrorMessage"]
     return violation.error(
         "R2B105",
-        f"{quote(violation.value)} is not {violation.schema[NOUN]}",
+        f"{quote(violation.value)} is not a valid {violation.schema[NOUN]}",
         f"write {better}" if better else message,
         repair=better if isinstance(node, ScalarNode) and not node.style else "",
     )
@@ -132,12 +143,7 @@ def too_small(violation: Violation) -> Diagnostic:
 
 def too_few(violation: Violation) -> Diagnostic:
     """An empty text, list or map where something must be."""
-    shown = example(violation.schema)
-    return violation.error(
-        "R2B108",
-        f"{violation.name} must not be empty",
-        f"for example: {shown}" if shown else "",
-    )
+    return violation.error("R2B108", f"{violation.name} must not be empty", _for_example(violation))
 
 
 def not_of_kind(violation: Violation) -> Diagnostic:
@@ -163,6 +169,7 @@ def _not_even_text(violation: Violation) -> Diagnostic:
     return violation.error(
         "R2B103",
         f"{violation.name} must be {expected(violation.schema)}, not {called(violation.value)}",
+        _for_example(violation),
     )
 
 

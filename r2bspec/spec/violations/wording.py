@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from r2bspec.diagnostics.quote import clip, quote
-from r2bspec.spec.schema.build import KIND, QUANTITIES
+from r2bspec.spec.schema.build import KIND
 
 _TYPES = {
     "string": "text",
@@ -32,11 +32,10 @@ def called(value: object) -> str:
 
 
 def expected(schema: dict[str, Any]) -> str:
-    """What a schema wants: ``text``, ``a list``, ``a duration, such as 10 s``."""
+    """What a schema wants: ``text``, ``a list``, ``a duration``."""
     kind = schema.get(KIND)
     if kind is not None:
-        example = QUANTITIES[kind].example if kind in QUANTITIES else "latency.p99 < 50 ms"
-        return f"a {kind}, such as {example}"
+        return f"a {kind}"
     types = schema.get("type", "object")
     names = [types] if isinstance(types, str) else types
     return either([_TYPES[name] for name in names])

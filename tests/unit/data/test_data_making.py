@@ -19,7 +19,7 @@ from r2bspec.data.errors import DataError
 from r2bspec.data.index import index_bag
 from r2bspec.data.model import MadeDataset, Window
 from r2bspec.data.reader import read_messages
-from r2bspec.data.synthesis import make
+from r2bspec.data.synthesis import GENERATOR, make
 from r2bspec.data.verification import verify
 
 TOPICS = ["/d455_1_imu", "/d455_1_left_ir_image"]
@@ -32,7 +32,7 @@ MAKER = textwrap.dedent(
     import json, pathlib, resource, signal, sys, time
     from r2bspec.data.errors import DataError
     from r2bspec.data.model import Window
-    from r2bspec.data.synthesis import make
+    from r2bspec.data.synthesis import GENERATOR, make
 
     # A runner in the background may have switched it off.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -124,6 +124,14 @@ def test_is_the_same_in_another_process_on_one_processor(
     finally:
         os.sched_setaffinity(0, allowed)
     assert outcome(process) == {"made": True, "sha256": small.content_sha256}
+
+
+def test_every_machine_renders_the_same_bytes(storage_room: MadeDataset) -> None:
+    """Specs pin datasets by hash. Whoever changes a rendered byte raises GENERATOR as well."""
+    assert GENERATOR == 2
+    assert storage_room.content_sha256 == (
+        "789249c1379a31e35e0750c655c775843dc8138aa5f7b6c14f7781dd98756777"
+    )
 
 
 def test_mcap_says_the_same(small: MadeDataset, tmp_path: Path) -> None:

@@ -47,8 +47,8 @@ class TestPercentiles:
             (1000, 4, 0, "pass"),
             (1000, 5, 0, "inconclusive"),
             (1000, 10, 0, "inconclusive"),
-            (1000, 16, 0, "inconclusive"),
-            (1000, 17, 0, "fail"),
+            (1000, 15, 0, "inconclusive"),
+            (1000, 16, 0, "fail"),
             (1000, 0, 17, "fail"),
             (1000, 9, 8, "fail"),
             (298, 0, 0, "inconclusive"),
@@ -73,6 +73,7 @@ class TestPercentiles:
         values = np.random.default_rng(1).gamma(20, 0.001, 3000)
         found = one(samples_of(tmp_path, Played(30, values)), "latency.p99 < 60 ms")
         assert found.estimate == pytest.approx(np.quantile(values, 0.99, method="inverted_cdf"))
+        assert found.estimate is not None
         assert found.lower is not None
         assert found.upper is not None
         assert found.lower < found.estimate < found.upper < 0.06 == found.limit
@@ -107,6 +108,11 @@ class TestPercentiles:
         samples = samples_of(tmp_path, Played(30, np.full(1000, 0.02)))
         assert one(samples, "latency.p99 <= 20 ms").outcome == "pass"
         assert one(samples, "latency.p99 < 20 ms").outcome == "fail"
+
+
+def test_nearly_all_is_not_all(tmp_path: Path) -> None:
+    samples = samples_of(tmp_path, Played(30, latencies(2000, over=1994)))
+    assert "1,994 of 2,000 outputs (99.7 %)" in one(samples, "latency.p50 < 60 ms").reason
 
 
 class TestShares:
@@ -147,7 +153,8 @@ class TestMeans:
     def test_of_offered_is_worked_out(self, tmp_path: Path) -> None:
         samples = samples_of(tmp_path, Played(30, latencies(90)), Played(30, latencies(90)))
         found = one(samples, "throughput.mean >= 97 % of offered")
-        assert (found.outcome, found.limit, found.unit) == ("pass", pytest.approx(29.1), "Hz")
+        assert (found.outcome, found.unit) == ("pass", "Hz")
+        assert found.limit == pytest.approx(29.1)
 
     def test_iterations_that_agree_exactly_are_no_proof_to_the_last_digit(
         self, tmp_path: Path

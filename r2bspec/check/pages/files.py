@@ -1,0 +1,41 @@
+"""R2B600 to R2B612: the command line, and files that are given to it."""
+
+from __future__ import annotations
+
+from r2bspec.check.pages._page import error_page
+
+FILE_PAGES = (
+    error_page(
+        "R2B600",
+        "something went wrong that has no code of its own",
+        "The message says what it was.",
+    ),
+    error_page(
+        "R2B601",
+        "wrong usage of the command",
+        "The command cannot do what it was asked for; '--help' of the verb says what it can.",
+    ),
+    error_page(
+        "R2B602",
+        "a spec with errors was given to a verb that needs a valid one",
+        "A run or a plan of such a spec would mean something else than was meant. 'r2bspec "
+        "validate' shows the same findings.",
+    ),
+    error_page(
+        "R2B610",
+        "a plan cannot be read",
+        "The file is not there, or may not be read. 'r2bspec plan SPEC -o FILE' writes one.",
+    ),
+    error_page(
+        "R2B611",
+        "a file that is no plan of this version",
+        "Plans are JSON with 'r2bspec_plan: 1'. One of another version may mean something else, "
+        "and is written anew from its spec.",
+    ),
+    error_page(
+        "R2B612",
+        "a plan with a fault in it",
+        "A value is missing, unknown or of the wrong kind, as it happens when plans are edited by "
+        "hand. What is to change is changed in the spec.",
+    ),
+)

@@ -1,0 +1,87 @@
+"""R2B620 and R2B630 to R2B651: what can go wrong while a benchmark runs."""
+
+from __future__ import annotations
+
+from r2bspec.check.pages._page import error_page
+
+RUN_PAGES = (
+    error_page(
+        "R2B620",
+        "ROS 2 is not installed",
+        "Running needs rclpy: source a ROS 2 installation, or pip install 'r2bspec[ros]'. "
+        "Validating, planning and judging do not.",
+    ),
+    error_page(
+        "R2B630",
+        "the run failed",
+        "The message says which process failed and why; what it printed is in the run folder "
+        "under logs/. What had been observed until then is kept.",
+    ),
+    error_page(
+        "R2B631",
+        "a process ended before its time",
+        "Nobody had told it to. What it printed is in the run folder under logs/.",
+    ),
+    error_page(
+        "R2B632",
+        "a process does not answer",
+        "It may be blocked in a callback or a constructor; what it printed is in the run folder "
+        "under logs/.",
+    ),
+    error_page(
+        "R2B633",
+        "a node could not be made",
+        "Its constructor raised an exception. A Python node takes the keyword arguments of "
+        "rclpy's Node and passes them on.",
+    ),
+    error_page(
+        "R2B634",
+        "a callback raised an exception",
+        "The node did not do its work, so what was measured is not the graph's performance.",
+    ),
+    error_page(
+        "R2B640",
+        "the graph did not come up as planned",
+        "Within 'benchmark.start_timeout' not every planned writer found its reader. The message "
+        "names the topics on which one of the two is missing.",
+    ),
+    error_page(
+        "R2B641",
+        "nothing comes out of the graph",
+        "All writers and readers have found each other, but no output was seen. The message "
+        "follows the way of the messages and says where they stop.",
+    ),
+    error_page(
+        "R2B642",
+        "a node does not declare a parameter that the spec gives",
+        "ROS ignores such a value without a word, and the node runs with its default.",
+    ),
+    error_page(
+        "R2B643",
+        "a playback input has no messages",
+        "Nothing of it was loaded or came out of the preprocessors, so there is nothing to play.",
+    ),
+    error_page(
+        "R2B644",
+        "the inputs have no stamp in common",
+        "Messages of one step belong together by their header stamps; inputs that were not "
+        "recorded together are played in specs of their own.",
+    ),
+    error_page(
+        "R2B645",
+        "the player did not finish in time",
+        "The machine may be overloaded, or a publication blocks.",
+    ),
+    error_page(
+        "R2B650",
+        "the run was interrupted",
+        "By Ctrl-C or a signal. What had been observed until then is kept in the run folder and "
+        "marked as incomplete.",
+    ),
+    error_page(
+        "R2B651",
+        "the run was killed",
+        "Its controller ended without a chance to say why. The run folder has what had been "
+        "written until then.",
+    ),
+)

@@ -1,0 +1,109 @@
+"""``r2bspec explain``: what a diagnostic code means, with an example of each outcome."""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import click
+
+from r2bspec.diagnostics.quote import printable
+from r2bspec.errors import UsageError
+
+if TYPE_CHECKING:
+    from r2bspec.diagnostics.pages import Page
+
+_FAMILIES = {
+    "0": "The file and its YAML",
+    "1": "The language",
+    "2": "Names and types in the graph",
+    "3": "Recorded data",
+    "4": "Playback and monitors",
+    "5": "What is played and what must hold",
+    "6": "Files, this machine, and the run",
+}
+
+_FILE = "example.r2b.yaml"
+_WIDTH = 88
+
+
+@click.command("explain")
+@click.argument("code", required=False)
+def command(code: str | None) -> int:
+    """Explain the diagnostic CODE, such as R2B204; without one, list all."""
+    from r2bspec.check.pages import all_pages
+
+    pages = all_pages()
+    lines = _list(pages) if code is None else _explain(_find(code, pages))
+    click.echo("\n".join(lines))
+    return 0
+
+
+def _find(code: str, pages: Mapping[str, Page]) -> Page:
+    """The page of a code, however it is written: ``r2b204`` and ``204`` will do.
+
+    Raises:
+        UsageError: there is none.
+    """
+    digits = code.upper().removeprefix("R2B")
+    page = pages.get(f"R2B{digits}")
+    if page is None:
+        from r2bspec.diagnostics import did_you_mean
+
+        close = did_you_mean(f"R2B{digits}", pages)
+        raise UsageError(
+            f"there is no code {code!r}",
+            hint=f"did you mean {close}? " * bool(close) + "'r2bspec explain' lists all",
+        )
+    return page
+
+
+def _list(pages: Mapping[str, Page]) -> Iterator[str]:
+    family = ""
+    for code, page in pages.items():
+        if code[3] != family:
+            if family:
+                yield ""
+            family = code[3]
+            yield _heading(_FAMILIES.get(family, ""))
+        yield f"  {code}  {page.severity.value:<7}  {page.title}"
+
+
+def _explain(page: Page) -> Iterator[str]:
+    yield _heading(f"{page.code}: {page.title} ({page.severity.value})")
+    yield ""
+    yield from textwrap.wrap(page.why, _WIDTH)
+    if page.failing:
+        yield ""
+        yield _heading("Found in")
+        yield from _indented(page.failing)
+        yield ""
+        yield from _indented(_findings(page))
+    if page.passing:
+        yield ""
+        yield _heading("Not found in")
+        yield from _indented(page.passing)
+
+
+def _findings(page: Page) -> str:
+    """What the failing example really leads to, as validate prints it."""
+    from r2bspec.check.engine import check
+    from r2bspec.report.findings import text
+    from r2bspec.spec.load import load_spec
+
+    loaded = load_spec(page.failing, file=_FILE)
+    found = [each for each in check(loaded) if each.code == page.code]
+    return text.render(found, loaded.texts)
+
+
+def _indented(block: str) -> Iterator[str]:
+    for line in block.rstrip("\n").split("\n"):
+        yield f"    {printable(line)}".rstrip()
+
+
+def _heading(text: str) -> str:
+    from r2bspec.report.findings.show import wants_colour
+
+    return click.style(text, bold=True) if wants_colour(sys.stdout) else text

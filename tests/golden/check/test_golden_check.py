@@ -1,0 +1,72 @@
+"""Specs with mistakes in them, and what is said about them, word for word.
+
+``CODE.yaml`` is the failing example of the rule of that code, any other ``NAME.yaml`` a case with
+several mistakes, or with one that many rules could trip over. ``NAME.out`` is what a user sees.
+With ``R2BSPEC_REWRITE=1`` in the environment the outputs, and the rules' examples, are written
+instead of compared; look at the difference before you commit it.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from r2bspec.check import check
+from r2bspec.check.registry import all_rules
+from r2bspec.check.rule import Rule
+from r2bspec.report.findings import text
+from r2bspec.spec.load import load_spec
+
+HERE = Path(__file__).parent
+REWRITE = bool(os.environ.get("R2BSPEC_REWRITE"))
+WITH_EXAMPLES = [rule for rule in all_rules() if rule.failing]
+CODES = {rule.code for rule in WITH_EXAMPLES}
+CASES = sorted(file for file in HERE.glob("*.yaml") if file.stem not in CODES)
+
+
+@pytest.fixture(autouse=True)
+def somewhere_without_ros(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """An empty folder, no ROS packages, no datasets, and shell as the only program."""
+    shell = tmp_path / "bin" / "sh"
+    shell.parent.mkdir()
+    shell.touch(mode=0o755)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", str(shell.parent))
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    monkeypatch.delenv("R2B_DATASETS", raising=False)
+
+
+def said_about(document: str, name: str) -> str:
+    loaded = load_spec(document, file=name, environ={})
+    return text.render(check(loaded), loaded.texts)
+
+
+def compare(said: str, beside: Path) -> None:
+    if REWRITE:
+        beside.write_text(said, encoding="utf-8")
+    assert said == beside.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("rule", WITH_EXAMPLES, ids=lambda rule: rule.code)
+def test_the_failing_example_of_a_rule(rule: Rule) -> None:
+    file = HERE / f"{rule.code}.yaml"
+    if REWRITE:
+        file.write_text(rule.failing, encoding="utf-8")
+    assert rule.failing == file.read_text(encoding="utf-8")
+    said = said_about(rule.failing, file.name)
+    compare(said, file.with_suffix(".out"))
+    codes = {each.code for each in check(load_spec(rule.failing, environ={}))}
+    assert codes == {rule.code}, "an example shows one thing"
+
+
+@pytest.mark.parametrize("rule", WITH_EXAMPLES, ids=lambda rule: rule.code)
+def test_nothing_is_said_about_the_passing_example_of_a_rule(rule: Rule) -> None:
+    assert said_about(rule.passing, "passing.yaml") == ""
+
+
+@pytest.mark.parametrize("file", CASES, ids=lambda file: file.stem)
+def test_a_case(file: Path) -> None:
+    said = said_about(file.read_text(encoding="utf-8"), file.name)
+    compare(said, file.with_suffix(".out"))

@@ -1,0 +1,31 @@
+"""The terminal report, word for word.
+
+After a wanted change: UPDATE_GOLDEN=1 pytest tests/golden/report, and read the difference.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from example_runs import BROKEN, USUAL
+from run_simulation import Simulation
+
+from r2bspec.report.result import result_of
+from r2bspec.report.terminal import to_text
+
+
+@pytest.mark.parametrize("width", [80, 100, 120])
+@pytest.mark.parametrize(("name", "simulation"), [("usual", USUAL), ("broken", BROKEN)])
+def test_the_report_reads_like_this(
+    tmp_path: Path, name: str, simulation: Simulation, width: int
+) -> None:
+    result = result_of(simulation.write(tmp_path))
+    text = to_text(result, Path("runs/simulated-20260101-000000"), width)
+    golden = Path(__file__).parent / f"terminal_{name}_{width}.txt"
+    if os.environ.get("UPDATE_GOLDEN"):
+        golden.write_text(text, encoding="utf-8")
+    assert text == golden.read_text(encoding="utf-8")
+    assert all(len(line) <= width for line in text.splitlines())
+    assert "\x1b" not in text

@@ -1,0 +1,105 @@
+"""Laws of measuring that hold for every sample."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from run_simulation import EPOCH_NS
+
+from r2bspec.measure.latency import arrivals, intervals, jitter, latencies
+from r2bspec.measure.matching import match
+from r2bspec.measure.percentiles import percentile
+from r2bspec.measure.throughput import silence, throughput
+from r2bspec.measure.units import show
+from r2bspec.record.arrays import MONITOR, PLAYBACK, Rows
+
+finite = st.floats(min_value=0, max_value=1e3, allow_nan=False)
+samples = st.lists(finite, min_size=1, max_size=60).map(np.array)
+
+
+@st.composite
+def traffic(draw: st.DrawFn) -> tuple[Rows, Rows]:
+    """Any steps, and any messages: answers, repetitions and strangers in any order."""
+    n = draw(st.integers(0, 30))
+    playback = np.zeros(n, PLAYBACK)
+    playback["stamp_ns"] = draw(st.permutations(range(100, 100 + n)))
+    playback["published_ns"] = EPOCH_NS + np.arange(n) * 10**7
+    stamps = draw(st.lists(st.integers(95, 100 + n + 5), max_size=60))
+    monitor = np.zeros(len(stamps), MONITOR)
+    monitor["stamp_ns"] = stamps
+    monitor["received_ns"] = EPOCH_NS + np.array(
+        sorted(draw(st.lists(st.integers(0, 10**9), min_size=len(stamps), max_size=len(stamps)))),
+        dtype=np.int64,
+    )
+    return playback, monitor
+
+
+@given(samples, st.floats(min_value=0.001, max_value=1))
+def test_a_percentile_is_an_observed_value(values: np.ndarray, q: float) -> None:
+    found = percentile(values, q)
+    assert found in values
+    assert np.count_nonzero(values <= found) >= q * values.size - 1e-6
+
+
+@given(samples, st.floats(0.001, 1), st.floats(0.001, 1), st.integers(0, 5))
+def test_percentiles_rise_with_the_fraction_and_with_losses(
+    values: np.ndarray,
+    a: float,
+    b: float,
+    lost: int,
+) -> None:
+    low, high = percentile(values, min(a, b)), percentile(values, max(a, b))
+    with_losses = percentile(values, a, lost)
+    without = percentile(values, a)
+    assert low is not None
+    assert high is not None
+    assert with_losses is not None
+    assert without is not None
+    assert low <= high
+    assert without <= with_losses
+
+
+@given(traffic(), st.sampled_from(["stamp", "order"]))
+def test_matching_conserves_counts(rows: tuple[Rows, Rows], by: str) -> None:
+    playback, monitor = rows
+    found = match(playback, monitor, by)  # type: ignore[arg-type]
+    answered = int(np.count_nonzero(found.answered))
+    assert playback.size == answered + found.missed
+    assert monitor.size == answered + found.duplicates + found.unmatched
+    assert 0 <= found.reordered <= max(0, answered - 1)
+    assert latencies(playback, monitor, found).size == answered
+
+
+@given(traffic())
+def test_matching_pairs_equal_stamps_with_the_first_message(rows: tuple[Rows, Rows]) -> None:
+    playback, monitor = rows
+    found = match(playback, monitor, "stamp")
+    for step, row in enumerate(found.first_row):
+        equal = np.flatnonzero(monitor["stamp_ns"] == playback["stamp_ns"][step])
+        assert row == (equal[0] if equal.size else -1)
+
+
+@given(traffic())
+def test_intervals_add_up_and_throughput_is_no_more_than_their_rate(
+    rows: tuple[Rows, Rows],
+) -> None:
+    playback, monitor = rows
+    arrived = arrivals(monitor, match(playback, monitor, "stamp"))
+    gaps = intervals(arrived)
+    assert jitter(arrived).size == max(0, arrived.size - 2)
+    if arrived.size < 2 or arrived[-1] == arrived[0]:
+        return
+    span = (arrived[-1] - arrived[0]) / 1e9
+    assert abs(gaps.sum() - span) < 1e-9 * arrived.size
+    silent = silence(arrived, EPOCH_NS, EPOCH_NS + 2 * 10**9)
+    assert throughput(arrived, silent) <= (arrived.size - 1) / span * (1 + 1e-9)
+
+
+@given(
+    st.floats(min_value=-1e9, max_value=1e15), st.sampled_from(["s", "Hz", "share", "B", "count"])
+)
+def test_every_value_can_be_shown(value: float, unit: str) -> None:
+    text = show(value, unit)
+    assert text
+    assert "e+" not in text

@@ -1,0 +1,169 @@
+"""Laws of judging that hold for every sample and every bound."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from run_simulation import EPOCH_NS, objective
+
+from r2bspec.measure.samples import MonitorSamples, PlaybackSamples, RunSamples, SegmentSamples
+from r2bspec.record.model import RunRecord, Segment
+from r2bspec.slo.judge import judge
+from r2bspec.slo.model import RequirementVerdict
+from r2bspec.slo.statistics.binomial import (
+    least_to_fail,
+    lower_bound,
+    most_to_pass,
+    upper_bound,
+)
+from r2bspec.slo.statistics.student import mean_interval
+
+ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
+
+counts = st.integers(1, 400).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
+shares = st.floats(0.001, 0.999)
+iterations = st.lists(
+    st.tuples(st.lists(st.floats(0.001, 0.1), min_size=3, max_size=80), st.integers(0, 10)),
+    min_size=1,
+    max_size=3,
+)
+
+
+def run_of(given_iterations: list[tuple[list[float], int]]) -> RunSamples:
+    """A run whose iterations have these latencies and these losses."""
+    made = []
+    for index, (latency, lost) in enumerate(given_iterations, start=1):
+        times = np.array(latency)
+        sent = times.size + lost
+        segment = Segment(
+            id=f"iteration-{index:03d}",
+            kind="iteration",
+            rate_hz=30,
+            index=index,
+            steps=sent,
+            began_ns=EPOCH_NS,
+            ended_ns=EPOCH_NS + round(sent * 1e9 / 30),
+            complete=True,
+        )
+        monitor = MonitorSamples(
+            times={"latency": times, "latency_from_due": times, "interval": times, "jitter": times},
+            sent=sent,
+            answered=times.size,
+            received=times.size,
+            duplicates=0,
+            reordered=0,
+            unmatched=0,
+            throughput_hz=30 * times.size / sent,
+        )
+        made.append(
+            SegmentSamples(
+                segment=segment,
+                playback=PlaybackSamples(sent=sent, rate_hz=30.0, lateness=np.zeros(sent)),
+                monitors={"out": monitor},
+                processes={},
+                machine=None,
+            )
+        )
+    record = RunRecord(
+        run_id="",
+        plan_hash="",
+        started_at="",
+        ended_at="",
+        status="complete",
+        reason="",
+        dataset={},
+        machine={},
+        versions={},
+        processes=(),
+        segments=(),
+        search=None,
+        sustained=(),
+        events=(),
+    )
+    return RunSamples(
+        record=record,
+        monitors=("out",),
+        iterations={30.0: tuple(made)},
+        sustained={},
+        incomplete=(),
+    )
+
+
+def ask(samples: RunSamples, requirement: str) -> RequirementVerdict:
+    return judge({"slo": objective(requirement)}, samples).requirements[0]
+
+
+@given(counts, shares)
+def test_pass_and_fail_never_both(count: tuple[int, int], allowed: float) -> None:
+    k, n = count
+    assert not (upper_bound(k, n, 0.95) <= allowed < lower_bound(k, n, 0.95))
+    passing, failing = most_to_pass(n, allowed, 0.95), least_to_fail(n, allowed, 0.95)
+    if passing is not None and failing is not None:
+        assert passing < failing
+
+
+@given(counts)
+def test_bounds_surround_the_share(count: tuple[int, int]) -> None:
+    k, n = count
+    assert 0 <= lower_bound(k, n, 0.95) <= k / n <= upper_bound(k, n, 0.95) <= 1
+
+
+@given(
+    iterations,
+    st.sampled_from(
+        ["latency.p50", "latency.p90", "latency.p99", "latency.mean", "latency.max", "interval.p90"]
+    ),
+    st.sampled_from(["<", "<=", ">", ">="]),
+    st.lists(st.integers(1, 120), min_size=2, max_size=6),
+)
+def test_a_verdict_is_monotone_in_its_bound(
+    given_iterations: list[tuple[list[float], int]], metric: str, op: str, limits: list[int]
+) -> None:
+    samples = run_of(given_iterations)
+    ranks = [ORDER[ask(samples, f"{metric} {op} {limit} ms").outcome] for limit in sorted(limits)]
+    assert ranks == sorted(ranks, reverse=op.startswith(">"))
+
+
+@given(iterations, st.integers(1, 120), st.integers(0, 30))
+def test_more_losses_never_help(
+    given_iterations: list[tuple[list[float], int]], limit: int, more: int
+) -> None:
+    first, *others = given_iterations
+    worse = [(first[0], first[1] + more), *others]
+    for requirement in (f"latency.p90 < {limit} ms", "drop_rate <= 5 %", "missed <= 3"):
+        before = ask(run_of(given_iterations), requirement)
+        after = ask(run_of(worse), requirement)
+        assert ORDER[after.outcome] <= ORDER[before.outcome]
+
+
+@given(iterations, st.integers(1, 120))
+def test_a_verdict_agrees_with_its_own_numbers(
+    given_iterations: list[tuple[list[float], int]], limit: int
+) -> None:
+    found = ask(run_of(given_iterations), f"latency.p90 < {limit} ms")
+    assert found.share is not None
+    assert found.over == found.share.over <= found.n
+    if found.outcome == "pass":
+        assert found.upper is not None
+        assert found.upper < limit / 1000
+        assert found.share.upper <= 0.1 + 1e-9
+    if found.outcome == "fail":
+        assert found.share.lower > 0.1 - 1e-9
+        assert found.lower is None or found.lower >= limit / 1000
+    assert found.reason
+
+
+@given(
+    st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=20),
+    st.floats(0, 1),
+    st.sampled_from([0.9, 0.95, 0.99]),
+)
+def test_the_interval_of_a_mean_contains_it(
+    values: list[float], resolution: float, confidence: float
+) -> None:
+    found = mean_interval(values, confidence, resolution)
+    assert found.lower <= found.mean <= found.upper
+    assert math.isfinite(found.upper)

@@ -1,0 +1,117 @@
+"""Promise: a run whose controller is killed, however hard, is ended all the same."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from family_trees import Family, alive, family
+
+
+@pytest.fixture
+def run_id() -> str:
+    return secrets.token_hex(8)
+
+
+@pytest.fixture
+def people(tmp_path: Path, run_id: str) -> Iterator[Family]:
+    with family(tmp_path, run_id) as found:
+        yield found
+
+
+@pytest.fixture
+def scratch(tmp_path: Path) -> Path:
+    """A scratch folder with something in it."""
+    folder = tmp_path / "scratch"
+    (folder / "rows").mkdir(parents=True)
+    (folder / "rows" / "playback").write_bytes(b"rows")
+    return folder
+
+
+@pytest.fixture
+def watchdog(run_id: str, scratch: Path) -> Iterator[subprocess.Popen[str]]:
+    with subprocess.Popen(
+        [sys.executable, "-m", "r2bspec.harness.watchdog", run_id, str(scratch)],
+        stdin=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        yield process
+        process.kill()
+
+
+def tell(watchdog: subprocess.Popen[str], *lines: str) -> None:
+    assert watchdog.stdin is not None
+    for line in lines:
+        watchdog.stdin.write(f"{line}\n")
+    watchdog.stdin.flush()
+
+
+def hang_up(watchdog: subprocess.Popen[str]) -> int:
+    """Close its input as the kernel does when the controller is gone."""
+    assert watchdog.stdin is not None
+    watchdog.stdin.close()
+    return watchdog.wait(60)
+
+
+def test_the_end_of_the_controller_ends_the_run_and_its_scratch(
+    watchdog: subprocess.Popen[str], people: Family, scratch: Path
+) -> None:
+    people.start("plain")
+    people.start("parent-of-stubborn-stranger", 2)
+    people.start("parent-of-nameless", 2)
+    tell(watchdog, *(f"session {each}" for each in people.sessions))
+    assert hang_up(watchdog) == 0
+    assert people.living() == []
+    assert not scratch.exists()
+
+
+def test_a_process_whose_session_it_was_never_told_is_found_by_its_id(
+    watchdog: subprocess.Popen[str], people: Family
+) -> None:
+    # The controller may be killed between starting a process and telling of it.
+    people.start("plain")
+    assert hang_up(watchdog) == 0
+    assert people.living() == []
+
+
+def test_after_done_it_does_nothing(
+    watchdog: subprocess.Popen[str], people: Family, scratch: Path
+) -> None:
+    pids = people.start("plain")
+    tell(watchdog, f"session {people.sessions[0]}", "done")
+    assert hang_up(watchdog) == 0
+    assert people.living() == pids
+    assert scratch.exists()
+
+
+def test_signals_for_the_controller_do_not_end_it(
+    watchdog: subprocess.Popen[str], people: Family
+) -> None:
+    people.start("plain")
+    tell(watchdog, "session 1234567")
+    # Its first line can be written before it has set its handlers; a second look is enough.
+    wait_for_handlers(watchdog.pid)
+    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(watchdog.pid, each)
+    assert alive(watchdog.pid)
+    assert hang_up(watchdog) == 0
+    assert people.living() == []
+
+
+def wait_for_handlers(pid: int) -> None:
+    from family_trees import wait_for
+
+    def ignores_termination() -> bool:
+        status = Path(f"/proc/{pid}/status").read_text()
+        mask = next(line for line in status.splitlines() if line.startswith("SigIgn:"))
+        return bool(int(mask.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+    wait_for(ignores_termination)

@@ -1,0 +1,183 @@
+"""Who writes and who reads which topic, in both phases."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from r2bspec.spec import codec
+from r2bspec.spec.model import Node, Spec
+from r2bspec.wiring.build import build_wiring
+from r2bspec.wiring.interfaces import (
+    Interface,
+    ParameterInfo,
+    TableEntry,
+    interface_of,
+    reference_table,
+)
+from r2bspec.wiring.model import Endpoint
+
+IMAGE = "sensor_msgs/msg/Image"
+INFO = "sensor_msgs/msg/CameraInfo"
+POSES = "geometry_msgs/msg/PoseArray"
+
+TABLE = {
+    "nodes.Filter": TableEntry(subscribes={"in": IMAGE}, publishes={"out": IMAGE}),
+    "nodes.Any": TableEntry(
+        subscribes={"in": "$(parameter format)"},
+        publishes={"$(parameter prefix)/out": "$(parameter format)"},
+        parameters={
+            "format": ParameterInfo("string", IMAGE),
+            "prefix": ParameterInfo("string", "any"),
+            "unset": ParameterInfo("string"),
+        },
+    ),
+}
+
+
+def spec(**sections: Any) -> Spec:
+    document = {
+        "r2bspec": 1,
+        "name": "test",
+        "data_loader": {"bag": {"dataset": "d"}, "topics": {"/camera": "raw"}},
+        "playback": {"inputs": {"image": {"from": "raw", "format": IMAGE}}},
+        "graph": {"nodes": {"filter": {"python": "nodes.Filter", "remappings": {"in": "image"}}}},
+        "monitors": {"result": {"topic": "out", "format": IMAGE}},
+        **sections,
+    }
+    return msgspec.convert(document, Spec, dec_hook=codec.decode)
+
+
+def owners(endpoints: tuple[Endpoint, ...]) -> list[str]:
+    return [each.owner for each in endpoints]
+
+
+def test_the_harness_meets_the_nodes_on_topics() -> None:
+    wiring = build_wiring(spec(), table=TABLE)
+    before, measure = wiring.phases
+    assert owners(before.writers("/r2b/raw")) == ["loader"]
+    assert owners(before.readers("/r2b/raw")) == ["recorder"]
+    assert owners(measure.writers("/r2b/image")) == ["player"]
+    assert owners(measure.readers("/r2b/image")) == ["/r2b/filter"]
+    assert owners(measure.writers("/r2b/out")) == ["/r2b/filter"]
+    assert [each.monitor for each in measure.readers("/r2b/out")] == ["result"]
+    assert measure.topics == ("/r2b/image", "/r2b/out")
+
+
+def test_the_bag_tells_the_type_of_what_is_loaded() -> None:
+    wiring = build_wiring(spec(), table=TABLE, bag_types={"/camera": INFO})
+    assert wiring.preprocess.writers("/r2b/raw")[0].type == INFO
+
+
+def test_an_endpoint_points_at_what_decides_its_topic() -> None:
+    nodes = {
+        "remapped": {"python": "nodes.Filter", "remappings": {"in": "image"}},
+        "stated": {"command": ["x"], "publishes": {"other": IMAGE}},
+        "plain": {"python": "nodes.Filter"},
+    }
+    measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
+    place = ("graph", "nodes")
+    paths = {(each.owner, each.own_name): (each.path, each.at_key) for each in measure.endpoints}
+    assert paths["/r2b/remapped", "in"] == ((*place, "remapped", "remappings", "in"), False)
+    assert paths["/r2b/stated", "other"] == ((*place, "stated", "publishes", "other"), True)
+    assert paths["/r2b/plain", "in"] == ((*place, "plain"), True)
+
+
+def test_a_node_in_a_namespace_resolves_its_names_there() -> None:
+    nodes = {
+        "filter": {
+            "python": "nodes.Filter",
+            "namespace": "left",
+            "remappings": {"in": "/r2b/image", "out": "~/out"},
+        }
+    }
+    measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
+    assert measure.nodes[0].name == "/r2b/left/filter"
+    assert owners(measure.readers("/r2b/image")) == ["/r2b/left/filter"]
+    assert owners(measure.writers("/r2b/left/filter/out")) == ["/r2b/left/filter"]
+
+
+def test_of_an_unknown_node_nothing_is_guessed() -> None:
+    nodes = {
+        "unknown": {"package": "p", "executable": "e"},
+        "half": {"command": ["x"], "publishes": {"out": IMAGE}},
+    }
+    measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
+    assert [node.key for node in measure.may_write] == ["unknown"]
+    assert [node.key for node in measure.may_read] == ["unknown", "half"]
+    assert measure.owned_by("/r2b/unknown") == ()
+
+
+def test_what_is_reached_follows_nodes_and_ends_in_circles() -> None:
+    nodes = {
+        "first": {"python": "nodes.Filter", "remappings": {"in": "image", "out": "a"}},
+        "second": {"python": "nodes.Filter", "remappings": {"in": "a", "out": "b"}},
+        "back": {"python": "nodes.Filter", "remappings": {"in": "b", "out": "a"}},
+        "aside": {"python": "nodes.Filter", "remappings": {"in": "c", "out": "d"}},
+    }
+    measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
+    assert measure.reached_from(["/r2b/image"]) == {"/r2b/image", "/r2b/a", "/r2b/b"}
+    assert measure.reached_from([]) == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("node", "ros"),
+    [
+        ({"python": "nodes.Filter"}, True),
+        ({"package": "p", "executable": "e"}, True),
+        ({"command": ["x"]}, False),
+        ({"command": ["x"], "env": {"A": "1"}}, False),
+        ({"command": ["x"], "remappings": {"a": "b"}}, True),
+        ({"command": ["x"], "parameters": {"a": 1}}, True),
+        ({"command": ["x"], "namespace": "left"}, True),
+        ({"command": ["x"], "publishes": {"a": IMAGE}}, True),
+    ],
+)
+def test_a_command_of_which_nothing_ros_is_said_may_be_anything(
+    node: dict[str, Any], ros: bool
+) -> None:
+    wiring = build_wiring(spec(graph={"nodes": {"n": node}}), table=TABLE)
+    assert wiring.measure.nodes[0].names_known is ros
+
+
+def test_the_spec_knows_a_side_better_than_the_table() -> None:
+    node = Node(python="nodes.Filter", publishes={"result": POSES})
+    interface = interface_of(node, TABLE)
+    assert interface.publishes == {"result": POSES}
+    assert interface.publishes_from == "spec"
+    assert interface.subscribes == {"in": IMAGE}
+    assert interface.subscribes_from == "table"
+    assert interface.topics == ("in", "result")
+
+
+def test_parameters_decide_types_and_names() -> None:
+    interface = interface_of(Node(python="nodes.Any", parameters={"format": POSES}), TABLE)
+    assert interface.subscribes == {"in": POSES}
+    assert interface.publishes == {"any/out": POSES}
+    assert interface.type_parameters == {"in": "format", "any/out": "format"}
+    assert interface_of(Node(python="nodes.Any"), TABLE).subscribes == {"in": IMAGE}
+
+
+def test_a_type_that_a_parameter_decides_is_stated_where_the_parameter_is() -> None:
+    nodes = {"any": {"python": "nodes.Any", "parameters": {"format": POSES}}}
+    measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
+    endpoint = measure.owned_by("/r2b/any")[0]
+    assert endpoint.type_path == ("graph", "nodes", "any", "parameters", "format")
+    assert endpoint.type_parameter == "format"
+
+
+def test_nothing_is_known_of_a_node_that_no_one_describes() -> None:
+    assert interface_of(Node(python="elsewhere.Node"), TABLE) == Interface()
+    assert interface_of(Node(command=("x",)), TABLE).topics is None
+
+
+def test_the_table_of_the_reference_nodes_is_well_formed() -> None:
+    table = reference_table()
+    assert "r2bspec.nodes.RelayNode" in table
+    for name, entry in table.items():
+        node = Node(python=name)
+        for kind in {**entry.subscribes, **entry.publishes}.values():
+            assert "/msg/" in kind or kind.startswith("$(parameter "), name
+        assert "$(" not in str(interface_of(node, table).subscribes)

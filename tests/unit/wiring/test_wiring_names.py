@@ -1,0 +1,121 @@
+"""Names are resolved as rcl resolves them."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from r2bspec.wiring.names import Resolved, expand, join_namespaces, node_name, remap
+
+TOKEN = st.from_regex(r"[a-z_][a-z0-9_]{0,4}", fullmatch=True)
+NAME = st.lists(TOKEN, min_size=1, max_size=3).map("/".join)
+NAMESPACE = st.lists(TOKEN, max_size=2).map(lambda tokens: "/" + "/".join(tokens))
+TOPIC = st.one_of(NAME, NAME.map("/{}".format), NAME.map("~/{}".format), st.just("~"))
+
+
+@pytest.mark.parametrize(
+    ("outer", "inner", "full"),
+    [
+        ("/", "r2b", "/r2b"),
+        ("/", "/r2b", "/r2b"),
+        ("/", "", "/"),
+        ("/", "/", "/"),
+        ("/r2b", "", "/r2b"),
+        ("/r2b", "left", "/r2b/left"),
+        ("/r2b", "left/front", "/r2b/left/front"),
+        ("/r2b", "/left", "/left"),
+        ("/r2b", "/", "/"),
+    ],
+)
+def test_a_namespace_lies_in_another_unless_it_is_absolute(
+    outer: str, inner: str, full: str
+) -> None:
+    assert join_namespaces(outer, inner) == full
+
+
+@pytest.mark.parametrize(
+    ("name", "namespace", "full"),
+    [
+        ("image", "/r2b", "/r2b/image"),
+        ("image", "/", "/image"),
+        ("camera/image", "/r2b", "/r2b/camera/image"),
+        ("/image", "/r2b", "/image"),
+        ("~/image", "/r2b", "/r2b/detector/image"),
+        ("~/image", "/", "/detector/image"),
+        ("~", "/r2b", "/r2b/detector"),
+    ],
+)
+def test_relative_absolute_and_private_names(name: str, namespace: str, full: str) -> None:
+    assert expand(name, "detector", namespace) == full
+
+
+@pytest.mark.parametrize(
+    ("name", "rules", "topic", "rule"),
+    [
+        ("image", {"image": "camera/image"}, "/r2b/camera/image", "image"),
+        ("image", {"/r2b/image": "/image"}, "/image", "/r2b/image"),
+        ("/r2b/image", {"image": "x"}, "/r2b/x", "image"),
+        ("~/image", {"detector/image": "x"}, "/r2b/x", "detector/image"),
+        ("image", {"image": "~/x"}, "/r2b/detector/x", "image"),
+        ("image", {"camera/image": "x"}, "/r2b/image", None),
+        ("image", {"imag": "x"}, "/r2b/image", None),
+    ],
+)
+def test_a_rule_is_matched_after_expansion(
+    name: str, rules: dict[str, str], topic: str, rule: str | None
+) -> None:
+    assert remap(name, rules, "detector", "/r2b") == Resolved(topic, rule)
+
+
+def test_the_first_matching_rule_is_applied() -> None:
+    rules = {"/r2b/image": "first", "image": "second"}
+    assert remap("image", rules, "detector", "/r2b").name == "/r2b/first"
+
+
+def test_the_result_is_not_remapped_again() -> None:
+    assert remap("a", {"a": "b", "b": "c"}, "detector", "/r2b").name == "/r2b/b"
+    assert remap("b", {"a": "b", "b": "a"}, "detector", "/r2b").name == "/r2b/a"
+
+
+@given(TOPIC, TOKEN, NAMESPACE)
+def test_an_expanded_name_is_absolute_and_stays_as_it_is(
+    name: str, node: str, namespace: str
+) -> None:
+    full = expand(name, node, namespace)
+    assert full.startswith("/")
+    assert "//" not in full
+    assert "~" not in full
+    assert expand(full, node, namespace) == full
+
+
+@given(NAMESPACE, NAMESPACE.map(lambda text: text.removeprefix("/")))
+def test_a_joined_namespace_is_absolute_and_below_the_outer_one(outer: str, inner: str) -> None:
+    full = join_namespaces(outer, inner)
+    assert full.startswith(outer)
+    assert join_namespaces("/", full) == full
+    assert full == "/" or not full.endswith("/")
+
+
+@given(TOPIC, st.dictionaries(TOPIC, TOPIC, max_size=4), TOKEN, NAMESPACE)
+def test_remapping_only_looks_at_expanded_names(
+    name: str, rules: dict[str, str], node: str, namespace: str
+) -> None:
+    written_out = {
+        expand(left, node, namespace): expand(right, node, namespace)
+        for left, right in reversed(rules.items())
+    }
+    full = expand(name, node, namespace)
+    assert remap(name, rules, node, namespace).name == written_out.get(full, full)
+
+
+@given(TOPIC, TOKEN, NAMESPACE)
+def test_an_identity_changes_nothing(name: str, node: str, namespace: str) -> None:
+    full = expand(name, node, namespace)
+    assert remap(name, {name: name}, node, namespace).name == full
+    assert remap(name, {}, node, namespace) == Resolved(full, None)
+
+
+@given(TOKEN, NAMESPACE)
+def test_a_private_name_lies_below_the_node(node: str, namespace: str) -> None:
+    assert expand("~/x", node, namespace) == f"{node_name(node, namespace)}/x"
