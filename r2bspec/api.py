@@ -148,7 +148,7 @@ def run(prepared: Prepared, output: Path | None = None, progress: Progress | Non
     from r2bspec.execute.progress import Silent
     from r2bspec.record.store import RunFolder
 
-    folder = RunFolder.create(output or _new_folder(prepared.plan.name))
+    folder = RunFolder.create(output or new_folder(prepared.plan.name))
     try:
         run_plan(
             prepared.plan,
@@ -187,6 +187,7 @@ def judge(run: Run) -> Result:
     return result_of(run)
 
 
-def _new_folder(name: str) -> Path:
+def new_folder(name: str) -> Path:
+    """Where a run of that name goes if nothing else is said: a folder below ``runs/``."""
     now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     return Path("runs") / f"{name}-{now}-{secrets.token_hex(2)}"

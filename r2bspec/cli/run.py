@@ -46,7 +46,8 @@ def command(
         raise
     if prepared.loaded is not None:
         show(prepared.diagnostics, prepared.loaded.texts)
+    folder = output or api.new_folder(prepared.plan.name)
     with shown_progress(quiet=quiet) as progress:
-        result = api.run(prepared, output, progress)
-    show_result(result, output_format)
+        result = api.run(prepared, folder, progress)
+    show_result(result, output_format, folder)
     return result.verdict.exit_code

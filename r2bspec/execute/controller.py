@@ -302,7 +302,7 @@ class _Controller:
 
     def _keep_record(self) -> None:
         """Write the record as it stands, so that a killed run can be read, too."""
-        self._folder.write_record(self._record(RunError("the run was killed", code="R2B651")))
+        self._folder.write_record(self._record(RunError("the run was killed", code="R2B671")))
 
     def _phase(self, name: str, text: str) -> None:
         self._events.append((time.monotonic_ns(), f"phase {name}"))

@@ -53,5 +53,5 @@ class NoOutputError(RunError):
 class InterruptedRunError(RunError):
     """The user or the system asked for an end."""
 
-    code = "R2B650"
+    code = "R2B670"
     exit_code = 130

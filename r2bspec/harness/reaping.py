@@ -84,7 +84,10 @@ def _wait_for(processes: list[psutil.Process], patience_s: float) -> None:
 
 def _runs(process: psutil.Process) -> bool:
     try:
-        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+        # The first thread can be a zombie while others still end, and with them their locks.
+        return process.is_running() and (
+            process.status() != psutil.STATUS_ZOMBIE or process.num_threads() > 1
+        )
     except psutil.NoSuchProcess:
         return False
 
