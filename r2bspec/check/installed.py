@@ -16,7 +16,10 @@ _PACKAGES = "share/ament_index/resource_index/packages"
 def find_module(name: str) -> ModuleSpec | None:
     """Find a module by its dotted name; the packages above it are found, not imported."""
     top, *below = name.split(".")
-    found = _find_top(top)
+    try:
+        found = importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        found = None
     path = top
     for part in below:
         if found is None or found.submodule_search_locations is None:
@@ -24,15 +27,6 @@ def find_module(name: str) -> ModuleSpec | None:
         path = f"{path}.{part}"
         found = PathFinder.find_spec(path, list(found.submodule_search_locations))
     return found
-
-
-def _find_top(name: str) -> ModuleSpec | None:
-    try:
-        found = importlib.util.find_spec(name)
-    except (ImportError, ValueError):
-        found = None
-    # A node's process is started with 'python -m' and finds modules in the current folder, too.
-    return found or PathFinder.find_spec(name, [str(Path.cwd())])
 
 
 def top_level_names(source: Path) -> frozenset[str] | None:
@@ -45,7 +39,7 @@ def top_level_names(source: Path) -> frozenset[str] | None:
         if source.stat().st_size > _LARGEST_BYTES:
             return None
         tree = ast.parse(source.read_bytes())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError, MemoryError):
         return None
     names = set(_bound(tree.body))
     return None if names & {"*", "__getattr__"} else frozenset(names)

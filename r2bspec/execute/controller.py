@@ -213,6 +213,7 @@ class _Controller:
         children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
         wait_until_matched(
             children,
+            launcher,
             {
                 player: {
                     each.topic: readers_wanted(plan, each.topic, _PHASE) for each in plan.inputs

@@ -35,6 +35,8 @@ _SEGMENT_MESSAGES = 24
 same again on its way through readers, and room for small ones."""
 
 _SEGMENT_MINIMUM = 8 << 20
+_SEGMENT_MAXIMUM = 4095 << 20
+"""The middleware keeps the size in 32 bits."""
 
 _PROFILE = """\
 <?xml version="1.0" encoding="UTF-8"?>
@@ -82,7 +84,8 @@ def inherited(environ: Mapping[str, str], named: Iterable[str]) -> dict[str, str
 
 def segment_bytes(largest_message_bytes: int) -> int:
     """The size of a shared-memory segment for messages up to this size, in bytes."""
-    return max(_SEGMENT_MINIMUM, _SEGMENT_MESSAGES * (largest_message_bytes + 4096))
+    wanted = _SEGMENT_MESSAGES * (largest_message_bytes + 4096)
+    return min(max(_SEGMENT_MINIMUM, wanted), _SEGMENT_MAXIMUM)
 
 
 def transport_profile(transport: str, largest_message_bytes: int) -> str:

@@ -26,7 +26,10 @@ _POLL_S = 0.02
 
 
 class Launcher:
-    """Starts the processes of a plan."""
+    """Starts the processes of a plan.
+
+    `endpoints` is what the Python nodes really turned out to have, as `protocol.Ready` tells it.
+    """
 
     def __init__(
         self,
@@ -41,6 +44,7 @@ class Launcher:
         self._folder = folder
         self._base_dir = base_dir
         self._on_start = on_start
+        self.endpoints: list[tuple[str, str, str, str]] = []
 
     def start(self, plan: ProcessPlan) -> Child:
         """Start one process; a harness process then waits to be configured.
@@ -77,7 +81,9 @@ class Launcher:
         for child, plan in hosts:
             child.send(protocol.ConfigureHost(nodes=plan.nodes, base_dir=str(self._base_dir)))
         for child, _ in hosts:
-            _refuse_undeclared(self._children.answer(child, protocol.Ready, timeout_s))
+            ready = self._children.answer(child, protocol.Ready, timeout_s)
+            _refuse_undeclared(ready)
+            self.endpoints += ready.endpoints
         return children
 
     def configure(self, child: Child, command: Any) -> None:
@@ -99,12 +105,17 @@ def _refuse_undeclared(ready: protocol.Ready) -> None:
 
 
 def wait_until_matched(
-    children: Children, askers: dict[Child, dict[str, int]], plan: Plan, phase: str
+    children: Children,
+    launcher: Launcher,
+    askers: dict[Child, dict[str, int]],
+    plan: Plan,
+    phase: str,
 ) -> None:
     """Wait until the harness's own endpoints have found their partners.
 
     Args:
         children: all processes.
+        launcher: knows what endpoints the nodes have.
         askers: for each harness process, the topics it has endpoints on, and how many endpoints
             of others each must be matched with.
         plan: for the time allowed, and for naming what is missing.
@@ -126,14 +137,18 @@ def wait_until_matched(
         if not missing:
             return
         if time.monotonic() > deadline:
-            raise _not_ready(children, plan, phase, missing)
+            raise _not_ready(children, launcher, plan, phase, missing)
         children.pump(_POLL_S)
 
 
 def _not_ready(
-    children: Children, plan: Plan, phase: str, missing: dict[str, tuple[int, int]]
+    children: Children,
+    launcher: Launcher,
+    plan: Plan,
+    phase: str,
+    missing: dict[str, tuple[int, int]],
 ) -> NotReadyError:
-    """Say which topics lack whom, with what discovery shows on them."""
+    """Say which topics lack whom, what discovery shows on them, and what the nodes have instead."""
     observer = next(child for child in children if child.role in {"monitor", "loader"})
     seen = children.ask(
         observer, protocol.Discover(topics=tuple(missing)), protocol.Discovered, _ASK_S
@@ -142,6 +157,10 @@ def _not_ready(
         f"  {topic}: {have} of {want} endpoints matched; "
         f"writers: {_listed(seen.writers[topic])}; readers: {_listed(seen.readers[topic])}"
         for topic, (have, want) in sorted(missing.items())
+    ]
+    lines += [
+        f"  {node} {direction} {topic} ({type_name})"
+        for node, topic, type_name, direction in sorted(launcher.endpoints)
     ]
     seconds = plan.start_timeout_ns / 1e9
     return NotReadyError(

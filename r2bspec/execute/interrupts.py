@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -15,7 +16,8 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class Interrupts:
     """While active, the first signal makes `check` raise and a second ends the process at once.
 
-    What the second leaves behind, the watchdog ends.
+    What the second leaves behind, the watchdog ends. In a thread other than the main one, where
+    Python sets no handlers, signals stay with the program that started the run.
     """
 
     def __init__(self) -> None:
@@ -24,6 +26,8 @@ class Interrupts:
         self._previous: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Interrupts:
+        if threading.current_thread() is not threading.main_thread():
+            return self
         for each in _SIGNALS:
             self._previous[each] = signal.signal(each, self._note)
         return self

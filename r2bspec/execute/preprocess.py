@@ -46,7 +46,7 @@ def preprocess(
     children.ask(loader, protocol.Subscribe(), protocol.Matched, 10.0)
     wanted = {topic: readers_wanted(plan, topic, _PHASE) for topic in sources}
     wanted |= dict.fromkeys(recorded, 1)
-    wait_until_matched(children, {loader: wanted}, plan, _PHASE)
+    wait_until_matched(children, launcher, {loader: wanted}, plan, _PHASE)
     loaded = children.ask(loader, protocol.Load(patience_ns=_PATIENCE_NS), protocol.Loaded, _LOAD_S)
     _check(plan, children, loader, loaded, progress)
     children.end([loader, *nodes])

@@ -60,11 +60,17 @@ def find_executable(package: str, name: str) -> Path:
         )
     for prefix in homes:
         candidate = prefix / "lib" / package / name
-        if os.access(candidate, os.X_OK):
+        if _executable(candidate):
             return candidate
-    there = sorted(each.name for each in (homes[0] / "lib" / package).glob("*"))
+    there = sorted(
+        each.name for each in (homes[0] / "lib" / package).glob("*") if _executable(each)
+    )
     raise NotInstalledError(
         f"ROS package {package!r} has no executable {name!r}",
         hint=f"It has: {', '.join(there) or 'none'}.",
         code="R2B623",
     )
+
+
+def _executable(path: Path) -> bool:
+    return path.is_file() and os.access(path, os.X_OK)

@@ -1,11 +1,11 @@
 """Which processes a plan has, and the command line of each.
 
-Harness processes and hosts of Python nodes all run ``$(python) -P -m r2bspec.harness.child`` (-P: what lies in the spec's folder shadows no module); what
-they do is told to them over the control channel. An executable is started as ``ros2 run`` would,
-with its node name, namespace, remappings and parameters as ROS arguments. A `command` is started
-exactly as written, unless the spec gives it a namespace, parameters, remappings, `publishes` or
-`subscribes`: then it is taken to be a ROS process and gets ROS arguments, too, but no node name,
-because it may hold several nodes.
+Harness processes and hosts of Python nodes all run ``$(python) -P -m r2bspec.harness.child`` (-P:
+what lies in the spec's folder shadows no module); what they do is told to them over the control
+channel. An executable is started as ``ros2 run`` would, with its node name, namespace, remappings
+and parameters as ROS arguments. A `command` is started exactly as written, unless the spec gives it
+a namespace, parameters, remappings, `publishes` or `subscribes`: then it is taken to be a ROS
+process and gets ROS arguments, too, but no node name, because it may hold several nodes.
 """
 
 from __future__ import annotations
@@ -41,8 +41,12 @@ def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
 
 
 def reserved_names(spec: Spec) -> tuple[str, ...]:
-    """The names of processes that no node of the graph can have."""
-    return (*HARNESS_NAMES, SHARED_NAME) if spec.graph.placement == "shared" else HARNESS_NAMES
+    """The names among processes that no node of the graph can have.
+
+    ``system`` is none, but stands for the whole machine in the names of metrics.
+    """
+    shared = (SHARED_NAME,) if spec.graph.placement == "shared" else ()
+    return (*HARNESS_NAMES, *shared, "system")
 
 
 def process_names(spec: Spec, wiring: Wiring) -> tuple[str, ...]:

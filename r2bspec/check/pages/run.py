@@ -1,4 +1,4 @@
-"""R2B620 and R2B630 to R2B651: what can go wrong while a benchmark runs."""
+"""R2B620 and R2B630 to R2B671: what can go wrong while a benchmark runs, and with its folder."""
 
 from __future__ import annotations
 
@@ -74,12 +74,24 @@ RUN_PAGES = (
     ),
     error_page(
         "R2B650",
+        "a run folder cannot be read",
+        "A file of it is missing or damaged, or was written by another version. Files of a run "
+        "appear whole or not at all, so one was changed afterwards, or the folder is no run.",
+    ),
+    error_page(
+        "R2B651",
+        "a run folder cannot be written",
+        "It must be new or empty, and there must be space and the permission to write. '--output' "
+        "chooses another.",
+    ),
+    error_page(
+        "R2B670",
         "the run was interrupted",
         "By Ctrl-C or a signal. What had been observed until then is kept in the run folder and "
         "marked as incomplete.",
     ),
     error_page(
-        "R2B651",
+        "R2B671",
         "the run was killed",
         "Its controller ended without a chance to say why. The run folder has what had been "
         "written until then.",

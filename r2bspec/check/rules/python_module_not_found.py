@@ -55,7 +55,8 @@ def _file(context: Context, path: Path, target: PythonTarget) -> Finding | None:
             top_level_names(target.file)
     except SyntaxError as error:
         return Finding(
-            message=f"{quote(written)} is not Python: {error.msg} in line {error.lineno}",
+            message=f"{quote(written)} is not Python: {error.msg}"
+            + (f" in line {error.lineno}" if error.lineno else ""),
             path=path,
             part=(0, len(written)),
         )

@@ -30,7 +30,7 @@ def _finding(context: Context, phase: PhaseWiring, first: Endpoint, second: Endp
         message = f"{_name(first)} publishes {shown} twice"
     else:
         message = f"both {_name(first)} and {_name(second)} publish {shown}"
-    mixed = first.owner == "player" or (first.owner == "loader" and second.is_node)
+    mixed = not (first.is_node and second.is_node)
     return Finding(
         message=message,
         path=second.path,

@@ -106,9 +106,7 @@ BAG = BagIndex(
 
 def spec(document: dict[str, Any], **sections: Any) -> Spec:
     """A spec of a document with some sections replaced."""
-    return msgspec.convert(
-        {**copy.deepcopy(document), **sections}, Spec, dec_hook=codec.decode
-    )
+    return msgspec.convert({**copy.deepcopy(document), **sections}, Spec, dec_hook=codec.decode)
 
 
 def plan(document: dict[str, Any] = PREPROCESSED, **sections: Any) -> Plan:

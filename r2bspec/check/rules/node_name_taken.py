@@ -1,4 +1,4 @@
-"""Nodes whose process would have the name of a part of the harness."""
+"""Nodes whose process would have a name that is taken."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def _find(context: Context) -> Iterator[Finding]:
     for node in context.wiring.measure.nodes:
         if node.key in reserved:
             yield Finding(
-                message=f"a node cannot be called {quote(node.key)}, because a process of the "
-                "harness is",
+                message=f"a node cannot be called {quote(node.key)}, which has a meaning of its "
+                "own among processes",
                 path=node.path,
                 key=True,
                 help=f"reserved: {listed(reserved)}",
@@ -29,10 +29,11 @@ def _find(context: Context) -> Iterator[Finding]:
 
 RULE = Rule(
     code="R2B203",
-    title="a node with the name of a process of the harness",
+    title="a node with a name that is taken",
     severity=Severity.ERROR,
     why="Each process has a log and metrics (cpu.NAME.mean) under its own name, and a node's "
-    "process is called like the node.",
+    "process is called like the node. Processes of the harness have names, too, and 'system' is "
+    "the whole machine.",
     failing=example(
         graph="""
             nodes:

@@ -1,0 +1,174 @@
+"""What is said about bags that others recorded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from check_specs import STRING, codes, findings, write_bag
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.recorded import Amount, amounts
+from r2bspec.check.rules.topic_serialized_otherwise import RULE as SERIALIZED
+from r2bspec.spec.load import load_spec
+
+SECOND = 1_000_000_000
+
+
+def recorded(window: str = "{}", **sections: str) -> str:
+    """A spec that plays /talk of the bag beside it to a program."""
+    return example(
+        data_loader=f"""
+            bag: ./bag
+            window: {window}
+            topics: {{/talk: talk_raw}}
+        """,
+        graph=f"""
+            nodes:
+              listener:
+                command: [sh, ./listen.sh]
+                subscribes: {{talk: {STRING}}}
+                publishes: {{heard: {STRING}}}
+        """,
+        monitors=f"{{heard: {{topic: heard, format: {STRING}, match: order}}}}",
+        **{"playback": f"{{inputs: {{talk: {{from: talk_raw, format: {STRING}}}}}}}", **sections},
+    )
+
+
+@pytest.fixture
+def spec_file(tmp_path: Path) -> str:
+    """A folder with a bag: /talk at 10 Hz for 10 s, /rare at 0 and 9 s."""
+    write_bag(
+        tmp_path / "bag",
+        {"/talk": range(0, 10 * SECOND + 1, SECOND // 10), "/rare": [0, 9 * SECOND]},
+    )
+    return str(tmp_path / "spec.r2b.yaml")
+
+
+def test_nothing_is_said_about_a_bag_that_fits(spec_file: str) -> None:
+    assert codes(recorded(), file=spec_file) == []
+    assert codes(recorded("{start: 1 s, end: 2 s}"), file=spec_file) == []
+
+
+def test_a_name_with_or_without_a_slash_is_the_same_topic(spec_file: str) -> None:
+    assert codes(recorded().replace("{/talk:", "{talk:"), file=spec_file) == []
+
+
+def test_a_topic_that_the_bag_does_not_hold(spec_file: str) -> None:
+    (found,) = findings(recorded().replace("/talk:", "/tlak:"), file=spec_file)
+    assert (found.code, found.help) == ("R2B308", "did you mean '/talk'?")
+
+
+def test_a_format_that_contradicts_the_bag(spec_file: str) -> None:
+    text = recorded(playback="{inputs: {talk: {from: talk_raw, format: std_msgs/msg/Bool}}}")
+    (found,) = findings(text, file=spec_file)
+    assert found.code == "R2B210"
+    assert "/talk in the bag is std_msgs/msg/String" in found.message
+
+
+@pytest.mark.parametrize(
+    ("window", "expected"),
+    [
+        ("{start: 11 s}", ["R2B309"]),
+        ("{start: 11 s, end: 12 s}", ["R2B309"]),
+        ("{start: 9 s, end: 12 s}", ["R2B309"]),
+        ("{start: 3 s, end: 2 s}", ["R2B320"]),
+        ("{start: 3 s, end: 3 s}", ["R2B320"]),
+        ("{start: 10 ms, end: 20 ms}", ["R2B321"]),
+        ("{start: 10 ms, end: 110 ms}", []),
+    ],
+)
+def test_windows(window: str, expected: list[str], spec_file: str) -> None:
+    assert codes(recorded(window), file=spec_file) == expected
+
+
+def test_a_window_that_ends_after_a_recording_is_a_warning(spec_file: str) -> None:
+    (found,) = findings(recorded("{start: 9 s, end: 12 s}"), file=spec_file)
+    assert found.severity == "warning"
+
+
+def test_rare_messages_are_looked_up(spec_file: str) -> None:
+    text = recorded("{start: 1 s, end: 8 s}").replace("/talk:", "/rare:")
+    assert codes(text, file=spec_file) == ["R2B321"]
+    assert codes(text.replace("end: 8 s", "end: 9.5 s"), file=spec_file) == []
+
+
+def test_buffers_are_compared_with_what_there_is(spec_file: str) -> None:
+    def buffered(number: int, window: str) -> list[str]:
+        playback = f"{{buffer: {number}, inputs: {{talk: {{from: talk_raw, format: {STRING}}}}}}}"
+        return codes(recorded(window, playback=playback), file=spec_file)
+
+    assert buffered(101, "{}") == []
+    assert buffered(102, "{}") == ["R2B322"]
+    assert buffered(12, "{end: 1 s}") == [], "an estimate may be a little off"
+    assert buffered(20, "{end: 1 s}") == ["R2B322"]
+
+
+def test_how_many_messages_are_known(spec_file: str) -> None:
+    def amount(window: str) -> Amount:
+        loaded = load_spec(recorded(window), file=spec_file)
+        assert loaded.spec is not None
+        return amounts(Context(loaded, loaded.spec))["/talk"]
+
+    assert amount("{}") == Amount(101, exact=True)
+    assert amount("{start: 1 s, end: 3 s}") == Amount(20, exact=False)
+    assert amount("{start: 50 ms, end: 250 ms}") == Amount(2, exact=True)
+
+
+@pytest.mark.parametrize(
+    ("damage", "code"),
+    [
+        ("remove", "R2B301"),
+        ("metadata", "R2B302"),
+        ("storage", "R2B303"),
+        ("garbage", "R2B304"),
+        ("pointer", "R2B305"),
+    ],
+)
+def test_a_bag_that_cannot_be_used_is_one_finding_at_its_name(
+    damage: str, code: str, spec_file: str
+) -> None:
+    bag = Path(spec_file).parent / "bag"
+    storage = next(bag.glob("*.mcap"))
+    match damage:
+        case "remove":
+            bag.rename(bag.with_name("gone"))
+        case "metadata":
+            (bag / "metadata.yaml").write_text("x: [", encoding="utf-8")
+        case "storage":
+            storage.unlink()
+        case "garbage":
+            storage.write_bytes(b"\0" * 1000)
+        case "pointer":
+            storage.write_text(
+                "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n",
+                encoding="utf-8",
+            )
+    (found,) = findings(recorded(), file=spec_file)
+    assert (found.code, found.path) == (code, ("data_loader", "bag"))
+    assert found.help
+
+
+def test_a_bag_that_is_a_map_is_pointed_into(tmp_path: Path) -> None:
+    text = recorded().replace("bag: ./bag", "bag: {path: kitchen}")
+    (found,) = findings(text, file=str(tmp_path / "spec.r2b.yaml"))
+    assert (found.code, found.path) == ("R2B301", ("data_loader", "bag", "path"))
+
+
+def test_messages_that_are_not_cdr(spec_file: str) -> None:
+    loaded = load_spec(recorded(), file=spec_file)
+    assert loaded.spec is not None
+    context = Context(loaded, loaded.spec)
+    bag = context.bag
+    assert bag is not None
+    topics = {
+        name: msgspec.structs.replace(info, serialization="ros1")
+        for name, info in bag.topics.items()
+    }
+    foreign = msgspec.structs.replace(bag, topics=topics)
+    context._data = (context.bag_location, foreign, None)
+    (found,) = SERIALIZED.find(context)
+    assert found.path == ("data_loader", "topics", "/talk")
+    assert "'ros1'" in found.message

@@ -1,0 +1,64 @@
+"""Every rule is complete and well formed; so is every page."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from r2bspec.check import rules
+from r2bspec.check.pages import all_pages
+from r2bspec.check.registry import all_rules
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics import Severity
+from r2bspec.diagnostics.pages import Page
+
+ROOT = Path(__file__).parents[3]
+EVERY_RULE = pytest.mark.parametrize("rule", all_rules(), ids=lambda rule: rule.code)
+
+
+def test_every_file_holds_a_rule_and_every_code_stands_once() -> None:
+    files = [file for path in rules.__path__ for file in Path(path).glob("[!_]*.py")]
+    found = [rule.code for rule in all_rules()]
+    assert len(found) == len(files) == len(set(found))
+
+
+def test_causes_come_before_consequences() -> None:
+    found = [rule.code for rule in all_rules()]
+    late = [rule.code for rule in all_rules() if not rule.early]
+    assert late == sorted(late)
+    assert found[len(found) - len(late) :] == late
+
+
+@EVERY_RULE
+def test_a_rule_says_what_and_why(rule: Rule) -> None:
+    assert re.fullmatch(r"R2B[2-6]\d\d", rule.code)
+    assert rule.title[0].islower() or rule.title.startswith("ROS")
+    assert not rule.title.endswith(".")
+    assert rule.why.endswith((".", ")"))
+    assert bool(rule.failing) == bool(rule.passing)
+
+
+@EVERY_RULE
+def test_the_examples_of_a_rule_differ_in_a_few_lines(rule: Rule) -> None:
+    failing, passing = set(rule.failing.splitlines()), set(rule.passing.splitlines())
+    assert len(failing ^ passing) <= 14
+
+
+def test_every_code_in_the_sources_has_a_page() -> None:
+    sources = [
+        file.read_text(encoding="utf-8")
+        for file in (ROOT / "r2bspec").rglob("*.py")
+        if "pages" not in file.parts
+    ]
+    used = {code for text in sources for code in re.findall(r'"(R2B\d{3})"', text)}
+    assert used - all_pages().keys() == set()
+
+
+@pytest.mark.parametrize("page", all_pages().values(), ids=lambda page: page.code)
+def test_a_page_says_what_and_why(page: Page) -> None:
+    assert page.title
+    assert not page.title.endswith(".")
+    assert page.why.endswith((".", ")"))
+    assert isinstance(page.severity, Severity)

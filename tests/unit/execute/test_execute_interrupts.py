@@ -1,0 +1,70 @@
+"""The first signal asks for an end, the second enforces it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from r2bspec.execute.errors import InterruptedRunError
+from r2bspec.execute.interrupts import Interrupts
+
+SIGNALS = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+
+
+@SIGNALS
+def test_a_signal_is_reported_once(number: signal.Signals) -> None:
+    with Interrupts() as interrupts:
+        interrupts.check()
+        os.kill(os.getpid(), number)
+        with pytest.raises(InterruptedRunError, match=number.name) as raised:
+            interrupts.check()
+        assert raised.value.exit_code == 130
+        # Cleaning up must not be interrupted by the signal that led to it.
+        interrupts.check()
+
+
+def test_handlers_are_as_before_afterwards() -> None:
+    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
+    with Interrupts():
+        assert signal.getsignal(signal.SIGINT) != before[signal.SIGINT]
+    assert {each: signal.getsignal(each) for each in before} == before
+
+
+@SIGNALS
+def test_a_second_signal_ends_the_process_at_once(number: signal.Signals) -> None:
+    program = (
+        "import os, sys; from r2bspec.execute.interrupts import Interrupts\n"
+        "with Interrupts():\n"
+        "    os.kill(os.getpid(), int(sys.argv[1])); print('one', flush=True)\n"
+        "    os.kill(os.getpid(), int(sys.argv[1])); print('two', flush=True)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(int(number))],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout == "one\n"
+    assert done.returncode == 128 + number
+
+
+def test_a_run_in_a_thread_does_without_signals() -> None:
+    # Python lets only the main thread set handlers; whoever runs us elsewhere has their own.
+    problems: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            with Interrupts() as interrupts:
+                interrupts.check()
+        except BaseException as error:  # noqa: BLE001
+            problems.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert problems == []

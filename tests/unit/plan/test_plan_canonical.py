@@ -1,0 +1,162 @@
+"""One way to write a plan, the same bytes everywhere, and reading it again."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from plan_specs import PREPROCESSED, STRAIGHT, plan
+
+from r2bspec.plan.canonical import canonical_json, parse_plan, plan_hash, read_plan
+from r2bspec.plan.errors import PlanError
+
+ROOT = Path(__file__).parents[3]
+
+SCALARS = st.one_of(
+    st.booleans(),
+    st.integers(-(2**63), 2**63 - 1),
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.text(),
+)
+
+
+@pytest.mark.parametrize("document", [PREPROCESSED, STRAIGHT], ids=["preprocessed", "straight"])
+def test_a_plan_reads_back_as_it_was(document: dict[str, object], tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    path.write_bytes(canonical_json(plan(document)))
+    assert read_plan(path) == plan(document)
+    assert canonical_json(read_plan(path)) == canonical_json(plan(document))
+
+
+@given(st.dictionaries(st.text(min_size=1, max_size=5), SCALARS, max_size=4))
+def test_parameters_of_any_value_read_back_with_their_type(parameters: dict[str, object]) -> None:
+    full = plan(STRAIGHT, graph={"nodes": {"n": {"python": "m.N", "parameters": parameters}}})
+    again = parse_plan(canonical_json(full), "plan")
+    read = again.processes[1].nodes[0].parameters
+    assert read == parameters
+    assert {key: type(value) for key, value in read.items()} == {
+        key: type(value) for key, value in parameters.items()
+    }
+
+
+def test_the_form_is_sorted_indented_and_ends_with_a_newline() -> None:
+    text = canonical_json(plan()).decode()
+    assert text == json.dumps(json.loads(text), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+    assert '"at": "30 Hz"' in text
+    assert '"output.latency.p90 < 50 ms"' in text
+
+
+def test_the_hash_is_of_the_bytes_and_changes_with_them() -> None:
+    first = plan_hash(plan())
+    assert first.startswith("sha256:")
+    assert len(first) == len("sha256:") + 64
+    assert plan_hash(plan()) == first
+    assert plan_hash(msgspec.structs.replace(plan(), warm_up_ns=1)) != first
+
+
+def test_the_order_of_keys_in_the_spec_makes_no_difference_to_parameters() -> None:
+    parameters = {"width": 640, "height": 480}
+    resize = PREPROCESSED["preprocessors"]["resize"]
+    hashes = {
+        plan_hash(plan(preprocessors={"resize": {**resize, "parameters": dict(items)}}))
+        for items in (parameters.items(), reversed(parameters.items()))
+    }
+    assert len(hashes) == 1
+
+
+SCRIPT = """
+from r2bspec.spec.load import load_spec
+from r2bspec.data.sequences import describe
+from r2bspec.plan.canonical import canonical_json
+from r2bspec.plan.compile import compile_plan
+import pathlib, sys
+loaded = load_spec(pathlib.Path(sys.argv[1]))
+sys.stdout.buffer.write(canonical_json(compile_plan(loaded.spec, describe("r2b_storage"))))
+"""
+
+
+def test_the_plan_has_the_same_bytes_in_every_place_and_environment(tmp_path: Path) -> None:
+    spec = tmp_path / "deep" / "a.r2b.yaml"
+    spec.parent.mkdir()
+    spec.write_bytes((ROOT / "specs" / "relay.r2b.yaml").read_bytes())
+    seen = set()
+    for number, (cwd, name) in enumerate(
+        [(ROOT, str(spec)), (tmp_path, "deep/a.r2b.yaml"), (spec.parent, "a.r2b.yaml")]
+    ):
+        environment = {
+            **os.environ,
+            "PYTHONPATH": str(ROOT),
+            "HOME": str(tmp_path / f"home{number}"),
+            "PYTHONHASHSEED": str(number),
+            "TZ": ("UTC", "Asia/Tokyo", "America/Lima")[number],
+        }
+        done = subprocess.run(
+            [sys.executable, "-c", SCRIPT, name],
+            cwd=cwd,
+            env=environment,
+            capture_output=True,
+            check=True,
+        )
+        seen.add(done.stdout)
+    assert len(seen) == 1
+    assert str(tmp_path).encode() not in seen.pop()
+
+
+@pytest.mark.parametrize(
+    ("content", "code", "says"),
+    [
+        (b"", "R2B611", "is not JSON"),
+        (b"r2bspec: 1\n", "R2B611", "is not JSON"),
+        (b"\xff\xfe", "R2B611", "is not JSON"),
+        (b"[]", "R2B611", "no plan of r2bspec"),
+        (b'{"name": "x"}', "R2B611", "no plan of r2bspec"),
+        (b'{"r2bspec_plan": "1"}', "R2B611", "no plan of r2bspec"),
+        (b'{"r2bspec_plan": 2, "generator": "r2bspec 9"}', "R2B611", "version 2"),
+        (b'{"r2bspec_plan": 1}', "R2B612", "missing required field"),
+    ],
+)
+def test_a_file_that_is_no_plan(content: bytes, code: str, says: str, tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    path.write_bytes(content)
+    with pytest.raises(PlanError) as caught:
+        read_plan(path)
+    assert caught.value.code == code
+    assert caught.value.exit_code == 2
+    assert says in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "says"),
+    [
+        ('"warm_up_ns": 1000000000', '"warm_up_ns": "1 s"', "$.warm_up_ns"),
+        ('"buffer": 10', '"bufer": 10', "bufer"),
+        ('"latency.p90', '"', "$.objectives"),
+        ('"at": "30 Hz"', '"at": "30"', "no unit"),
+        ('"at": "30 Hz"', '"at": 30', "$.objectives"),
+        ('"role": "loader"', '"role": "driver"', "$.processes"),
+    ],
+)
+def test_a_plan_with_a_fault_is_refused_with_its_place(before: str, after: str, says: str) -> None:
+    text = canonical_json(plan()).decode()
+    broken = text.replace(before, after).replace("output.latency.p90 <", "output <<")
+    assert broken != text
+    with pytest.raises(PlanError) as caught:
+        parse_plan(broken.encode(), "plan.json")
+    assert caught.value.code == "R2B612"
+    if "latency" not in before:
+        assert says in str(caught.value) or "$.objectives" in str(caught.value)
+
+
+def test_a_plan_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(PlanError) as caught:
+        read_plan(tmp_path / "nowhere.json")
+    assert caught.value.code == "R2B610"

@@ -1,0 +1,218 @@
+"""What a spec's plan says."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import pytest
+from plan_specs import BAG, IMAGE, INFO, PREPROCESSED, STRAIGHT, plan, spec
+
+from r2bspec.data.model import TopicInfo
+from r2bspec.plan.compile import compile_plan
+from r2bspec.plan.model import BagTopicPlan, PlayPlan, ProcessPlan, TopicPlan
+from r2bspec.plan.processes import HARNESS_ARGV, parameter_text, process_names
+from r2bspec.wiring.build import build_wiring
+
+
+def process(name: str, **sections: Any) -> ProcessPlan:
+    return next(each for each in plan(**sections).processes if each.name == name)
+
+
+def topic(name: str, phase: str) -> TopicPlan:
+    return next(each for each in plan().topics if (each.name, each.phase) == (name, phase))
+
+
+def test_processes_stand_in_the_order_writers_nodes_readers() -> None:
+    assert [(each.name, each.role, each.phase) for each in plan().processes] == [
+        ("loader", "loader", "preprocess"),
+        ("preprocess.resize", "host", "preprocess"),
+        ("player", "player", "measure"),
+        ("relay", "host", "measure"),
+        ("driver", "command", "measure"),
+        ("script", "command", "measure"),
+        ("monitor", "monitor", "measure"),
+    ]
+
+
+def test_without_preprocessors_nothing_is_loaded_by_a_process() -> None:
+    straight = plan(STRAIGHT)
+    assert [each.name for each in straight.processes] == ["player", "relay", "monitor"]
+    assert {each.phase for each in straight.topics} == {"measure"}
+
+
+def test_python_nodes_share_a_process_if_asked_to() -> None:
+    nodes = {
+        "a": {"python": "m.A", "env": {"X": "1"}},
+        "b": {"python": "m.B", "env": {"Y": "2"}},
+        "c": {"command": ["x"]},
+    }
+    shared = plan(graph={"placement": "shared", "nodes": nodes})
+    hosts = [each for each in shared.processes if each.phase == "measure"]
+    assert [each.name for each in hosts] == ["player", "c", "graph", "monitor"]
+    graph = hosts[2]
+    assert [node.node for node in graph.nodes] == ["a", "b"]
+    assert graph.env == {"X": "1", "Y": "2"}
+    assert graph.argv == HARNESS_ARGV
+
+
+def test_the_names_of_processes_that_metrics_can_ask_for() -> None:
+    document = spec(PREPROCESSED)
+    assert process_names(document, build_wiring(document)) == (
+        "player",
+        "relay",
+        "driver",
+        "script",
+        "monitor",
+    )
+
+
+def test_an_executable_is_started_as_ros_starts_it() -> None:
+    driver = process("driver")
+    assert driver.argv == (
+        "$(executable drivers driver_node)",
+        "--fast",
+        "--ros-args",
+        *("-r", "__node:=driver"),
+        *("-r", "__ns:=/r2b/left"),
+        *("-r", "in:=image"),
+        *("-r", "~/out:=result"),
+        *("-p", "gain:=0.5"),
+        *("-p", 'id:="36h11"'),
+        *("-p", "on:=true"),
+        *("-p", "sizes:=[1, 2]"),
+    )
+    assert driver.env == {"THREADS": "2"}
+    assert driver.nodes[0].name == "/r2b/left/driver"
+
+
+def test_a_bare_command_is_run_exactly_as_written() -> None:
+    assert process("script").argv == ("sh", "./run.sh")
+
+
+def test_a_command_gets_ros_arguments_if_the_spec_says_anything_of_ros() -> None:
+    nodes = {"n": {"command": ["x"], "arguments": ["-v"], "remappings": {"a": "b"}}}
+    assert process("n", graph={"nodes": nodes}).argv == (
+        *("x", "-v", "--ros-args"),
+        *("-r", "__ns:=/r2b", "-r", "a:=b"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (1, "1"),
+        (1.0, "1.0"),
+        (1e-7, "1e-07"),
+        (True, "true"),
+        ("10", '"10"'),
+        ("über", '"über"'),
+        ('a "b"', '"a \\"b\\""'),
+        ([0.5, 1.5], "[0.5, 1.5]"),
+        (["a", "b"], '["a", "b"]'),
+        (float("inf"), ".inf"),
+        (float("-inf"), "-.inf"),
+        (float("nan"), ".nan"),
+    ],
+)
+def test_parameters_on_the_command_line_keep_their_type(value: Any, text: str) -> None:
+    assert parameter_text(value) == text
+
+
+def test_topics_say_who_writes_and_who_reads() -> None:
+    assert topic("/r2b/loaded/image", "preprocess") == TopicPlan(
+        name="/r2b/loaded/image",
+        type=IMAGE,
+        phase="preprocess",
+        writers=("loader",),
+        readers=("/r2b/resize",),
+    )
+    assert topic("/r2b/buffer/image", "preprocess").readers == ("loader",)
+    assert topic("/r2b/image", "measure").writers == ("player",)
+    assert topic("/r2b/output", "measure").readers == ("monitor",)
+
+
+def test_a_topic_played_straight_from_the_bag_is_not_recorded() -> None:
+    assert topic("/r2b/loaded/info", "preprocess").readers == ("/r2b/resize",)
+
+
+def test_inputs_say_where_their_messages_come_from() -> None:
+    image, info = plan().inputs
+    assert (image.topic, image.source, image.bag_topic) == ("/r2b/image", "/r2b/buffer/image", "")
+    assert (info.topic, info.source, info.bag_topic) == (
+        "/r2b/info",
+        "/r2b/loaded/info",
+        "camera/info",
+    )
+
+
+def test_what_a_preprocessor_writes_does_not_come_straight_from_the_bag() -> None:
+    resize = PREPROCESSED["preprocessors"]["resize"]
+    remappings = {**resize["remappings"], "resize/camera_info": "loaded/info"}
+    changed = plan(preprocessors={"resize": {**resize, "remappings": remappings}})
+    assert changed.inputs[1].bag_topic == ""
+
+
+def test_bag_topics_are_found_with_and_without_a_slash() -> None:
+    assert plan().dataset.topics == (
+        BagTopicPlan(
+            bag_topic="/camera/image",
+            topic="/r2b/loaded/image",
+            type=IMAGE,
+            count=300,
+            rate_hz=30.0,
+        ),
+        BagTopicPlan(
+            bag_topic="/camera/info", topic="/r2b/loaded/info", type=INFO, count=300, rate_hz=30.0
+        ),
+    )
+
+
+def test_the_dataset_is_named_as_in_the_spec() -> None:
+    dataset = plan().dataset
+    assert (dataset.source, dataset.kind) == ("kitchen", "recorded")
+    assert (dataset.start_ns, dataset.end_ns) == (500_000_000, 1_000_000_000)
+    assert plan(STRAIGHT).dataset.source == "./bags/kitchen"
+    assert plan(STRAIGHT).dataset.end_ns is None
+
+
+def test_the_largest_message_is_known_only_if_all_sizes_are() -> None:
+    assert plan().largest_message_bytes == 900_000
+    topics = {
+        **BAG.topics,
+        "/camera/info": TopicInfo(name="/camera/info", type=INFO, count=1, rate_hz=0.0),
+    }
+    import msgspec
+
+    unknown = msgspec.structs.replace(BAG, topics=topics)
+    assert compile_plan(spec(PREPROCESSED), unknown).largest_message_bytes == 0
+    assert compile_plan(spec(PREPROCESSED), None).largest_message_bytes == 0
+
+
+def test_without_a_bag_the_plan_says_what_the_spec_knows() -> None:
+    blind = compile_plan(spec(PREPROCESSED), None)
+    assert [each.count for each in blind.dataset.topics] == [0, 0]
+    assert blind.dataset.topics[1].bag_topic == "camera/info"
+    assert next(each.type for each in blind.topics if each.name == "/r2b/image") == IMAGE
+
+
+def test_only_phases_that_happen_are_listed() -> None:
+    assert plan().phases == (
+        *("load", "preprocess", "start", "warm_up"),
+        *("search", "sustained", "play", "collect"),
+    )
+    assert plan(STRAIGHT).phases == ("load", "start", "play", "collect")
+
+
+def test_each_rate_is_played_once_and_sustained_rates_are_sorted() -> None:
+    full = plan()
+    assert full.play == tuple(
+        PlayPlan(rate_hz=rate, duration_ns=4_000_000_000, iterations=3) for rate in (10.0, 30.0)
+    )
+    assert full.sustained_hz == (20.0, 30.0)
+    assert full.search is not None
+    assert (full.search.min_hz, full.search.max_hz, full.search.precision) == (5.0, 60.0, 0.02)
+
+
+def test_plan_values_are_no_dataclasses_in_disguise() -> None:
+    assert not dataclasses.is_dataclass(plan())

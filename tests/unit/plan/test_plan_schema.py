@@ -1,0 +1,36 @@
+"""The published schema of plans is the one of the types, and plans obey it."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+from plan_specs import PREPROCESSED, STRAIGHT, plan
+
+from r2bspec.plan.canonical import canonical_json
+from r2bspec.plan.schema import FILE_NAME, plan_schema, plan_schema_text
+
+PUBLISHED = Path(__file__).parents[3] / "schemas" / FILE_NAME
+
+
+def test_the_published_schema_is_that_of_the_types() -> None:
+    assert PUBLISHED.read_text(encoding="utf-8") == plan_schema_text()
+
+
+def test_the_schema_is_one() -> None:
+    Draft202012Validator.check_schema(plan_schema())
+
+
+@pytest.mark.parametrize("document", [PREPROCESSED, STRAIGHT], ids=["preprocessed", "straight"])
+def test_plans_obey_it(document: dict[str, Any]) -> None:
+    Draft202012Validator(plan_schema()).validate(json.loads(canonical_json(plan(document))))
+
+
+@pytest.mark.parametrize("change", [{"unknown": 1}, {"buffer": "10"}, {"r2bspec_plan": 2}])
+def test_what_is_no_plan_does_not(change: dict[str, Any]) -> None:
+    document = copy.deepcopy(json.loads(canonical_json(plan())))
+    assert not Draft202012Validator(plan_schema()).is_valid({**document, **change})
