@@ -10,6 +10,10 @@ from r2bspec.diagnostics.quote import quote
 LONGEST_LIST = 8
 """Names that a message lists at most."""
 
+MOST_SUGGESTIONS = 50
+"""Findings of a rule for which close names are looked for. Each search takes time, and a document
+with more mistakes of one kind has one cause, which the first ones show."""
+
 
 def listed(names: Iterable[str], last: str = "and") -> str:
     """``'a', 'b' and 'c'``; a long list is cut and says how many more there are."""

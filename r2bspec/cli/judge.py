@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.cli.options import junit_option, reports_option
+
 if TYPE_CHECKING:
+    from r2bspec.report.write import Asked
     from r2bspec.spec.model import Spec
 
 
@@ -21,15 +24,26 @@ if TYPE_CHECKING:
 )
 @click.option("--format", "output_format", type=click.Choice(["text", "json"]), default="text")
 @click.option("--write", is_flag=True, help="Replace result.json in the run folder.")
-def command(run: Path, spec: Path | None, output_format: str, write: bool) -> int:
+@reports_option
+@junit_option
+def command(
+    run: Path,
+    spec: Path | None,
+    output_format: str,
+    write: bool,
+    reports: tuple[Asked, ...],
+    junit: tuple[Asked, ...],
+) -> int:
     """Judge the finished run in the folder RUN again; needs no ROS.
 
     The run folder is left as it is unless --write is given. The same run gives the same bytes
     each time.
     """
     from r2bspec.record.store import RunFolder, open_run
+    from r2bspec.report.reported import Reported
     from r2bspec.report.result import result_of, to_json
     from r2bspec.report.terminal import show_result
+    from r2bspec.report.write import takes_stdout, write_reports
 
     opened = open_run(run)
     if spec is None:
@@ -39,7 +53,9 @@ def command(run: Path, spec: Path | None, output_format: str, write: bool) -> in
         result = result_of(opened, other.slos, judged_by=other.name)
     if write:
         RunFolder(opened.folder).write_result(to_json(result))
-    show_result(result, output_format, run)
+    if not takes_stdout(reports + junit):
+        show_result(result, output_format, run)
+    write_reports(reports + junit, Reported(result=result, run=opened, spec_file=spec))
     return result.verdict.exit_code
 
 

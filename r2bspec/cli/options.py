@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from r2bspec.report.write import Asked
 
 sets_option = click.option(
     "--set",
@@ -36,3 +40,39 @@ def parse_variables(options: Iterable[str]) -> dict[str, str]:
             raise click.UsageError(f"--var takes NAME=VALUE, not {option!r}")
         found[name] = value
     return found
+
+
+def _asked_reports(
+    _ctx: click.Context, _param: click.Parameter, options: tuple[str, ...]
+) -> tuple[Asked, ...]:
+    if not options:
+        return ()
+    from r2bspec.report.write import parse_asked
+
+    return parse_asked(options)
+
+
+reports_option = click.option(
+    "--report",
+    "reports",
+    multiple=True,
+    metavar="FORMAT=PATH",
+    callback=_asked_reports,
+    help="Write a report, such as html=report.html or markdown=- for standard output; may be "
+    "repeated. 'r2bspec report --formats' lists the formats.",
+)
+
+
+def _asked_junit(
+    ctx: click.Context, param: click.Parameter, path: str | None
+) -> tuple[Asked, ...]:
+    return _asked_reports(ctx, param, (f"junit={path}",) if path is not None else ())
+
+
+junit_option = click.option(
+    "--junit-xml",
+    "junit",
+    metavar="PATH",
+    callback=_asked_junit,
+    help="The same as --report junit=PATH, under the name that ROS test runners use.",
+)

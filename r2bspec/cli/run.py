@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.options import parse_variables, sets_option, variables_option
+from r2bspec.cli.options import (
+    junit_option,
+    parse_variables,
+    reports_option,
+    sets_option,
+    variables_option,
+)
+from r2bspec.errors import R2bspecError
+
+if TYPE_CHECKING:
+    from r2bspec.report.write import Asked
 
 
 @click.command("run")
@@ -21,6 +33,8 @@ from r2bspec.cli.options import parse_variables, sets_option, variables_option
 @variables_option
 @click.option("--format", "output_format", type=click.Choice(["text", "json"]), default="text")
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
+@reports_option
+@junit_option
 def command(
     spec: Path,
     output: Path | None,
@@ -28,6 +42,8 @@ def command(
     variables: tuple[str, ...],
     output_format: str,
     quiet: bool,
+    reports: tuple[Asked, ...],
+    junit: tuple[Asked, ...],
 ) -> int:
     """Run SPEC and judge it by its SLOs.
 
@@ -38,6 +54,7 @@ def command(
     from r2bspec.report.findings.show import show
     from r2bspec.report.progress import shown_progress
     from r2bspec.report.terminal import show_result
+    from r2bspec.report.write import takes_stdout, write_of_folder
 
     try:
         prepared = api.prepare(spec, sets=sets, variables=parse_variables(variables))
@@ -47,7 +64,15 @@ def command(
     if prepared.loaded is not None:
         show(prepared.diagnostics, prepared.loaded.texts)
     folder = output or api.new_folder(prepared.plan.name)
-    with shown_progress(quiet=quiet) as progress:
-        result = api.run(prepared, folder, progress)
-    show_result(result, output_format, folder)
+    try:
+        with shown_progress(quiet=quiet) as progress:
+            result = api.run(prepared, folder, progress)
+    except R2bspecError:
+        # What was observed until then is worth its reports; the failure is the one to tell.
+        with contextlib.suppress(R2bspecError):
+            write_of_folder(reports + junit, folder, spec)
+        raise
+    if not takes_stdout(reports + junit):
+        show_result(result, output_format, folder)
+    write_of_folder(reports + junit, folder, spec)
     return result.verdict.exit_code

@@ -27,6 +27,7 @@ from r2bspec.harness.reaping import clean_up
 from r2bspec.record.model import ProcessRecord
 
 _POLL_S = 0.05
+_SEND_S = 10.0
 _SHUTDOWN_S = 10.0
 _GRACE_S = 2.0
 _LOG_TAIL_LINES = 12
@@ -60,9 +61,10 @@ class Child:
         return self.process.pid
 
     def send(self, message: Any) -> None:
-        """Send a command; a child that cannot take it is dead, which `pump` will notice."""
+        """Send a command; a child that does not take it is dead or hangs, which will be noticed."""
         if self.connection is not None:
             with contextlib.suppress(OSError):
+                self.connection.settimeout(_SEND_S)
                 self.connection.sendall(protocol.encode(message))
 
     def read(self) -> bool:
@@ -70,7 +72,11 @@ class Child:
         if self.connection is None:
             return False
         try:
+            # The end may never come: a child that has died can have forked one that holds it.
+            self.connection.setblocking(False)
             received = self.connection.recv(1 << 16)
+        except BlockingIOError:
+            return True
         except OSError:
             return False
         self._pending += received
@@ -103,6 +109,7 @@ class Children:
         self._selector = selectors.DefaultSelector()
         self._living: dict[str, Child] = {}
         self._all: list[Child] = []
+        self._killed: list[str] = []
         self._began_s = time.time()
         # The process environment is the controller's: the watchdog is no part of the run.
         self._watchdog = subprocess.Popen(
@@ -249,9 +256,11 @@ class Children:
             (signal.SIGKILL, 5.0),
         ):
             if step is not None:
-                for child in ended:
-                    if child.process.poll() is None:
-                        _signal_group(child, step)
+                running = [child for child in ended if child.process.poll() is None]
+                for child in running:
+                    _signal_group(child, step)
+                if step is signal.SIGKILL:
+                    self._killed += [child.name for child in running]
             _wait_for_all(ended, patience_s)
         for child in ended:
             # Grandchildren in the group that outlived their parent.
@@ -262,7 +271,9 @@ class Children:
         """End everything, and leave nothing behind. Returns the names of what had to be killed."""
         self.end(list(self._living.values()))
         sessions = [child.pid for child in self._all]
-        killed = clean_up(self._run_id, sessions, grace_s=_GRACE_S, since_s=self._began_s - 1.0)
+        self._killed += clean_up(
+            self._run_id, sessions, grace_s=_GRACE_S, since_s=self._began_s - 1.0
+        )
         self._tell_watchdog("done\n")
         with contextlib.suppress(OSError):
             if self._watchdog.stdin is not None:
@@ -270,7 +281,7 @@ class Children:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._watchdog.wait(5.0)
         self._selector.close()
-        return killed
+        return self._killed
 
     def records(self) -> tuple[ProcessRecord, ...]:
         """Every process that was started, with how it ended."""

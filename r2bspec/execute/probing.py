@@ -68,7 +68,7 @@ class Prober:
         deliveries = self._deliveries(rate_hz, observed)
         judgement = _worst([judge_finished_probe(each, self._criterion) for each in deliveries])
         if judgement.holds:
-            judgement = self._check_conditions(observed)
+            judgement = self._check_conditions(observed, rate_hz)
         word = "holds" if judgement.holds else "does not hold"
         self._note(f"{rate_hz:.4g} Hz {word}: {judgement.reason}")
         return Outcome(
@@ -96,7 +96,7 @@ class Prober:
             for plan in self._plan.monitors
         ]
 
-    def _check_conditions(self, observed: Observed) -> Judgement:
+    def _check_conditions(self, observed: Observed, rate_hz: float) -> Judgement:
         """The conditions that the spec puts on a rate that holds, on what was measured."""
         names = [plan.name for plan in self._plan.monitors]
         samples = observed.samples(self._stage.segments[-1])
@@ -104,14 +104,19 @@ class Prober:
             named, metric = resolve(condition.metric, names)
             for monitor in [named] if named else names:
                 measured = value(metric, monitor, samples)
-                bound = condition.bound
-                if bound is None or (
-                    measured is not None and condition.holds(measured, bound.value)
-                ):
+                limit = _limit(condition, rate_hz)
+                if limit is None or (measured is not None and condition.holds(measured, limit)):
                     continue
                 shown = "nothing was measured" if measured is None else f"it is {measured:.4g}"
                 return Judgement(holds=False, reason=f"{condition} does not hold: {shown}")
         return Judgement(holds=True, reason="delivered as offered")
+
+
+def _limit(condition: Requirement, rate_hz: float) -> float | None:
+    """The limit of a condition at one offered rate, in SI units; None if it has no bound."""
+    if condition.bound is None:
+        return None
+    return condition.bound.value * (rate_hz if condition.bound.of_offered else 1.0)
 
 
 def _allowed_loss(condition: Requirement) -> float:

@@ -18,6 +18,7 @@ from r2bspec.spec.exclusive import exclusive_errors
 from r2bspec.spec.extensions import without_extensions
 from r2bspec.spec.model import Spec
 from r2bspec.spec.overrides import apply_overrides
+from r2bspec.spec.problems import MOST
 from r2bspec.spec.source import Read, Source, accept, decode, read_file
 from r2bspec.spec.tree import MapNode, ScalarNode, TreeNode, UnknownNode, lookup, span_at, to_plain
 from r2bspec.spec.typed import to_spec
@@ -139,4 +140,9 @@ def _read(source: FilePath | str | bytes, file: str) -> Read:
 def _sorted(found: list[Diagnostic]) -> tuple[Diagnostic, ...]:
     """By place; the same finding at the same place, as aliases bring it, is told once."""
     unique = {(one.code, one.span, one.message): one for one in reversed(found)}
-    return tuple(sorted(unique.values(), key=lambda one: one.sort_key))
+    ordered = sorted(unique.values(), key=lambda one: one.sort_key)
+    if len(ordered) > MOST:
+        place = ordered[MOST].span
+        message = f"after {MOST:,} problems, further ones are not shown"
+        ordered[MOST:] = [Diagnostic("R2B005", Severity.INFO, message, place)]
+    return tuple(ordered)

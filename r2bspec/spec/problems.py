@@ -6,6 +6,9 @@ from typing import NoReturn
 
 from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Related, Severity, Span
 
+MOST = 1000
+"""Problems that one step reports at most: the first hundreds help nobody more than the first."""
+
 
 class StopReadingError(Exception):
     """The rest of the document is not worth reading; why has been reported."""
@@ -16,6 +19,11 @@ class Problems:
 
     def __init__(self) -> None:
         self.found: list[Diagnostic] = []
+
+    @property
+    def full(self) -> bool:
+        """Whether further errors would be dropped."""
+        return len(self.found) >= MOST
 
     def error(
         self,
@@ -28,7 +36,9 @@ class Problems:
         edit: Edit | None = None,
         certainty: Certainty = Certainty.CERTAIN,
     ) -> None:
-        """Add an error."""
+        """Add an error, unless there are `MOST` already."""
+        if self.full:
+            return
         self.found.append(
             Diagnostic(
                 code,
@@ -48,5 +58,5 @@ class Problems:
         Raises:
             StopReadingError: always.
         """
-        self.error(code, message, span, help_text)
+        self.found.append(Diagnostic(code, Severity.ERROR, message, span, help=help_text))
         raise StopReadingError

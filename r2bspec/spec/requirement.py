@@ -29,6 +29,7 @@ Operator = Literal["<", "<=", ">", ">=", "==", "!="]
 _WORD = "[A-Za-z][A-Za-z0-9_]*"
 _METRIC = re.compile(rf"\s*(?P<metric>{_WORD}(?:\.{_WORD})*)")
 _OPERATOR = re.compile(r"\s*(?P<op><=|>=|==|!=|<|>)")
+_LONGEST = 300
 _MISTAKEN = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}
 _OF = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
 
@@ -123,6 +124,8 @@ def parse_requirement(text: str) -> Requirement:
     Raises:
         RequirementError: with the offset at which the text stops making sense.
     """
+    if len(text) > _LONGEST:
+        raise RequirementError(f"a requirement has at most {_LONGEST} characters", 0)
     found = _METRIC.match(text)
     if found is None:
         raise RequirementError(

@@ -54,11 +54,25 @@ def _validator() -> Validator:
         if problem is not None:
             yield ValidationError(problem.message)
 
+    def check_other_keys(
+        validator: Any, rule: Any, instance: object, schema: dict[str, Any]
+    ) -> Iterator[ValidationError]:
+        if not isinstance(instance, dict):
+            return
+        known = schema.get("properties", {})
+        others = [key for key in instance if key not in known]
+        if isinstance(rule, dict):
+            for key in others:
+                yield from validator.descend(instance[key], rule, path=key)
+        elif others:
+            yield ValidationError("unknown keys")
+
     # To JSON Schema 1.0 is an integer; to a ROS parameter and to YAML it is not.
     types = Draft7Validator.TYPE_CHECKER.redefine(
         "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
     )
+    # jsonschema's own additionalProperties goes through a set: another order in each process.
+    changed = {KIND: check_kind, "additionalProperties": check_other_keys}
     extend: Any = validators.extend
-    extended = extend(Draft7Validator, {KIND: check_kind}, type_checker=types)
-    made: Validator = extended(schema())
+    made: Validator = extend(Draft7Validator, changed, type_checker=types)(schema())
     return made

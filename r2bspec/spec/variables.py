@@ -24,7 +24,7 @@ from r2bspec.spec.problems import Problems
 from r2bspec.spec.references import OPENING, Malformed, Reference, references
 from r2bspec.spec.scalars import ScalarError, ScalarValue, resolve
 from r2bspec.spec.schema.build import TOPIC_KEYS
-from r2bspec.spec.source import Source
+from r2bspec.spec.source import LARGEST_BYTES, Source
 from r2bspec.spec.tree import Entry, ListNode, MapNode, ScalarNode, TreeNode, UnknownNode, child
 
 _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
@@ -69,6 +69,8 @@ class _Substitution:
         self._environ = environ
         self._allowed = _listed(root)
         self._done: dict[tuple[int, int], TreeNode] = {}
+        self._inserted = 0
+        self._overflown = False
         self._in_declarations = True
         declared = child(root, "variables")
         if isinstance(declared, MapNode):
@@ -156,11 +158,23 @@ class _Substitution:
             parts += [text[at : found.start], value.text]
             at = found.end
             origin = origin or value.origin
+            self._inserted += len(value.text)
+            if self._inserted > LARGEST_BYTES:
+                self._too_long(node.span)
+                failed = True
+                break
         if failed:
             return UnknownNode(node.span)
         parts.append(text[at:])
         joined = "".join(parts)
         return ScalarNode(joined, joined, node.span, '"', origin)
+
+    def _too_long(self, span: Span) -> None:
+        if not self._overflown:
+            limit = LARGEST_BYTES // 1_000_000
+            message = f"with variables replaced, the document has more than {limit} MB"
+            self.problems.error("R2B129", message, span, "use shorter values")
+        self._overflown = True
 
     def _value(self, found: Reference | Malformed, node: ScalarNode) -> ScalarNode | None:
         """What one reference stands for, with its origin; None if that is not known."""
@@ -168,9 +182,8 @@ class _Substitution:
             span = self._inner(node, found.start, found.end - found.start)
             self.problems.error("R2B123", found.message, span, found.help)
             return None
-        span = self._inner(node, found.name_start, len(found.name))
         if found.kind == "env":
-            return self._environment(found.name, span)
+            return self._environment(found, node)
         if self._in_declarations:
             self.problems.error(
                 "R2B124",
@@ -179,14 +192,16 @@ class _Substitution:
                 "write its value here, or combine both where they are used",
             )
             return None
-        return self._variable(found.name, span)
+        return self._variable(found, node)
 
-    def _variable(self, name: str, span: Span) -> ScalarNode | None:
+    def _variable(self, found: Reference, node: ScalarNode) -> ScalarNode | None:
+        name = found.name
         declared = self.variables.entries if self.variables is not None else {}
         if name not in declared:
-            self.problems.error(
-                "R2B120", f"there is no variable '{name}'", span, _known_variables(name, declared)
-            )
+            if not self.problems.full:
+                span = self._inner(node, found.name_start, len(name))
+                way_out = _known_variables(name, declared)
+                self.problems.error("R2B120", f"there is no variable '{name}'", span, way_out)
             return None
         self.used.add(name)
         value = declared[name].value
@@ -195,8 +210,10 @@ class _Substitution:
             return None
         return replace(value, origin=Related(f"'{name}' gets its value here", value.span))
 
-    def _environment(self, name: str, span: Span) -> ScalarNode | None:
+    def _environment(self, found: Reference, node: ScalarNode) -> ScalarNode | None:
+        name = found.name
         if name not in self._allowed:
+            span = self._inner(node, found.name_start, len(name))
             close = did_you_mean(name, self._allowed)
             self.problems.error(
                 "R2B121",
@@ -207,6 +224,7 @@ class _Substitution:
             return None
         text = self._environ.get(name)
         if text is None:
+            span = self._inner(node, found.name_start, len(name))
             self.problems.error(
                 "R2B122",
                 f"the environment variable {name} is not set",
@@ -217,9 +235,11 @@ class _Substitution:
             )
             return None
         origin = Related(f"{name} is {quote(text)} in the environment", self._allowed[name])
-        return ScalarNode(as_unquoted(text), text, span, origin=origin)
+        return ScalarNode(as_unquoted(text), text, node.span, origin=origin)
 
     def _inner(self, node: ScalarNode, offset: int, length: int) -> Span:
+        if self.problems.full:
+            return node.span
         source = self._sources.get(node.span.file)
         return inner_span(source, node.span, node.text, offset, length)
 

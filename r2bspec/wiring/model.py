@@ -103,6 +103,14 @@ class PhaseWiring:
         """Who is known to read a topic."""
         return tuple(each for each in self._by_topic.get(topic, ()) if not each.writes)
 
+    @cached_property
+    def _by_name(self) -> dict[str, NodeWiring]:
+        return {node.name: node for node in self.nodes}
+
+    def node(self, owner: str) -> NodeWiring | None:
+        """The node of that full name; None for a part of the harness."""
+        return self._by_name.get(owner)
+
     def owned_by(self, owner: str) -> tuple[Endpoint, ...]:
         """The endpoints of a node or of a part of the harness."""
         return tuple(self._by_owner.get(owner, ()))

@@ -1,4 +1,4 @@
-"""R2B600 to R2B612: the command line, and files that are given to it."""
+"""R2B600 to R2B612 and R2B660 to R2B663: the command line, files given to it, and reports."""
 
 from __future__ import annotations
 
@@ -37,5 +37,28 @@ FILE_PAGES = (
         "a plan with a fault in it",
         "A value is missing, unknown or of the wrong kind, as it happens when plans are edited by "
         "hand. What is to change is changed in the spec.",
+    ),
+    error_page(
+        "R2B660",
+        "a report was asked for in a way that cannot be",
+        "There is no such format, or two reports would go to one place. 'r2bspec report --formats' "
+        "lists the formats.",
+    ),
+    error_page(
+        "R2B661",
+        "a report cannot be made",
+        "A library that its format needs is not installed, or the run has no samples for it.",
+    ),
+    error_page(
+        "R2B662",
+        "a file is neither a result nor a report",
+        "Results are read from a run folder or its result.json; the file is something else, or "
+        "was written by another version.",
+    ),
+    error_page(
+        "R2B663",
+        "results that cannot be compared",
+        "They differ in more than their numbers: in the benchmark, its data, or what was measured. "
+        "A difference between them would not be one of the graph.",
     ),
 )

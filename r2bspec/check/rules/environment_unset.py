@@ -24,7 +24,7 @@ def _find(context: Context) -> Iterator[Finding]:
 
 
 RULE = Rule(
-    code="R2B661",
+    code="R2B617",
     title="an environment variable that is listed but not set",
     severity=Severity.INFO,
     why="The processes of a run get the variables that 'environment' lists; one that is not set "

@@ -29,7 +29,7 @@ def _find(context: Context) -> Iterator[Finding]:
 
 
 RULE = Rule(
-    code="R2B662",
+    code="R2B615",
     title="two values of an environment variable in one process",
     severity=Severity.ERROR,
     why="With 'placement: shared' all Python nodes run in one process, and a process has one "

@@ -9,7 +9,7 @@ from r2bspec.check.context import Context
 from r2bspec.check.example import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import suggestion
+from r2bspec.check.words import MOST_SUGGESTIONS, suggestion
 from r2bspec.diagnostics.model import Severity
 from r2bspec.diagnostics.quote import quote
 from r2bspec.wiring.model import Endpoint, PhaseWiring
@@ -20,9 +20,12 @@ def _find(context: Context) -> Iterator[Finding]:
     phase = context.wiring.measure
     if phase.may_read:
         return
+    read = [context.shown(name) for name in phase.topics if phase.readers(name)]
+    found = 0
     for writer in phase.endpoints:
         if writer.writes and not phase.readers(writer.topic) and _on_purpose(writer):
-            yield _finding(context, phase, writer)
+            found += 1
+            yield _finding(context, phase, writer, read if found <= MOST_SUGGESTIONS else [])
 
 
 def _on_purpose(writer: Endpoint) -> bool:
@@ -30,9 +33,8 @@ def _on_purpose(writer: Endpoint) -> bool:
     return writer.owner == "player" or "remappings" in writer.path
 
 
-def _finding(context: Context, phase: PhaseWiring, writer: Endpoint) -> Finding:
+def _finding(context: Context, phase: PhaseWiring, writer: Endpoint, read: list[str]) -> Finding:
     shown = context.shown(writer.topic)
-    read = [context.shown(name) for name in phase.topics if phase.readers(name)]
     played = writer.owner == "player"
     return Finding(
         message=f"{quote(shown)} is played, but nobody reads it"

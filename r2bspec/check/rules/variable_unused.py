@@ -24,7 +24,7 @@ def _find(context: Context) -> Iterator[Finding]:
 
 
 RULE = Rule(
-    code="R2B660",
+    code="R2B616",
     title="a variable that nothing uses",
     severity=Severity.WARNING,
     why="Whoever sets it with --var expects that something changes.",

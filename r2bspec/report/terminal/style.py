@@ -7,24 +7,23 @@ from collections.abc import Sequence
 from rich.table import Table
 from rich.text import Text
 
+from r2bspec.report.wording import OUTCOME_WORDS
 from r2bspec.slo.model import OverallOutcome
 
-OUTCOMES: dict[OverallOutcome, tuple[str, str]] = {
-    "pass": ("✔ PASS", "bold green"),
-    "fail": ("✘ FAIL", "bold red"),
-    "inconclusive": ("? INCONCLUSIVE", "bold yellow"),
-    "invalid": ("! INVALID", "bold magenta"),
-    "incomplete": ("! INCOMPLETE", "bold magenta"),
+_STYLES: dict[OverallOutcome, str] = {
+    "pass": "bold green",
+    "fail": "bold red",
+    "inconclusive": "bold yellow",
+    "invalid": "bold magenta",
+    "incomplete": "bold magenta",
 }
-"""The word and the style of each outcome: never told by colour alone."""
 
 QUIET = "dim"
 
 
 def outcome_text(outcome: OverallOutcome) -> Text:
     """An outcome as a word with its mark and colour."""
-    word, style = OUTCOMES[outcome]
-    return Text(word, style=style)
+    return Text(OUTCOME_WORDS[outcome], style=_STYLES[outcome])
 
 
 def heading(text: str, aside: str = "") -> Text:

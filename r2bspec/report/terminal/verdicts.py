@@ -12,6 +12,12 @@ from rich.text import Text
 
 from r2bspec.measure.units import show
 from r2bspec.report.terminal.style import QUIET, heading, outcome_text
+from r2bspec.report.wording import (
+    bounds_text,
+    estimate_text,
+    requirement_text,
+    several_monitors,
+)
 from r2bspec.slo.model import RequirementVerdict, Verdict
 
 _INDENT = 2
@@ -33,7 +39,7 @@ def verdict_section(verdict: Verdict, width: int) -> RenderableType | None:
     """Every requirement, by objective; None if there are none."""
     if not verdict.requirements:
         return None
-    lines = _lines(verdict.requirements)
+    lines = _lines(verdict)
     widths = _widths(lines, width)
     parts: list[RenderableType] = []
     for (name, at_hz), group in groupby(
@@ -47,37 +53,17 @@ def verdict_section(verdict: Verdict, width: int) -> RenderableType | None:
     return Group(*parts)
 
 
-def _lines(requirements: tuple[RequirementVerdict, ...]) -> list[_Line]:
-    several = len({one.monitor for one in requirements} - {None}) > 1
+def _lines(verdict: Verdict) -> list[_Line]:
+    several = several_monitors(verdict)
     return [
         _Line(
             verdict=one,
-            text=_text(one, name_monitor=several),
-            estimate="lost" if one.lost else show(one.estimate, one.unit),
-            bounds=_bounds(one),
+            text=requirement_text(one, name_monitor=several),
+            estimate=estimate_text(one),
+            bounds=bounds_text(one),
         )
-        for one in requirements
+        for one in verdict.requirements
     ]
-
-
-def _text(one: RequirementVerdict, *, name_monitor: bool) -> str:
-    """The requirement as written; where monitors differ, one that it left out is put in front."""
-    text = one.text.strip()
-    if not name_monitor or one.monitor is None or text.startswith(f"{one.monitor}."):
-        return text
-    return f"{one.monitor}.{text}"
-
-
-def _bounds(one: RequirementVerdict) -> str:
-    """The interval of confidence, one-sided where only one side is bounded."""
-    if one.lower is None and one.upper is None:
-        return "observed" if one.method == "observation" else ""
-    if one.lower is None:
-        return f"≤ {show(one.upper, one.unit)}"
-    if one.upper is None:
-        return f"≥ {show(one.lower, one.unit)}"
-    lower, upper = show(one.lower, one.unit), show(one.upper, one.unit)
-    return lower if lower == upper else f"{lower} … {upper}"
 
 
 def _widths(lines: list[_Line], width: int) -> tuple[int, int, int, int]:

@@ -1,26 +1,38 @@
 """Confidence bounds on a percentile from order statistics: the binomial test, read in seconds.
 
 Whether a percentile q lies below a limit is the question whether at most a share 1 - q of all
-messages is over it. With the critical counts of the binomial test for n messages and 1 - q
+messages is over it. If exactly the k largest messages are over the limit, they are worth k / F of
+n / F independent messages (`effective`), and F depends on which messages these are, hence on k.
+The binomial test on k / F and n / F says 'pass', 'fail' or neither for each k. With
 
-    k_pass = the most messages over the limit that still show q below it
-    k_fail = the fewest messages over the limit that show q above it
+    k_pass = the largest k such that it passes for every k' <= k
+    k_fail = the smallest k such that it fails for every k' >= k
 
-the test passes exactly if the (k_pass + 1)-th largest message is within the limit, and fails
-exactly if the k_fail-th largest is over it. So these two messages are the upper and the lower
-confidence bound on the percentile: comparing them with the limit is the test itself.
+the requirement passes exactly if the (k_pass + 1)-th largest message is within the limit, and
+fails exactly if the k_fail-th largest is over it. So these two messages are the upper and the
+lower confidence bound on the percentile: comparing them with the limit is the test itself. Asking
+it of every k' makes the verdict monotone (a looser limit never turns a pass into less) and can
+only make it more careful.
+
+F is worked out for some k, every one up to 16 and then in steps of a fifth, from either end, and
+is the same from one of them down to the one before.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.percentiles import rank
-from r2bspec.slo.statistics.binomial import least_to_fail, most_to_pass
+from r2bspec.slo.statistics.binomial import lower_bound, upper_bound
+from r2bspec.slo.statistics.effective import Effective, effective
+
+_EACH = 16
+_STEP = 1.2
 
 
 @dataclass(frozen=True)
@@ -37,23 +49,124 @@ def allowed_share(q: float) -> float:
     return round(1 - q, 12)
 
 
+class Ranked:
+    """The messages of some iterations, in the order played and in the order of size.
+
+    Attributes:
+        n: how many there are.
+        ordered: all of them, ascending; shape (n,).
+    """
+
+    def __init__(self, pieces: Sequence[NDArray[np.float64]]) -> None:
+        """Take one array for each iteration; lost messages are +inf or -inf, as is worse."""
+        self._pieces = pieces
+        self.ordered = np.sort(np.concatenate([*pieces, np.empty(0)]))
+        self.n = int(self.ordered.size)
+        self._levels = _levels(self.n)
+        self._found: dict[int, float] = {}
+
+    def worth(self, k: int, *, largest: bool = True) -> Effective:
+        """What the messages are worth if the k largest are bad, or all but those k."""
+        level = min(level for level in self._levels if level >= k)
+        found = effective([piece > self._below(k) for piece in self._pieces])
+        inflation = self._inflation(level)
+        if not largest:
+            flipped = effective([piece <= self._below(k) for piece in self._pieces])
+            return replace(flipped, inflation=inflation)
+        return replace(found, inflation=inflation)
+
+    def _below(self, k: int) -> float:
+        """The largest message that is not one of the k largest."""
+        return float(self.ordered[self.n - 1 - k]) if k < self.n else -math.inf
+
+    def _inflation(self, level: int) -> float:
+        if level not in self._found:
+            if level == 0:
+                self._found[level] = 1.0
+            else:
+                least = self.ordered[self.n - level]
+                self._found[level] = effective(
+                    [piece >= least for piece in self._pieces]
+                ).inflation
+        return self._found[level]
+
+    def most_to_pass(self, allowed: float, confidence: float) -> int | None:
+        """k_pass; None if not even 0 passes."""
+        best: int | None = None
+        for below, level in self._buckets():
+            f = self._inflation(level)
+            n = self.n / f
+
+            def passes(k: int, f: float = f, n: float = n) -> bool:
+                return upper_bound(k / f, n, confidence) <= allowed
+
+            if not passes(below + 1):
+                return best
+            best = _last(passes, below + 1, level)
+            if best < level:
+                return best
+        return best
+
+    def least_to_fail(self, allowed: float, confidence: float) -> int | None:
+        """k_fail; None if not even n fails."""
+        best: int | None = None
+        for below, level in reversed(list(self._buckets())):
+            f = self._inflation(level)
+            n = self.n / f
+
+            def open_(k: int, f: float = f, n: float = n) -> bool:
+                return lower_bound(k / f, n, confidence) <= allowed
+
+            if open_(level):
+                return best
+            if open_(below + 1):
+                return _last(open_, below + 1, level) + 1
+            best = below + 1
+        return best
+
+    def _buckets(self) -> Iterator[tuple[int, int]]:
+        """(a, b) for each stretch a < k <= b that shares the F of b, ascending from (-1, 0)."""
+        yield from zip((-1, *self._levels), self._levels, strict=False)
+
+
+def _levels(n: int) -> tuple[int, ...]:
+    """The k at which F is worked out, ascending, from 0 to n."""
+    found = set(range(min(_EACH, n) + 1))
+    level = float(_EACH)
+    while level < n:
+        level *= _STEP
+        found.add(min(math.ceil(level), n))
+    return tuple(sorted(found | {n - k for k in found}))
+
+
+def _last(holds: Callable[[int], bool], low: int, high: int) -> int:
+    """The largest k of low..high that holds; `low` does, and every k up to some one."""
+    while low < high:
+        middle = (low + high + 1) // 2
+        if holds(middle):
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
 def percentile_interval(
-    values: NDArray[np.float64], q: float, confidence: float
+    pieces: Sequence[NDArray[np.float64]] | Ranked, q: float, confidence: float
 ) -> PercentileInterval:
-    """The percentile `q` of `values` and its one-sided bounds, each at `confidence`.
+    """The percentile `q` of all messages and its one-sided bounds, each at `confidence`.
 
     Args:
-        values: shape (n,), n >= 1, in any order; messages that were lost are +inf, or -inf where
-            being late is what is asked for.
+        pieces: one array for each iteration, in the order of the steps, at least one message in
+            all; messages that were lost are +inf, or -inf where being late is what is asked for.
         q: 0 < q < 1.
         confidence: of each bound by itself.
     """
-    ordered = np.sort(values)
-    n = ordered.size
-    passing = most_to_pass(n, allowed_share(q), confidence)
-    failing = least_to_fail(n, allowed_share(q), confidence)
+    ranked = pieces if isinstance(pieces, Ranked) else Ranked(pieces)
+    n, ordered = ranked.n, ranked.ordered
+    passing = ranked.most_to_pass(allowed_share(q), confidence)
+    failing = ranked.least_to_fail(allowed_share(q), confidence)
     return PercentileInterval(
         estimate=float(ordered[rank(q, n) - 1]),
-        lower=-math.inf if failing is None else float(ordered[n - failing]),
-        upper=math.inf if passing is None else float(ordered[n - 1 - passing]),
+        lower=-math.inf if failing is None or not failing else float(ordered[n - failing]),
+        upper=math.inf if passing is None or passing >= n else float(ordered[n - 1 - passing]),
     )

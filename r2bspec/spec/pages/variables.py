@@ -79,4 +79,11 @@ VARIABLE_PAGES = (
         "",
         "",
     ),
+    _page(
+        "R2B129",
+        "too much text is inserted",
+        "A long value that is inserted very often can fill any memory.",
+        "",
+        "",
+    ),
 )

@@ -64,7 +64,7 @@ BENCHMARK: Schema = record(
         ),
         "rates": listing(
             "The rates at which the inputs are played.",
-            quantity(Rate, "A rate.", examples=["30 Hz"], positive=True),
+            quantity(Rate, "One rate of play.", examples=["30 Hz"], positive=True),
             examples=[["10 Hz", "30 Hz"]],
         ),
         "search": _SEARCH,

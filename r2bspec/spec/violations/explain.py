@@ -8,9 +8,11 @@ is missing where its misspelt form has been reported.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics import Diagnostic, Path
+from r2bspec.spec.problems import MOST
 from r2bspec.spec.schema.build import KIND
 from r2bspec.spec.source import Source
 from r2bspec.spec.tree import MapNode, TreeNode, UnknownNode, lookup, to_plain
@@ -31,6 +33,8 @@ from r2bspec.spec.violations.values import (
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
 
+_MOST_ERRORS = 2 * MOST  # of jsonschema: one mistake may be several
+
 _EXPLANATIONS: dict[str, Callable[[Violation], Diagnostic]] = {
     "type": not_of_type,
     "enum": not_a_choice,
@@ -47,7 +51,8 @@ _EXPLANATIONS: dict[str, Callable[[Violation], Diagnostic]] = {
 
 def explain_violations(root: TreeNode, sources: Mapping[str, Source]) -> list[Diagnostic]:
     """Judge the document by the strict schema, in words."""
-    all_violations = [_violation(error, root, sources) for error in schema_errors(to_plain(root))]
+    errors = islice(schema_errors(to_plain(root)), _MOST_ERRORS)
+    all_violations = (_violation(error, root, sources) for error in errors)
     violations = [one for one in all_violations if not _unknown(one)]
     found: list[Diagnostic] = []
     unnamed = list(name_forgotten(violations))

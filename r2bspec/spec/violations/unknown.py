@@ -9,6 +9,7 @@ from typing import Any
 
 from r2bspec.diagnostics import Diagnostic, Edit, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
+from r2bspec.spec.problems import MOST
 from r2bspec.spec.tree import MapNode
 from r2bspec.spec.validator import schema as strict
 from r2bspec.spec.violations.model import Violation
@@ -46,7 +47,7 @@ def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
     if not isinstance(owner, MapNode):
         return
     properties: dict[str, Any] = violation.schema["properties"]
-    unknown = [key for key in owner.entries if key not in properties]
+    unknown = [key for key in owner.entries if key not in properties][: MOST + 1]
     absent = [key for key in properties if key not in owner.entries]
     meant = _meant(unknown, absent)
     for key in unknown:

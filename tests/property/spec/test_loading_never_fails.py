@@ -75,8 +75,12 @@ VALUES = st.recursive(
     | st.floats(allow_nan=False, allow_infinity=False)
     | st.sampled_from(["", "x", "1", "30 Hz", "2 %", "1 s", "a/b", "a.B", "p/msg/T", "sustained"])
     | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=3)
-    | st.dictionaries(st.sampled_from(["a", "python", "from", "format", "x-y", "0", "/t"]), inner),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(["a", "python", "from", "format", "x-y", "0", "/t"]), inner
+        )
+    ),
     max_leaves=6,
 )
 

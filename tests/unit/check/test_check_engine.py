@@ -35,7 +35,7 @@ def test_independent_problems_are_all_told_in_the_order_of_the_document() -> Non
         benchmark="{rates: [30 Hz, 30 Hz]}",
         slos="{fast: {at: 60 Hz, require: [latency.p50 < 1 ms]}}",
     )
-    assert codes(text) == ["R2B660", "R2B207", "R2B512", "R2B504"]
+    assert codes(text) == ["R2B616", "R2B207", "R2B512", "R2B504"]
 
 
 def test_a_document_with_errors_is_not_checked_further() -> None:

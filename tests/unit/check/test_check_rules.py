@@ -56,6 +56,15 @@ def test_every_code_in_the_sources_has_a_page() -> None:
     assert used - all_pages().keys() == set()
 
 
+def test_no_error_class_has_the_code_of_an_unrelated_rule() -> None:
+    shared = re.compile(r"R2B(30\d|62[1-5])")
+    rule_codes = {rule.code for rule in all_rules() if not shared.match(rule.code)}
+    for file in (ROOT / "r2bspec").rglob("*.py"):
+        if "check" not in file.relative_to(ROOT).parts:
+            used = set(re.findall(r'"(R2B\d{3})"', file.read_text(encoding="utf-8")))
+            assert used & rule_codes == set(), file
+
+
 @pytest.mark.parametrize("page", all_pages().values(), ids=lambda page: page.code)
 def test_a_page_says_what_and_why(page: Page) -> None:
     assert page.title

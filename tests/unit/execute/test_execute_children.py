@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import psutil
 import pytest
 
 from family_trees import alive, wait_for
@@ -89,12 +88,20 @@ class Stage:
         return (self.folder / f"{name}.log").read_text()
 
 
+def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the waits short that politeness costs."""
+    monkeypatch.setattr(module, "_SHUTDOWN_S", 0.3)
+    monkeypatch.setattr(module, "_GRACE_S", 0.3)
+
+
 @pytest.fixture
-def stage(tmp_path: Path) -> Iterator[Stage]:
+def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     before = len(os.listdir("/proc/self/fd"))
     found = Stage(tmp_path)
     yield found
-    found.children.close()
+    make_impatient(monkeypatch)
+    if found.children._watchdog.poll() is None:
+        found.children.close()
     assert members(found.run_id, [record.pid for record in found.children.records()]) == []
     assert found.children._watchdog.poll() is not None
     assert len(os.listdir("/proc/self/fd")) == before
@@ -102,9 +109,8 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Waits that politeness costs, made short."""
-    monkeypatch.setattr(module, "_SHUTDOWN_S", 0.3)
-    monkeypatch.setattr(module, "_GRACE_S", 0.3)
+    """A controller that does not wait long for processes to end by themselves."""
+    make_impatient(monkeypatch)
 
 
 # Listening
@@ -378,6 +384,7 @@ def test_the_record_lists_all_in_order_with_how_they_ended(stage: Stage, impatie
     first = stage.start(ANSWERS, "first", "player")
     second = stage.start("ends = channel()\n" + SLEEPS, "second")
     stage.pump_until(lambda: "here" in stage.said("second"))
+    stage.children.ask(first, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
     stage.children.end([first])
     running = stage.children.records()
     assert [(each.name, each.role, each.exit_code) for each in running] == [
@@ -425,7 +432,7 @@ def test_the_run_is_ended_when_the_controller_is_killed(tmp_path: Path) -> None:
         started = [each for each in members(run_id, []) if each.pid != controller.pid]
         assert len(started) == 2
         controller.kill()
-    wait_for(lambda: not any(map(psutil.Process.is_running, started)))
+    wait_for(lambda: not any(alive(each.pid) for each in started))
     assert members(run_id, []) == []
 
 

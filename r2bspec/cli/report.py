@@ -1,0 +1,75 @@
+"""``r2bspec report``: make reports of a finished run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from r2bspec.cli.options import junit_option, reports_option
+
+if TYPE_CHECKING:
+    from r2bspec.report.write import Asked
+
+
+def _list_formats(ctx: click.Context, _param: click.Parameter, wanted: bool) -> None:
+    if not wanted:
+        return
+    from r2bspec.report.registry import FORMATS
+
+    width = max(map(len, FORMATS))
+    for name, each in FORMATS.items():
+        click.echo(f"{name:{width}}  {each.what}")
+    ctx.exit(0)
+
+
+@click.command("report")
+@click.argument("run", type=click.Path(path_type=Path))
+@reports_option
+@junit_option
+@click.option(
+    "--spec",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="SPEC",
+    help="The spec that was run, so that annotations can point at its lines.",
+)
+@click.option(
+    "--against",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="BASE",
+    help="Another run folder, shown beside RUN where a report can (html).",
+)
+@click.option(
+    "--formats",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list_formats,
+    help="List the formats and exit.",
+)
+def command(
+    run: Path,
+    reports: tuple[Asked, ...],
+    junit: tuple[Asked, ...],
+    spec: Path | None,
+    against: Path | None,
+) -> int:
+    """Make reports of RUN, a run folder or the result.json of one.
+
+    A result alone makes fewer charts than the folder, which has every message. The exit status
+    tells whether the reports were made; 'r2bspec judge' tells the verdict.
+    """
+    from r2bspec.record.store import open_run
+    from r2bspec.report.errors import ReportUsageError
+    from r2bspec.report.sources import read_reported
+    from r2bspec.report.write import write_reports
+
+    asked = reports + junit
+    if not asked:
+        raise ReportUsageError(
+            "no report was asked for", hint="Say which and where: --report html=report.html"
+        )
+    baseline = open_run(against) if against is not None else None
+    write_reports(asked, read_reported(run, spec_file=spec, baseline=baseline))
+    return 0

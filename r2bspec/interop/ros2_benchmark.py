@@ -1,0 +1,226 @@
+"""Reports of NVIDIA's ros2_benchmark: the names of their keys, and reading one.
+
+A report is one JSON object: figures at the peak throughput, nested objects ``"30.0fps"`` with those
+of fixed rates, ``custom`` and ``metadata``. Where a monitor has a prefix of its own, its figures
+stand in an object of that name, at the top and inside each rate.
+
+What such a report cannot tell stays absent: it has no percentiles, its summary has lost the best
+and the worst iteration, and its frame rate divides n messages by n - 1 intervals. The last can be
+put right where the number of messages and the duration are there, and is.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import msgspec
+
+from r2bspec.errors import R2bspecError
+
+BASIC: Final = "BasicPerformanceMetrics"
+RESOURCE: Final = "ResourceMetrics"
+METADATA: Final = "BenchmarkMetadata"
+
+MODES: Final = {"timeline": 0, "looping": 1, "sweeping": 2}
+"""The numbers that a report writes for the modes of playback."""
+
+_RATE_KEY = re.compile(r"(\d+(?:\.\d+)?)fps")
+_KNOWN_PREFIXES = (BASIC, RESOURCE, "CPUProfilingMetrics")
+
+
+class NotAReportError(R2bspecError):
+    """A file that is no report of ros2_benchmark."""
+
+    code = "R2B664"
+    exit_code = 2
+
+
+class Figures(msgspec.Struct, frozen=True, kw_only=True):
+    """The figures of one monitor at one rate, in SI units; None where the report has none.
+
+    Attributes:
+        throughput_hz: (n - 1) / received_duration, as everywhere in r2bspec; None where the
+            report has no counts to compute it from.
+        reported_hz: the report's own MEAN_FRAME_RATE, n / received_duration.
+        latency_first: of the first message; what published "latencies" are.
+        latency_mean: only in reports made with message keys switched on; so are min and max.
+        cpu_mean: of all cores together, as a fraction of one.
+    """
+
+    received_duration: float | None = None
+    playback_hz: float | None = None
+    throughput_hz: float | None = None
+    reported_hz: float | None = None
+    sent: float | None = None
+    missed: float | None = None
+    latency_first: float | None = None
+    latency_last: float | None = None
+    latency_min: float | None = None
+    latency_mean: float | None = None
+    latency_max: float | None = None
+    jitter_min: float | None = None
+    jitter_mean: float | None = None
+    jitter_max: float | None = None
+    jitter_deviation: float | None = None
+    cpu_mean: float | None = None
+    cpu_max: float | None = None
+
+    @property
+    def drop_rate(self) -> float | None:
+        """Missed / sent."""
+        return self.missed / self.sent if self.missed is not None and self.sent else None
+
+
+class ReferenceReport(msgspec.Struct, frozen=True, kw_only=True):
+    """A report of ros2_benchmark, as far as it can be understood.
+
+    Attributes:
+        peak: the figures at the peak throughput, by monitor; the name is empty for a monitor
+            without a prefix.
+        rates: offered rate in Hz, as text with ``fps`` cut off, to figures by monitor.
+        peak_hz: the peak that the tool's search came to.
+        metadata: all of it, without the prefix of its keys.
+        custom: what the benchmark's author added.
+    """
+
+    r2bspec_reference: Literal[1] = 1
+    name: str
+    peak_hz: float | None
+    peak: dict[str, Figures]
+    rates: dict[str, dict[str, Figures]]
+    metadata: dict[str, Any]
+    custom: dict[str, Any]
+
+
+def read_report(path: Path) -> ReferenceReport:
+    """Read a report, or what `to_json` wrote of one.
+
+    Raises:
+        NotAReportError: it is not there, no JSON, or no such report.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise NotAReportError(f"{path} cannot be read: {error.strerror or error}") from error
+    return parse_report(content, str(path))
+
+
+def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
+    """Read the content of a report; `file` names it in errors.
+
+    Raises:
+        NotAReportError: it is no such report.
+    """
+    try:
+        report = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise NotAReportError(f"{file} is no JSON: {error}") from error
+    if isinstance(report, dict) and report.get("r2bspec_reference") == 1:
+        try:
+            return msgspec.convert(report, ReferenceReport)
+        except msgspec.ValidationError as error:
+            raise NotAReportError(f"{file} is damaged: {error}") from error
+    metadata = report.get("metadata") if isinstance(report, dict) else None
+    if not isinstance(report, dict) or not _looks_right(report):
+        raise NotAReportError(
+            f"{file} is no report of ros2_benchmark: no {BASIC} is in it",
+            hint="Name the JSON file that the tool wrote at the end of a benchmark.",
+        )
+    plain = _without_prefix(metadata) if isinstance(metadata, dict) else {}
+    custom = report.get("custom")
+    return ReferenceReport(
+        name=str(plain.get("NAME", "")),
+        peak_hz=_number(plain.get("PEAK_THROUGHPUT_PREDICTION")),
+        peak=_by_monitor(report),
+        rates={
+            found[1]: _by_monitor(value)
+            for key, value in report.items()
+            if (found := _RATE_KEY.fullmatch(key)) and isinstance(value, dict)
+        },
+        metadata=plain,
+        custom=custom if isinstance(custom, dict) else {},
+    )
+
+
+def to_json(report: ReferenceReport) -> bytes:
+    """The report as JSON in SI units, which `read_report` reads again."""
+    return msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
+
+
+def _looks_right(report: dict[str, Any]) -> bool:
+    levels = [report, *(value for value in report.values() if isinstance(value, dict))]
+    return any(str(key).startswith(f"{BASIC}.") for level in levels for key in level)
+
+
+def _without_prefix(metadata: dict[str, Any]) -> dict[str, Any]:
+    return {key.removeprefix(f"{METADATA}."): value for key, value in metadata.items()}
+
+
+def _by_monitor(level: dict[str, Any]) -> dict[str, Figures]:
+    """The figures of one level: those without a prefix, and one object for each prefix."""
+    found: dict[str, Figures] = {}
+    if any(key.startswith(f"{BASIC}.") for key in level):
+        found[""] = _figures(level)
+    for key, value in level.items():
+        if isinstance(value, dict) and not _RATE_KEY.fullmatch(key):
+            # The processor time is the machine's, not a monitor's: it stands one level up.
+            shared = {each: level[each] for each in level if each.startswith(_KNOWN_PREFIXES[1:])}
+            if any(str(each).startswith(f"{BASIC}.") for each in value):
+                found[key] = _figures({**shared, **value})
+    return found
+
+
+def _figures(level: dict[str, Any]) -> Figures:
+    def milliseconds(key: str) -> float | None:
+        value = _number(level.get(f"{BASIC}.{key}"))
+        return None if value is None else value / 1e3
+
+    def plain(key: str) -> float | None:
+        return _number(level.get(f"{BASIC}.{key}"))
+
+    def percent(key: str) -> float | None:
+        value = _number(level.get(f"{RESOURCE}.{key}_OVERALL_CPU_UTILIZATION"))
+        if value is None:  # reports before version 3 of the tool
+            value = _number(level.get(f"CPUProfilingMetrics.{key}_CPU_UTIL"))
+        return None if value is None else value / 100
+
+    duration = milliseconds("RECEIVED_DURATION")
+    sent, missed = plain("NUM_FRAMES_SENT"), plain("NUM_MISSED_FRAMES")
+    reported = plain("MEAN_FRAME_RATE")
+    return Figures(
+        received_duration=duration,
+        playback_hz=plain("MEAN_PLAYBACK_FRAME_RATE"),
+        throughput_hz=_throughput(reported, duration),
+        reported_hz=reported,
+        sent=sent,
+        missed=missed,
+        latency_first=milliseconds("FIRST_SENT_RECEIVED_LATENCY"),
+        latency_last=milliseconds("LAST_SENT_RECEIVED_LATENCY"),
+        latency_min=milliseconds("MIN_LATENCY"),
+        latency_mean=milliseconds("MEAN_LATENCY"),
+        latency_max=milliseconds("MAX_LATENCY"),
+        jitter_min=milliseconds("MIN_JITTER"),
+        jitter_mean=milliseconds("MEAN_JITTER"),
+        jitter_max=milliseconds("MAX_JITTER"),
+        jitter_deviation=milliseconds("STD_DEV_JITTER"),
+        cpu_mean=percent("MEAN"),
+        cpu_max=percent("MAX"),
+    )
+
+
+def _throughput(reported_hz: float | None, duration_s: float | None) -> float | None:
+    """(n - 1) / duration from n / duration: one message per duration less."""
+    if reported_hz is None or not duration_s:
+        return None
+    return max(reported_hz - 1 / duration_s, 0.0)
+
+
+def _number(value: object) -> float | None:
+    """A finite number; anything else says nothing."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None

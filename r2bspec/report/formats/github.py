@@ -1,0 +1,73 @@
+"""Workflow commands that GitHub shows as annotations on the lines of the spec.
+
+A failed requirement is an error, an inconclusive one a warning; both stand on the line that states
+them if the spec's file is known. GitHub keeps ten annotations of each kind and step, and drops the
+rest silently: a last line says how many were left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.diagnostics.model import Span
+from r2bspec.measure.units import show
+from r2bspec.report.places import Places, read_places
+from r2bspec.report.reported import Reported
+from r2bspec.report.wording import requirement_text, several_monitors
+from r2bspec.slo.model import RequirementVerdict
+
+MOST = 9
+"""Annotations of requirements; the verdict is the tenth."""
+
+_COMMANDS = {"fail": "error", "inconclusive": "warning"}
+
+
+def render(reported: Reported) -> bytes:
+    """The commands, the verdict first, failures before what is inconclusive."""
+    return "".join(f"{line}\n" for line in _lines(reported)).encode()
+
+
+def _lines(reported: Reported) -> Iterator[str]:
+    verdict = reported.result.verdict
+    places = read_places(reported.spec_file)
+    file = str(reported.spec_file) if reported.spec_file is not None else ""
+    kind = {"pass": "notice", "inconclusive": "warning"}.get(verdict.outcome, "error")
+    title = f"{reported.result.name}: {verdict.outcome}"
+    yield _command(kind, title, verdict.reason, {"file": file} if file else {})
+    several = several_monitors(verdict)
+    told = [one for outcome in _COMMANDS for one in verdict.requirements if one.outcome == outcome]
+    for one in told[:MOST]:
+        text = requirement_text(one, name_monitor=several)
+        at = f" at {show(one.at_hz, 'Hz')}" if one.at_hz is not None else ""
+        said = f"{one.reason}\n{one.settle}".rstrip()
+        place = _place(one, places, file)
+        yield _command(_COMMANDS[one.outcome], f"{one.objective}: {text}{at}", said, place)
+    if len(told) > MOST:
+        yield f"{len(told) - MOST} more requirements are not annotated; see the report"
+
+
+def _place(one: RequirementVerdict, places: Places | None, file: str) -> dict[str, str]:
+    if places is None:
+        return {"file": file} if file else {}
+    span: Span = places.find(one)
+    # A value that came from an option has a place of its own, which is no file.
+    if not span.line or span.file != places.loaded.file:
+        return {"file": file}
+    found = {"file": span.file, "line": str(span.line), "endLine": str(span.end_line)}
+    if span.line == span.end_line:  # GitHub refuses columns of a span of several lines
+        found |= {"col": str(span.column), "endColumn": str(span.end_column)}
+    return found
+
+
+def _command(kind: str, title: str, text: str, place: dict[str, str]) -> str:
+    properties = {**place, "title": title}
+    shown = ",".join(f"{key}={_property(value)}" for key, value in properties.items())
+    return f"::{kind} {shown}::{_data(text)}"
+
+
+def _data(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    return _data(text).replace(":", "%3A").replace(",", "%2C")

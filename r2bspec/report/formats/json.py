@@ -1,0 +1,11 @@
+"""The content of ``result.json``."""
+
+from __future__ import annotations
+
+from r2bspec.report.reported import Reported
+from r2bspec.report.result import to_json
+
+
+def render(reported: Reported) -> bytes:
+    """The result, valid by ``schemas/r2bspec-result-v1.schema.json``."""
+    return to_json(reported.result)

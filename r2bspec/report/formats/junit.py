@@ -1,0 +1,105 @@
+"""JUnit XML: a suite for the run, a case for each requirement, and one for the run itself.
+
+What is failed is a failure and what is inconclusive an error, so that neither turns a pipeline
+green; `junit_lenient` calls the latter skipped. A run that is invalid or incomplete is an error of
+the case ``run``.
+"""
+
+from __future__ import annotations
+
+import datetime
+import io
+from typing import TYPE_CHECKING
+
+from r2bspec.diagnostics.quote import printable
+from r2bspec.measure.units import show
+from r2bspec.report.reported import Reported
+from r2bspec.report.wording import (
+    bounds_text,
+    estimate_text,
+    notes,
+    requirement_text,
+    several_monitors,
+)
+from r2bspec.slo.model import RequirementVerdict
+
+if TYPE_CHECKING:
+    from junitparser import TestCase
+
+
+def render(reported: Reported) -> bytes:
+    """The XML, with inconclusive requirements as errors."""
+    return to_xml(reported, lenient=False)
+
+
+def to_xml(reported: Reported, *, lenient: bool) -> bytes:
+    """The XML; `lenient` makes what is inconclusive a skipped case instead of an error."""
+    from junitparser import JUnitXml, TestSuite
+
+    result = reported.result
+    name = printable(result.name)
+    suite = TestSuite(name)
+    suite.timestamp = result.started_at
+    suite.add_property("plan_hash", result.plan_hash)
+    suite.add_property("run_id", result.run_id)
+    for key, value in result.labels.items():
+        suite.add_property(printable(f"label.{key}"), printable(str(value)))
+    suite.add_testcase(_run_case(reported, name))
+    several = several_monitors(result.verdict)
+    for one in result.verdict.requirements:
+        suite.add_testcase(_case(one, name, several=several, lenient=lenient))
+    # After the cases: adding one makes the suite sum up the times of all.
+    suite.time = _duration_s(result.started_at, result.ended_at)
+    xml = JUnitXml(name)
+    xml.add_testsuite(suite)
+    xml.time = suite.time
+    buffer = io.BytesIO()
+    xml.write(buffer, pretty=True)
+    return buffer.getvalue().rstrip() + b"\n"
+
+
+def _run_case(reported: Reported, name: str) -> TestCase:
+    """Whether the run itself is one that can be judged."""
+    from junitparser import Error, TestCase
+
+    verdict = reported.result.verdict
+    case = TestCase("run", name)
+    if verdict.outcome in {"invalid", "incomplete"}:
+        case.result = [Error(printable(verdict.reason), verdict.outcome)]
+    said = [printable(note) for note in notes(reported.result)]
+    if said:
+        case.system_out = "\n".join(said)
+    return case
+
+
+def _case(one: RequirementVerdict, name: str, *, several: bool, lenient: bool) -> TestCase:
+    from junitparser import Error, Failure, Skipped, TestCase
+
+    text = requirement_text(one, name_monitor=several)
+    at = f" at {show(one.at_hz, 'Hz')}" if one.at_hz is not None else ""
+    case = TestCase(printable(f"{text}{at}"), printable(f"{name}.{one.objective}"))
+    reason = printable(f"{one.reason} {one.settle}".strip())
+    if one.outcome == "pass":
+        case.system_out = f"{reason}\n{_numbers(one)}"
+    else:
+        kind = Failure if one.outcome == "fail" else Skipped if lenient else Error
+        found = kind(reason, one.outcome)
+        found.text = f"{reason}\n{_numbers(one)}"
+        case.result = [found]
+    return case
+
+
+def _numbers(one: RequirementVerdict) -> str:
+    limit = show(one.limit, one.unit) if one.limit is not None else "-"
+    return (
+        f"estimate {estimate_text(one)}, bounds {bounds_text(one) or '-'}, limit {limit}, "
+        f"n {one.n}, {one.method}, confidence {one.confidence:g}"
+    )
+
+
+def _duration_s(started: str, ended: str) -> float:
+    try:
+        span = datetime.datetime.fromisoformat(ended) - datetime.datetime.fromisoformat(started)
+    except ValueError:
+        return 0.0
+    return max(span.total_seconds(), 0.0)

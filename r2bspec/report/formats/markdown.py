@@ -1,0 +1,158 @@
+"""Markdown for a pull request or a step summary: the verdict in sight, the rest folded.
+
+GitHub refuses comments of more than 65,536 characters; the tables are cut, with a count of what is
+left out, long before that.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+
+from r2bspec.measure.model import RunMetrics
+from r2bspec.measure.units import show
+from r2bspec.report.reported import Reported
+from r2bspec.report.wording import (
+    OUTCOME_WORDS,
+    bounds_text,
+    estimate_text,
+    notes,
+    peak_text,
+    requirement_text,
+    several_monitors,
+)
+from r2bspec.slo.model import RequirementVerdict, Verdict
+
+_MOST_ROWS = 60
+"""Rows of a table that are shown at most."""
+
+_ORDER = ("fail", "inconclusive", "pass")
+
+
+def render(reported: Reported) -> bytes:
+    """The report: CommonMark with the tables and the folding of GitHub and GitLab."""
+    return "\n".join(_lines(reported)).encode()
+
+
+def _lines(reported: Reported) -> Iterator[str]:
+    result = reported.result
+    verdict = result.verdict
+    yield f"### {OUTCOME_WORDS[verdict.outcome]} – {escaped(result.title or result.name)}"
+    yield ""
+    yield escaped(verdict.reason)
+    yield ""
+    if verdict.requirements:
+        yield from _requirements(verdict)
+    yield from (f"> {escaped(note)}  " for note in notes(result))
+    yield ""
+    yield from folded("Measured", _measured(result.metrics))
+    yield from folded("Where and with what", _provenance(reported))
+
+
+def _requirements(verdict: Verdict) -> Iterator[str]:
+    several = several_monitors(verdict)
+    ordered = sorted(verdict.requirements, key=lambda one: _ORDER.index(one.outcome))
+    yield from table(
+        ("verdict", "requirement", "at", "estimate", "95 % bounds", "limit"),
+        [
+            (
+                OUTCOME_WORDS[one.outcome],
+                f"{escaped(one.objective)}: {code(requirement_text(one, name_monitor=several))}",
+                show(one.at_hz, "Hz") if one.at_hz is not None else "",
+                escaped(estimate_text(one)),
+                escaped(bounds_text(one)),
+                show(one.limit, one.unit) if one.limit is not None else "",
+            )
+            for one in ordered
+        ],
+    )
+    undecided = [one for one in ordered if one.outcome != "pass"]
+    for one in undecided[:_MOST_ROWS]:
+        yield f"- {_why(one, several=several)}"
+    yield ""
+
+
+def _why(one: RequirementVerdict, *, several: bool) -> str:
+    said = [f"**{escaped(one.objective)}** {code(requirement_text(one, name_monitor=several))}:"]
+    said += [escaped(text) for text in (one.reason, one.settle) if text]
+    return " ".join(said)
+
+
+def _measured(metrics: RunMetrics) -> Iterator[str]:
+    names = dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)
+    for name in names:
+        yield f"**{escaped(name)}**"
+        yield ""
+        yield from table(
+            ("offered", "throughput", "p50", "p90", "p99", "max", "sent", "missed"),
+            [
+                (
+                    show(rate.offered_hz, "Hz"),
+                    show(seen.throughput_hz, "Hz"),
+                    *(
+                        show(getattr(seen.latency, part), "s")
+                        for part in ("p50", "p90", "p99", "max")
+                    ),
+                    show(seen.sent, "count"),
+                    show(seen.missed, "count"),
+                )
+                for rate in metrics.rates
+                if (seen := rate.pooled.monitors[name])
+            ],
+        )
+    if metrics.search is not None and metrics.search.probes:
+        yield f"Peak {escaped(peak_text(metrics.search))}"
+        yield ""
+
+
+def _provenance(reported: Reported) -> Iterator[str]:
+    result = reported.result
+    facts = {
+        "run": result.run_id,
+        "started": result.started_at,
+        "plan": result.plan_hash,
+        **{f"dataset {key}": value for key, value in result.dataset.items()},
+        **{f"machine {key}": value for key, value in result.machine.items()},
+        **{f"version of {key}": value for key, value in result.versions.items()},
+    }
+    yield from table(
+        ("what", "value"),
+        [(escaped(str(key)), escaped(str(value))) for key, value in facts.items() if value != ""],
+    )
+
+
+def folded(title: str, lines: Iterable[str]) -> Iterator[str]:
+    """Lines below a title that has to be clicked; nothing if there are none."""
+    content = [*lines]
+    if content:
+        yield from (f"<details><summary>{escaped(title)}</summary>", "", *content)
+        yield from ("</details>", "")
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """A table; its cells are Markdown already."""
+    yield f"| {' | '.join(header)} |"
+    yield f"| {' | '.join('---' for _ in header)} |"
+    yield from (f"| {' | '.join(row)} |" for row in rows[:_MOST_ROWS])
+    yield ""
+    if len(rows) > _MOST_ROWS:
+        yield f"{len(rows) - _MOST_ROWS} more rows are not shown."
+        yield ""
+
+
+def escaped(text: str) -> str:
+    """Text that Markdown shows as it is: no markup, no links, no mentions, on one line."""
+    line = " ".join(text.split())
+    line = line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    line = re.sub(r"([\\`*_\[\]|~#$])", r"\\\1", line)
+    # An entity keeps '@name' from calling people, and 'http://' from becoming a link.
+    return line.replace("@", "&#64;").replace("://", "&#58;//")
+
+
+def code(text: str) -> str:
+    """Text in a code span, fit for the cell of a table."""
+    line = " ".join(text.split()).replace("|", "\\|")
+    longest = max((len(run) for run in re.findall(r"`+", line)), default=0)
+    fence = "`" * (longest + 1)
+    pad = " " if longest else ""
+    return f"{fence}{pad}{line}{pad}{fence}"

@@ -1,0 +1,208 @@
+"""The JSON of NVIDIA's ros2_benchmark, so that what reads its reports can read these.
+
+Times are milliseconds, rates frames per second, loads percent of all cores. At each fixed rate
+counts and durations are the mean of an iteration, means are over all messages of all iterations,
+and no iteration is left out of a maximum or a minimum. Top-level figures are those of the probe at
+the highest rate that held, or, without a search, of the highest rate that was played. A figure that
+the run does not have is absent, never invented. ``docs/reports.md`` lists every key.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.interop.ros2_benchmark import BASIC, METADATA, MODES, RESOURCE
+from r2bspec.measure.latency import arrivals
+from r2bspec.measure.matching import match
+from r2bspec.measure.resources import MACHINE
+from r2bspec.record.arrays import Rows
+from r2bspec.record.model import Segment
+from r2bspec.record.store import Run
+from r2bspec.report.reported import Reported
+
+
+def render(reported: Reported) -> bytes:
+    """The report, from the samples of the run.
+
+    Raises:
+        ReportError: only the result is known; it does not have what the keys ask for.
+    """
+    run = reported.need_run("the format ros2_benchmark")
+    rates: dict[float, list[Segment]] = {}
+    for segment in run.record.segments:
+        if segment.kind == "iteration" and segment.complete:
+            rates.setdefault(segment.rate_hz, []).append(segment)
+    loads = _Loads(run)
+    content: dict[str, Any] = {}
+    content |= _level(run, loads, _at_peak(run, rates))
+    for rate_hz, segments in sorted(rates.items()):
+        content[f"{float(rate_hz)}fps"] = _level(run, loads, segments)
+    content["custom"] = dict(reported.result.labels)
+    content["metadata"] = {
+        f"{METADATA}.{key}": value for key, value in _metadata(reported, run).items()
+    }
+    return (json.dumps(content, indent=4, ensure_ascii=False) + "\n").encode()
+
+
+def _at_peak(run: Run, rates: dict[float, list[Segment]]) -> list[Segment]:
+    search = run.record.search
+    if search is not None and search.holds_hz is not None:
+        named = {probe.segment for probe in search.probes if probe.rate_hz == search.holds_hz}
+        probes = [each for each in run.record.segments if each.id in named]
+        if probes:
+            return probes[-1:]
+    return rates[max(rates)] if rates else []
+
+
+def _level(run: Run, loads: _Loads, segments: Sequence[Segment]) -> dict[str, Any]:
+    """The figures of some segments at one rate; monitors are told apart where there are several."""
+    if not segments:
+        return {}
+    found: dict[str, Any] = {}
+    for monitor in run.plan.monitors:
+        pairs = [(run.playback(each), run.monitor(each, monitor.name)) for each in segments]
+        figures = {
+            f"{BASIC}.{key}": value for key, value in _figures(pairs, monitor.match).items()
+        }
+        if len(run.plan.monitors) == 1:
+            found |= figures
+        else:
+            found[monitor.name] = figures
+    return found | {f"{RESOURCE}.{key}": value for key, value in loads.during(segments).items()}
+
+
+def _figures(pairs: Sequence[tuple[Rows, Rows]], by: Any) -> dict[str, float]:
+    seen = [_Seen.of(playback, monitor, by) for playback, monitor in pairs]
+    latency = np.concatenate([each.latency for each in seen])
+    jitter = np.concatenate([each.jitter for each in seen])
+    found: dict[str, float | None] = {
+        "RECEIVED_DURATION": _mean([each.duration for each in seen]),
+        "MEAN_PLAYBACK_FRAME_RATE": _mean([each.playback_hz for each in seen]),
+        "MEAN_FRAME_RATE": _mean([each.rate_hz for each in seen]),
+        "NUM_MISSED_FRAMES": _mean([float(each.missed) for each in seen]),
+        "NUM_FRAMES_SENT": _mean([float(each.sent) for each in seen]),
+        "FIRST_SENT_RECEIVED_LATENCY": _mean([each.first_to_first for each in seen]),
+        "LAST_SENT_RECEIVED_LATENCY": _mean([each.last_to_last for each in seen]),
+    }
+    if latency.size:
+        found |= {
+            "FIRST_INPUT_LATENCY": _mean([float(e.latency[0]) for e in seen if e.latency.size]),
+            "LAST_INPUT_LATENCY": _mean([float(e.latency[-1]) for e in seen if e.latency.size]),
+            "MAX_LATENCY": float(latency.max()),
+            "MIN_LATENCY": float(latency.min()),
+            "MEAN_LATENCY": float(latency.mean()),
+        }
+    if jitter.size:
+        found |= {
+            "MAX_JITTER": float(jitter.max()),
+            "MIN_JITTER": float(jitter.min()),
+            "MEAN_JITTER": float(jitter.mean()),
+            "STD_DEV_JITTER": float(jitter.std()),
+        }
+    return {key: value for key, value in found.items() if value is not None}
+
+
+class _Seen:
+    """One iteration at one monitor, in milliseconds and frames per second."""
+
+    def __init__(self, sent: NDArray[np.int64], arrived: NDArray[np.int64]) -> None:
+        self.sent = int(sent.size)
+        self.missed = self.sent - int(arrived.size)
+        self.latency: NDArray[np.float64] = np.empty(0)
+        self.jitter = np.abs(np.diff(arrived, 2)) / 1e6 if arrived.size > 2 else np.empty(0)
+        self.duration = float(arrived[-1] - arrived[0]) / 1e6 if arrived.size > 1 else None
+        self.rate_hz = _rate(arrived)
+        self.playback_hz = _rate(sent)
+        both = bool(sent.size and arrived.size)
+        self.first_to_first = float(arrived[0] - sent[0]) / 1e6 if both else None
+        self.last_to_last = float(arrived[-1] - sent[-1]) / 1e6 if both else None
+
+    @classmethod
+    def of(cls, playback: Rows, monitor: Rows, by: Any) -> _Seen:
+        matched = match(playback, monitor, by)
+        seen = cls(playback["published_ns"], arrivals(monitor, matched))
+        received = monitor["received_ns"][matched.first_row[matched.answered]]
+        seen.latency = (received - playback["published_ns"][matched.answered]) / 1e6
+        return seen
+
+
+def _rate(times_ns: NDArray[np.int64]) -> float | None:
+    """(n - 1) / (last - first): ten messages in nine tenths of a second are 10 Hz, not 11."""
+    if times_ns.size < 2 or times_ns[-1] <= times_ns[0]:
+        return None
+    return float((times_ns.size - 1) * 1e9 / (times_ns[-1] - times_ns[0]))
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known else None
+
+
+class _Loads:
+    """The load of the whole machine, in percent of all cores and of all memory."""
+
+    def __init__(self, run: Run) -> None:
+        rows = run.resources()
+        rows = rows[rows["process"] == MACHINE]
+        self._times = rows["time_ns"]
+        self._cores = float(run.record.machine.get("cores") or 0)
+        total = float(run.record.machine.get("memory_bytes") or 0)
+        self._memory = rows["memory_bytes"] * 100 / total if total else np.empty(0)
+        spans = np.diff(self._times) / 1e9
+        used = np.diff(rows["cpu_s"])
+        usable = self._cores and bool(np.all(spans > 0))
+        self._cpu = used / spans * 100 / self._cores if usable else np.empty(0)
+
+    def during(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Only while messages were played: waiting would dilute the load."""
+        inside = np.zeros(self._times.size, dtype=np.bool_)
+        for each in segments:
+            inside |= (self._times >= each.began_ns) & (self._times <= each.ended_ns)
+        found: dict[str, float] = {}
+        if self._cpu.size:
+            found |= _summary("OVERALL_CPU", self._cpu[inside[:-1] & inside[1:]])
+        if self._memory.size:
+            found |= _summary("HOST_MEMORY", self._memory[inside])
+        return found
+
+
+def _summary(what: str, values: NDArray[np.float64]) -> dict[str, float]:
+    if not values.size:
+        return {}
+    return {
+        f"MAX_{what}_UTILIZATION": float(values.max()),
+        f"MIN_{what}_UTILIZATION": float(values.min()),
+        f"MEAN_{what}_UTILIZATION": float(values.mean()),
+        f"STDDEV_{what}_UTILIZATION": float(values.std()),
+    }
+
+
+def _metadata(reported: Reported, run: Run) -> dict[str, Any]:
+    record, plan = run.record, run.plan
+    machine = record.machine
+    system = " ".join(str(machine[key]) for key in ("os", "kernel") if machine.get(key))
+    search = record.search
+    found = {
+        "NAME": plan.title or plan.name,
+        "TEST_DATETIME": record.started_at,
+        "TEST_FILE_PATH": str(reported.spec_file) if reported.spec_file is not None else None,
+        "DEVICE_ARCH": machine.get("architecture"),
+        "DEVICE_OS": system or None,
+        "DEVICE_HOSTNAME": machine.get("hostname"),
+        "BENCHMARK_MODE": MODES.get(plan.playback_mode),
+        "INPUT_DATA_PATH": record.dataset.get("path") or plan.dataset.source,
+        "INPUT_DATA_HASH": record.dataset.get("sha256"),
+        "INPUT_DATA_SIZE": record.dataset.get("bytes"),
+        "INPUT_DATA_START_TIME": plan.dataset.start_ns / 1e9,
+        "INPUT_DATA_END_TIME": (
+            plan.dataset.end_ns / 1e9 if plan.dataset.end_ns is not None else None
+        ),
+        "PEAK_THROUGHPUT_PREDICTION": search.holds_hz if search is not None else None,
+        "CONFIG": reported.result.spec or None,
+    }
+    return {key: value for key, value in found.items() if value is not None}

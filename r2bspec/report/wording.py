@@ -1,0 +1,100 @@
+"""What every report says in the same words: requirements, bounds, the search, and what to note."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.measure.units import show
+from r2bspec.record.model import SearchRecord
+from r2bspec.report.model import Result
+from r2bspec.slo.model import OverallOutcome, RequirementVerdict, Verdict
+
+OUTCOME_WORDS: dict[OverallOutcome, str] = {
+    "pass": "✔ PASS",
+    "fail": "✘ FAIL",
+    "inconclusive": "? INCONCLUSIVE",
+    "invalid": "! INVALID",
+    "incomplete": "! INCOMPLETE",
+}
+"""Each outcome with its mark: never told by colour alone."""
+
+
+def several_monitors(verdict: Verdict) -> bool:
+    """Whether a reader needs the monitor's name to tell requirements apart."""
+    return len({one.monitor for one in verdict.requirements} - {None}) > 1
+
+
+def requirement_text(one: RequirementVerdict, *, name_monitor: bool) -> str:
+    """The requirement as written; a monitor that it left out is put in front if asked for."""
+    text = one.text.strip()
+    if not name_monitor or one.monitor is None or text.startswith(f"{one.monitor}."):
+        return text
+    return f"{one.monitor}.{text}"
+
+
+def estimate_text(one: RequirementVerdict) -> str:
+    """The estimate with its unit, or that it is a message which never came."""
+    return "lost" if one.lost else show(one.estimate, one.unit)
+
+
+def bounds_text(one: RequirementVerdict) -> str:
+    """The interval of confidence, one-sided where only one side is bounded."""
+    if one.lower is None and one.upper is None:
+        return "observed" if one.method == "observation" else ""
+    if one.lower is None:
+        return f"≤ {show(one.upper, one.unit)}"
+    if one.upper is None:
+        return f"≥ {show(one.lower, one.unit)}"
+    lower, upper = show(one.lower, one.unit), show(one.upper, one.unit)
+    return lower if lower == upper else f"{lower} … {upper}"
+
+
+def peak_text(search: SearchRecord) -> str:
+    """The peak as a bracket, what limited it, and how many probes it took."""
+    limits = {
+        "graph": "limited by the graph",
+        "player": "limited by the player, not by the graph",
+        "range": "limited by the range of the search",
+        "interrupted": "the search was interrupted",
+    }
+    if search.holds_hz is None:
+        found = f"below {show(search.fails_hz, 'Hz')}"
+    elif search.fails_hz is None:
+        found = f"at least {show(search.holds_hz, 'Hz')}"
+    else:
+        found = f"between {show(search.holds_hz, 'Hz')} and {show(search.fails_hz, 'Hz')}"
+    return f"{found} · {limits[search.limited_by]} · {len(search.probes)} probes"
+
+
+def notes(result: Result) -> Iterator[str]:
+    """What a reader must know to trust the numbers, a sentence each."""
+    if result.status != "complete":
+        yield f"The run is {result.status}: {result.reason or 'no reason was recorded'}"
+    if result.metrics.incomplete:
+        yield f"Cut short, and in no number: {', '.join(result.metrics.incomplete)}"
+    for one in result.verdict.unusable:
+        yield f"Nothing can be judged at {show(one.offered_hz, 'Hz')}: {one.reason}"
+    yield from _odd_messages(result)
+    for process in result.processes:
+        if process.exit_code not in {0, None}:
+            ended = f"exit code {process.exit_code}"
+            if process.exit_code is not None and process.exit_code < 0:
+                ended = f"signal {-process.exit_code}"
+            yield f"Process {process.name} ended with {ended}"
+
+
+def _odd_messages(result: Result) -> Iterator[str]:
+    """Messages that arrived otherwise than once, in order, and in answer to an input."""
+    for rate in result.metrics.rates:
+        for name, seen in rate.pooled.monitors.items():
+            where = f"{name} at {show(rate.offered_hz, 'Hz')}"
+            if not seen.received:
+                yield f"{where} received nothing"
+            odd = {
+                "came twice or more": seen.duplicates,
+                "were overtaken": seen.reordered,
+                "answer no input": seen.unmatched,
+            }
+            said = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
+            if said:
+                yield f"{where}: of {show(seen.received, 'count')} messages {', '.join(said)}"

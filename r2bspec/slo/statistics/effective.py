@@ -1,0 +1,162 @@
+"""How many independent messages a run is worth: bad messages come in bursts.
+
+The binomial test takes messages to be independent. They are not: one stall of the machine makes
+five messages late, a busy second ten more, and one whole iteration may be worse than the others.
+The number of bad messages then scatters more than a binomial one by a factor F, its variance
+inflation, and n messages tell as much as n / F independent ones would. F is the largest of three
+estimates, each of which sees what the others miss. With x_i = 1 where message i is bad and 0
+otherwise, k their sum, p = k / n, in m iterations:
+
+    bursts      A burst is a run of bad messages without a good one between them. A two-state
+                Markov chain with the mean burst L has the lag-1 autocorrelation
+                    r = 1 - 1 / (L (1 - p))      and      F = (1 + r) / (1 - r).
+                L is (k + longest burst) / (number of bursts): the longest is counted twice,
+                because few bursts hardly ever hold the longest that there is.
+    stretches   Bad messages that are near each other but not next to each other. With the
+                autocorrelations r_1, r_2, .. of x within iterations, up to a quarter of an
+                iteration and at most 200 messages,
+                    F = -1 + 2 sum G_j,    G_j = r_2j + r_2j+1,
+                summed while G_j is positive, each G_j not above the one before (Geyer's initial
+                monotone sequence).
+    iterations  With k_1 .. k_m bad messages in five or more iterations, F is the variance of
+                these counts over the binomial one, n p (1 - p) / m. It is known from m values
+                only, so that the quantiles of t take the place of the normal ones:
+                    F = variance / (n p (1 - p) / m) x (t_c(m - 1) / z_c)^2,    c = 0.95.
+
+F is at least 1: counts that scatter less than binomial ones are not held in favour of a run. No
+pair of messages spans two iterations. Where nothing is bad, there is nothing to estimate: F is 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Flags = NDArray[np.bool_]
+"""Which of the messages of one iteration are bad, in the order of the steps; shape (n,)."""
+
+_FARTHEST = 200
+"""Messages; what is correlated over a longer distance shows between iterations."""
+_SHARE_OF_ITERATION = 4
+
+_LEAST_ITERATIONS = 5
+"""Fewer iterations say next to nothing about how much iterations differ."""
+
+_REFERENCE = 0.95
+_LONGEST_KNOWN = 0.999
+
+
+@dataclass(frozen=True)
+class Effective:
+    """What a number of messages is worth.
+
+    Attributes:
+        n: messages.
+        bad: bad ones among them.
+        bursts: runs of bad messages without a good one between them.
+        inflation: F, at least 1.
+    """
+
+    n: int
+    bad: int
+    bursts: int
+    inflation: float
+
+    @property
+    def messages(self) -> float:
+        """n / F."""
+        return self.n / self.inflation
+
+    @property
+    def bad_messages(self) -> float:
+        """k / F."""
+        return self.bad / self.inflation
+
+
+def effective(pieces: Sequence[Flags]) -> Effective:
+    """What the messages of some iterations are worth.
+
+    Args:
+        pieces: one array for each iteration, in the order they were played.
+    """
+    n = sum(piece.size for piece in pieces)
+    bad = sum(int(np.count_nonzero(piece)) for piece in pieces)
+    if not 0 < bad < n:
+        return Effective(n=n, bad=bad, bursts=_bursts(pieces)[0], inflation=1.0)
+    bursts, longest = _bursts(pieces)
+    inflation = max(
+        1.0,
+        _of_bursts(n, bad, bursts, longest),
+        _of_stretches(pieces, bad / n),
+        _of_iterations(pieces, bad / n),
+    )
+    # One message is the least that a run with any can be worth.
+    return Effective(n=n, bad=bad, bursts=bursts, inflation=min(inflation, float(n)))
+
+
+def _bursts(pieces: Sequence[Flags]) -> tuple[int, int]:
+    """How many bursts there are, and how long the longest is."""
+    number = longest = 0
+    for piece in pieces:
+        edges = np.diff(np.concatenate(([0], piece.astype(np.int8), [0])))
+        lengths = np.flatnonzero(edges < 0) - np.flatnonzero(edges > 0)
+        number += lengths.size
+        longest = max(longest, int(lengths.max(initial=0)))
+    return number, longest
+
+
+def _of_bursts(n: int, bad: int, bursts: int, longest: int) -> float:
+    if longest < 2:
+        return 1.0
+    mean = (bad + longest) / bursts
+    r = min(1 - 1 / (mean * (1 - bad / n)), _LONGEST_KNOWN)
+    return (1 + r) / (1 - r)
+
+
+def _of_stretches(pieces: Sequence[Flags], p: float) -> float:
+    shortest = min((piece.size for piece in pieces if piece.size), default=0)
+    lags = min(_FARTHEST, shortest // _SHARE_OF_ITERATION)
+    if lags < 2:
+        return 1.0
+    products = np.zeros(lags + 1)
+    pairs = np.zeros(lags + 1)
+    for piece in pieces:
+        if piece.size:
+            products += _lagged_products(piece - p, lags)
+            pairs += piece.size - np.arange(lags + 1)
+    r = (products / pairs) / (products[0] / pairs[0])
+    sums = r[0 : lags - lags % 2 : 2] + r[1 : lags + 1 - lags % 2 : 2]
+    negative = np.flatnonzero(sums <= 0)
+    kept = sums[: negative[0]] if negative.size else sums
+    return -1 + 2 * float(np.minimum.accumulate(kept).sum()) if kept.size else 1.0
+
+
+def _lagged_products(values: NDArray[np.float64], lags: int) -> NDArray[np.float64]:
+    """sum_i v_i v_(i + lag) for each lag of 0..lags, by the fast Fourier transform."""
+    size = 1 << (values.size + lags - 1).bit_length()
+    transformed = np.fft.rfft(values, size)
+    products = np.fft.irfft(transformed * transformed.conj(), size)
+    return np.asarray(products[: lags + 1], dtype=np.float64)
+
+
+def _of_iterations(pieces: Sequence[Flags], p: float) -> float:
+    filled = [piece for piece in pieces if piece.size]
+    m = len(filled)
+    if m < _LEAST_ITERATIONS:
+        return 1.0
+    # Iterations of one rate are equally long, but for a step; shares serve all.
+    excess = math.fsum(
+        piece.size * (float(np.count_nonzero(piece)) / piece.size - p) ** 2 for piece in filled
+    )
+    return excess / (m - 1) / (p * (1 - p)) * _small_number(m)
+
+
+def _small_number(m: int) -> float:
+    """(t_c(m - 1) / z_c)^2."""
+    from scipy.special import ndtri, stdtrit
+
+    return float(stdtrit(m - 1, _REFERENCE) / ndtri(_REFERENCE)) ** 2

@@ -1,0 +1,336 @@
+"""Small benchmarks run on real ROS 2 by the command line, and a watch over what they leave behind.
+
+Nothing here asserts how fast anything is: machines that run tests are shared and slow.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import json
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+import yaml
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from r2bspec.harness.protocol import RUN_ID_VARIABLE
+from r2bspec.record.store import Run, open_run
+
+HANG_S = 180.0
+"""Guards against hanging only; nothing that passes takes so long."""
+
+IMAGE = "sensor_msgs/msg/Image"
+STRING = "std_msgs/msg/String"
+START_NS = 1_700_000_000_000_000_000
+WIDTH, HEIGHT = 64, 48
+
+_SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - where the middleware keeps its segments
+
+
+@cache
+def _types() -> Any:
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def image(number: int, stamp_ns: int) -> bytes:
+    """A serialised Image, filled with its number."""
+    types = _types().types
+    stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
+    header = types["std_msgs/msg/Header"](stamp, "camera")
+    pixels = np.full(WIDTH * HEIGHT * 3, number % 256, np.uint8)
+    message = types[IMAGE](header, HEIGHT, WIDTH, "rgb8", 0, WIDTH * 3, pixels)
+    return bytes(_types().serialize_cdr(message, IMAGE))
+
+
+def text(words: str) -> bytes:
+    """A serialised String, a message that has no header."""
+    return bytes(_types().serialize_cdr(_types().types[STRING](data=words), STRING))
+
+
+def write_bag(folder: Path, topics: Mapping[str, Sequence[int]]) -> Path:
+    """Write a bag of images, one for each stamp in milliseconds; of strings for ``/text``."""
+    with Writer(folder, version=9) as writer:
+        rows = []
+        for topic, stamps_ms in topics.items():
+            kind = STRING if topic == "/text" else IMAGE
+            connection = writer.add_connection(topic, kind, typestore=_types())
+            for number, stamp_ms in enumerate(stamps_ms):
+                stamp_ns = START_NS + stamp_ms * 1_000_000
+                data = text(f"{number}") if kind == STRING else image(number, stamp_ns)
+                rows.append((stamp_ns, connection, data))
+        for stamp_ns, connection, data in sorted(rows, key=lambda row: row[0]):
+            writer.write(connection, stamp_ns, data)
+    return folder
+
+
+def relay_spec(**changes: Any) -> dict[str, Any]:
+    """A benchmark of one RelayNode, quick to run; `changes` replace whole sections."""
+    spec: dict[str, Any] = {
+        "r2bspec": 1,
+        "name": "relay",
+        "data_loader": {"bag": "./bag", "topics": {"/camera": "loaded"}},
+        "playback": {"buffer": 5, "inputs": {"input": {"from": "loaded", "format": IMAGE}}},
+        "graph": {"nodes": {"relay": relay_node()}},
+        "monitors": {"out": {"topic": "output", "format": IMAGE}},
+        "benchmark": {
+            "duration": "1 s",
+            "iterations": 1,
+            "rates": ["20 Hz"],
+            "warm_up": "100 ms",
+            "start_timeout": "60 s",
+        },
+    }
+    return spec | copy.deepcopy(changes)
+
+
+def relay_node(service_time_ms: float = 1.0, **changes: Any) -> dict[str, Any]:
+    """A RelayNode as a spec declares it."""
+    parameters = {"format": IMAGE, "service_time_ms": service_time_ms}
+    return {"python": "r2bspec.nodes.RelayNode", "parameters": parameters} | changes
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A command that has ended."""
+
+    status: int
+    stdout: str
+    stderr: str
+    folder: Path
+
+    @property
+    def error(self) -> str:
+        """The error that the user was shown, with its hint, without what progress said before."""
+        found = re.search(r"^error\[.*", self.stderr, re.MULTILINE | re.DOTALL)
+        assert found, f"no error was shown:\n{self.stderr}"
+        return found[0]
+
+    def run(self) -> Run:
+        """The run folder, opened."""
+        return open_run(self.folder)
+
+    def result(self) -> Any:
+        """What result.json holds."""
+        return json.loads((self.folder / "result.json").read_text())
+
+    def events(self) -> list[str]:
+        """What the record says happened, in order."""
+        return [text for _, text in self.run().record.events]
+
+    def log(self, process: str) -> str:
+        """What a process printed."""
+        return (self.folder / "logs" / f"{process}.log").read_text()
+
+
+class Bench:
+    """A folder with a bag and specs, and the runs that are made of them."""
+
+    def __init__(self, folder: Path, topics: Mapping[str, Sequence[int]] | None = None) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        self.bag = write_bag(folder / "bag", topics or {"/camera": range(0, 330, 33)})
+        self._numbers = iter(range(1, 1_000))
+        _benches.append(self)
+
+    def write(self, spec: Mapping[str, Any], name: str = "spec") -> Path:
+        """Write a spec file."""
+        path = self.folder / f"{name}.r2b.yaml"
+        path.write_text(yaml.safe_dump(dict(spec), sort_keys=False))
+        return path
+
+    def write_node(self, name: str, code: str) -> None:
+        """Write a Python file beside the specs."""
+        (self.folder / name).write_text(_NODE_IMPORTS + code)
+
+    def start(
+        self, spec: Mapping[str, Any] | Path, *arguments: str, output: Path | None = None
+    ) -> Running:
+        """Start ``r2bspec run``; whoever starts it sees to its end."""
+        number = next(self._numbers)
+        path = spec if isinstance(spec, Path) else self.write(spec, f"spec{number}")
+        folder = output or self.folder / f"run{number}"
+        return Running(self, ["run", str(path), "--output", str(folder), *arguments], folder)
+
+    def run(
+        self, spec: Mapping[str, Any] | Path, *arguments: str, output: Path | None = None
+    ) -> Finished:
+        """Run a spec to its end."""
+        with self.start(spec, *arguments, output=output) as running:
+            return running.finish()
+
+    def judge(self, folder: Path, *arguments: str) -> Finished:
+        """Judge a run again."""
+        with Running(self, ["judge", str(folder), *arguments], folder) as running:
+            return running.finish()
+
+    def processes(self) -> list[psutil.Process]:
+        """Every process that works in this folder, or carries the id of one of its runs."""
+        ids = {found for each in self.folder.glob("*/record.json") if (found := _run_id(each))}
+        return [each for each in psutil.process_iter() if _belongs(each, self.folder, ids)]
+
+
+_benches: list[Bench] = []
+_seen_segments: set[str] = set()
+_NODE_IMPORTS = "from rclpy.node import Node\nfrom sensor_msgs.msg import Image\n"
+
+
+class Running:
+    """A command under way, whose processes and segments are watched."""
+
+    def __init__(self, bench: Bench, arguments: list[str], folder: Path) -> None:
+        self.folder = folder
+        self._bench = bench
+        self._output = {
+            name: (bench.folder / f".{name}-{len(os.listdir(bench.folder))}")
+            for name in ("stdout", "stderr")
+        }
+        with (
+            self._output["stdout"].open("wb") as stdout,
+            self._output["stderr"].open("wb") as stderr,
+        ):
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "r2bspec", *arguments],
+                cwd=bench.folder,
+                stdin=subprocess.DEVNULL,
+                stdout=stdout,
+                stderr=stderr,
+                start_new_session=True,
+            )
+        self._ended = threading.Event()
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._watcher.start()
+
+    def __enter__(self) -> Running:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self._ended.set()
+        self._watcher.join()
+
+    def stderr(self) -> str:
+        """What it has said so far."""
+        return self._output["stderr"].read_text()
+
+    def wait_for(self, pattern: str) -> None:
+        """Wait until it has said something on standard error.
+
+        Raises:
+            AssertionError: it ended, or nearly hung, without having said it.
+        """
+        deadline = time.monotonic() + HANG_S
+        while re.search(pattern, self.stderr()) is None:
+            assert self.process.poll() is None, f"ended before {pattern!r}:\n{self.stderr()}"
+            assert time.monotonic() < deadline, f"{pattern!r} was never said:\n{self.stderr()}"
+            time.sleep(0.02)
+
+    def child(self, name: str) -> psutil.Process:
+        """One of its processes, by the name of its log; waits until it runs."""
+        deadline = time.monotonic() + HANG_S
+        while True:
+            log = str(self.folder / "logs" / f"{name}.log")
+            for each in self._bench.processes():
+                with contextlib.suppress(psutil.Error, OSError):
+                    if os.readlink(f"/proc/{each.pid}/fd/1") == log:
+                        return each
+            assert time.monotonic() < deadline, f"process {name} was never seen"
+            time.sleep(0.02)
+
+    def finish(self) -> Finished:
+        """Wait for its end."""
+        try:
+            status = self.process.wait(HANG_S)
+        except subprocess.TimeoutExpired:
+            pytest.fail(f"it hangs:\n{self.stderr()}")
+        self.sample()
+        return Finished(
+            status, self._output["stdout"].read_text(), self.stderr(), self.folder
+        )
+
+    def sample(self) -> None:
+        """Take note of the shared memory that its processes use."""
+        for each in self._bench.processes():
+            _seen_segments.update(_maps(each.pid))
+
+    def _watch(self) -> None:
+        while not self._ended.wait(0.25):
+            self.sample()
+
+
+def _belongs(process: psutil.Process, folder: Path, ids: set[str]) -> bool:
+    if process.pid == os.getpid():
+        return False
+    try:
+        if process.status() == psutil.STATUS_ZOMBIE:
+            return False
+        if Path(process.cwd()).is_relative_to(folder):
+            return True
+        return process.environ().get(RUN_ID_VARIABLE, "") in ids
+    except (psutil.Error, OSError):
+        return False
+
+
+def _run_id(record: Path) -> str:
+    with contextlib.suppress(ValueError, OSError):
+        return str(json.loads(record.read_text())["run_id"])
+    return ""
+
+
+def _maps(pid: int) -> set[str]:
+    """The segments of the middleware that a process maps."""
+    with contextlib.suppress(OSError):
+        maps = Path(f"/proc/{pid}/maps").read_text()
+        return set(re.findall(rf"{_SHARED_MEMORY}/(fast\w+)$", maps, re.MULTILINE))
+    return set()
+
+
+def segments_left() -> list[str]:
+    """Segments that a run of these tests has used, that are still there, and that nobody uses."""
+    there = [name for name in sorted(_seen_segments) if (_SHARED_MEMORY / name).exists()]
+    used = {name for each in psutil.process_iter() for name in _maps(each.pid)} if there else set()
+    return [name for name in there if name not in used]
+
+
+def left_behind() -> list[str]:
+    """Processes and segments that runs of these tests have left behind, in words."""
+    processes = [
+        f"process {each.pid}: {' '.join(each.cmdline())}"
+        for bench in _benches
+        for each in bench.processes()
+    ]
+    return processes + [f"segment {name}" for name in segments_left()]
+
+
+@pytest.fixture(autouse=True)
+def nothing_left() -> Iterator[None]:
+    """Promise: whatever happens in a run, nothing of it is left.
+
+    Imported by every module of tests that run something.
+    """
+    yield
+    # What the watchdog does after a SIGKILL may take it some seconds.
+    deadline = time.monotonic() + 10.0
+    while left := left_behind():
+        if time.monotonic() > deadline:
+            for bench in _benches:
+                for process in bench.processes():
+                    with contextlib.suppress(psutil.Error):
+                        process.kill()
+            pytest.fail("left behind:\n" + "\n".join(left))
+        time.sleep(0.1)

@@ -1,0 +1,102 @@
+"""The command line as a whole: verbs, help, errors and exit statuses."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from r2bspec._version import __version__
+from r2bspec.cli import main as cli
+from r2bspec.errors import R2bspecError, UsageError
+
+VERBS = list(cli._VERBS)
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"r2bspec {__version__}\n"
+
+
+def test_the_module_is_the_command() -> None:
+    asked = [sys.executable, "-m", "r2bspec", "--version"]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True)
+    assert done.stdout == f"r2bspec {__version__}\n"
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([verb, "--help"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith(f"Usage: r2bspec {verb}")
+    assert "-h, --help" in shown
+
+
+def test_the_help_lists_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert all(f"\n  {verb}" in shown for verb in VERBS)
+    assert "3 inconclusive" in shown
+
+
+def test_a_misspelt_verb_is_answered_with_the_right_one(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["vlidate"]) == 2
+    assert "did you mean 'validate'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (UsageError("no such thing", hint="try another"), 2),
+        (R2bspecError("it broke"), 4),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_an_error_is_a_line_a_hint_and_a_status(
+    error: BaseException,
+    status: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fail(**_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli.command, "main", fail)
+    assert cli.main(["validate"]) == status
+    shown = capsys.readouterr().err
+    assert "Traceback" not in shown
+    if isinstance(error, R2bspecError):
+        assert f"error[{error.code}]: {error}" in shown
+        assert error.hint in shown
+
+
+def _modules_after(*arguments: str) -> set[str]:
+    """The modules that are loaded when the command line has done its work, in a new process."""
+    code = (
+        "import sys; from r2bspec.cli.main import main; main(sys.argv[1:]); "
+        "sys.stderr.write('\\n'.join(sys.modules))"
+    )
+    asked = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True)
+    return set(done.stderr.split("\n"))
+
+
+def test_importing_the_package_imports_no_stage() -> None:
+    asked = [sys.executable, "-c", "import r2bspec, sys; print('\\n'.join(sys.modules))"]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True)
+    assert {name for name in done.stdout.split() if name.startswith("r2bspec")} == {
+        "r2bspec",
+        "r2bspec._version",
+        "r2bspec.errors",
+    }
+
+
+def test_validate_imports_nothing_heavy() -> None:
+    spec = Path(__file__).parents[3] / "specs" / "apriltag_node.r2b.yaml"
+    loaded = _modules_after("validate", str(spec))
+    assert "r2bspec.check.engine" in loaded
+    assert loaded.isdisjoint({"rclpy", "numpy", "scipy", "cv2", "rosbags", "psutil", "rich"})
