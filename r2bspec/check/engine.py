@@ -9,12 +9,14 @@ subject that an earlier rule has explained is left out.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from r2bspec.check.context import Context
 from r2bspec.check.place import place
 from r2bspec.check.registry import all_rules
 from r2bspec.diagnostics.model import Diagnostic
+from r2bspec.diagnostics.waivers import apply_waivers
 
 if TYPE_CHECKING:
     from r2bspec.spec.load import Loaded
@@ -24,7 +26,7 @@ def check(loaded: Loaded, *, offline: bool = False) -> list[Diagnostic]:
     """Everything that is wrong with a spec, sorted by place.
 
     Where reading the document found errors, there is no spec to apply rules to, and those errors
-    are all that is returned. Nothing that the spec names is executed or imported.
+    are all that is returned. What a waiver in a comment names is left out. Nothing that the spec names is executed or imported.
 
     Args:
         loaded: what `load_spec` gave.
@@ -33,7 +35,15 @@ def check(loaded: Loaded, *, offline: bool = False) -> list[Diagnostic]:
     found = list(loaded.diagnostics)
     if loaded.spec is not None:
         found += _apply_rules(Context(loaded, loaded.spec, offline=offline))
-    return sorted(found, key=lambda each: each.sort_key)
+    complete = loaded.spec is not None and not offline
+    left = apply_waivers(found, loaded.texts, known=_codes, complete=complete)
+    return sorted(left, key=lambda each: each.sort_key)
+
+
+def _codes() -> Collection[str]:
+    from r2bspec.check.pages import all_pages
+
+    return all_pages()
 
 
 def _apply_rules(context: Context) -> list[Diagnostic]:

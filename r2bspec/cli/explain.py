@@ -9,21 +9,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.diagnostics.pages import FAMILIES
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import UsageError
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics.pages import Page
-
-_FAMILIES = {
-    "0": "The file and its YAML",
-    "1": "The language",
-    "2": "Names and types in the graph",
-    "3": "Recorded data",
-    "4": "Playback and monitors",
-    "5": "What is played and what must hold",
-    "6": "Files, this machine, and the run",
-}
 
 _FILE = "example.r2b.yaml"
 _WIDTH = 88
@@ -67,7 +58,7 @@ def _list(pages: Mapping[str, Page]) -> Iterator[str]:
             if family:
                 yield ""
             family = code[3]
-            yield _heading(_FAMILIES.get(family, ""))
+            yield _heading(FAMILIES.get(family, ""))
         yield f"  {code}  {page.severity.value:<7}  {page.title}"
 
 

@@ -63,9 +63,7 @@ reports_option = click.option(
 )
 
 
-def _asked_junit(
-    ctx: click.Context, param: click.Parameter, path: str | None
-) -> tuple[Asked, ...]:
+def _asked_junit(ctx: click.Context, param: click.Parameter, path: str | None) -> tuple[Asked, ...]:
     return _asked_reports(ctx, param, (f"junit={path}",) if path is not None else ())
 
 

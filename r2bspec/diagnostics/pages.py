@@ -6,6 +6,17 @@ from dataclasses import dataclass
 
 from r2bspec.diagnostics.model import Severity
 
+FAMILIES = {
+    "0": "The file and its YAML",
+    "1": "The language",
+    "2": "Names and types in the graph",
+    "3": "Recorded data",
+    "4": "Playback and monitors",
+    "5": "What is played and what must hold",
+    "6": "Files, this machine, and the run",
+}
+"""What the first digit of a code says."""
+
 
 @dataclass(frozen=True, slots=True)
 class Page:

@@ -31,6 +31,8 @@ _SEND_S = 10.0
 _SHUTDOWN_S = 10.0
 _GRACE_S = 2.0
 _LOG_TAIL_LINES = 12
+_NOT_INSTALLED = "R2B62"
+"""The family of codes for what is not there: to try the run again would not help."""
 
 _Answer = TypeVar("_Answer")
 
@@ -178,6 +180,7 @@ class Children:
 
         Raises:
             ProcessFailedError: a process said why it cannot go on.
+            NotInstalledError: it said that something is not there that it needs.
             ProcessDiedError: a process ended unasked.
             InterruptedRunError: the user or the system asked for an end.
         """
@@ -196,7 +199,8 @@ class Children:
     def _raise_failure(self, child: Child) -> None:
         for message in child.inbox:
             if isinstance(message, protocol.Failed):
-                raise ProcessFailedError(
+                missing = message.code.startswith(_NOT_INSTALLED)
+                raise (NotInstalledError if missing else ProcessFailedError)(
                     f"{child.name}: {message.message}",
                     hint=message.hint or f"Its output is in {child.log}",
                     code=message.code,

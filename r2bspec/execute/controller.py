@@ -141,7 +141,7 @@ class _Controller:
                     self._children,
                     self._launcher(domain),
                     self._buffer_dir,
-                    self._progress,
+                    self._note,
                 )
             self._stage, monitor = self._start(self._children, self._launcher(domain))
             self._warm_up(self._stage, self._children, monitor)

@@ -55,12 +55,16 @@ _PROFILE = """\
 </dds>
 """
 
-_UDP = """\
+SOCKET_BUFFER_BYTES = 4 << 20
+"""What each UDP socket asks the kernel for: a burst of fragments of the largest images. The kernel
+grants no more than net.core.rmem_max and wmem_max."""
+
+_UDP = f"""\
       <transport_descriptor>
         <transport_id>udp</transport_id>
         <type>UDPv4</type>
-        <sendBufferSize>4194304</sendBufferSize>
-        <receiveBufferSize>4194304</receiveBufferSize>
+        <sendBufferSize>{SOCKET_BUFFER_BYTES}</sendBufferSize>
+        <receiveBufferSize>{SOCKET_BUFFER_BYTES}</receiveBufferSize>
       </transport_descriptor>"""
 
 _SHARED_MEMORY = """\

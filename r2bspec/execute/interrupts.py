@@ -5,12 +5,17 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 from types import FrameType, TracebackType
 from typing import Any
 
 from r2bspec.execute.errors import InterruptedRunError
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+_SAME_ACT_S = 0.5
+"""Signals that follow each other faster are one act: a terminal and a wrapper such as make or
+timeout both pass one Ctrl-C on, so that it arrives twice."""
 
 
 class Interrupts:
@@ -22,6 +27,7 @@ class Interrupts:
 
     def __init__(self) -> None:
         self._received: signal.Signals | None = None
+        self._received_s = 0.0
         self._reported = False
         self._previous: dict[signal.Signals, Any] = {}
 
@@ -42,9 +48,11 @@ class Interrupts:
             signal.signal(each, handler)
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
-        if self._received is not None:
+        now_s = time.monotonic()
+        if self._received is None:
+            self._received, self._received_s = signal.Signals(number), now_s
+        elif now_s - self._received_s >= _SAME_ACT_S:
             os._exit(128 + number)
-        self._received = signal.Signals(number)
 
     def check(self) -> None:
         """Raise once after a signal; cleaning up afterwards is not disturbed again.

@@ -169,22 +169,33 @@ class Stage:
 
     def _drain(self, first: dict[str, int], played: int) -> None:
         """Wait until every step is answered, or nothing has come for longer than it ever took."""
-        last_counts = self._counts()
+        last_counts: dict[str, int] = {}
         changed = time.monotonic()
         deadline = changed + _DRAIN_MOST_S
         longest_pause_s = 0.0
         while time.monotonic() < deadline:
-            if all(last_counts[name] - first[name] >= played for name in self._monitors):
-                return
-            self._children.pump(0.01)
             counts = self._counts()
             now = time.monotonic()
             if counts != last_counts:
-                longest_pause_s = max(longest_pause_s, now - changed)
+                if self._all_answered(first, counts, played):
+                    return
+                if last_counts:
+                    longest_pause_s = max(longest_pause_s, now - changed)
                 last_counts, changed = counts, now
             quiet_s = min(max(_QUIET_LEAST_S, 5 * longest_pause_s), _QUIET_MOST_S)
             if now - changed > quiet_s:
                 return
+            self._children.pump(0.01)
+
+    def _all_answered(self, first: dict[str, int], counts: dict[str, int], played: int) -> bool:
+        """Whether each step has its answer and nothing more is to be expected.
+
+        As many messages as steps do not suffice: where some are answered twice, others still wait.
+        """
+        if any(counts[name] - first[name] != played for name in self._monitors):
+            return False
+        observed = self._observed(first)
+        return not any(observed.matching(name).missed for name in self._monitors)
 
     def _write(
         self,

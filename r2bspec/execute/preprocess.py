@@ -6,12 +6,12 @@ the graph under test.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.graph import Launcher, diagnose_silence, readers_wanted, wait_until_matched
-from r2bspec.execute.progress import Progress
 from r2bspec.harness import protocol
 from r2bspec.plan.model import Plan
 
@@ -21,7 +21,11 @@ _LOAD_S = 3600.0
 
 
 def preprocess(
-    plan: Plan, children: Children, launcher: Launcher, buffer_dir: Path, progress: Progress
+    plan: Plan,
+    children: Children,
+    launcher: Launcher,
+    buffer_dir: Path,
+    note: Callable[[str], None],
 ) -> None:
     """Run the preprocessors over everything that was buffered from the bag.
 
@@ -31,10 +35,13 @@ def preprocess(
     """
     processes = [each for each in plan.processes if each.phase == _PHASE]
     recorded = {each.source: each.type for each in plan.inputs if not each.bag_topic}
-    consumed = {
-        each.name for each in plan.topics if each.phase == _PHASE and set(each.readers) - {"loader"}
+    read = {
+        each.name: set(each.readers) - {"loader"}
+        for each in plan.topics
+        if each.phase == _PHASE and "loader" in each.writers
     }
-    sources = {each.topic: each.type for each in plan.dataset.topics if each.topic in consumed}
+    sources = {each.topic: each.type for each in plan.dataset.topics if each.topic in read}
+    played = {each.source for each in plan.inputs if each.bag_topic}
     loader = launcher.start(next(each for each in processes if each.role == "loader"))
     launcher.configure(
         loader,
@@ -44,11 +51,16 @@ def preprocess(
         (each for each in processes if each.role != "loader"), plan.start_timeout_ns / 1e9
     )
     children.ask(loader, protocol.Subscribe(), protocol.Matched, 10.0)
-    wanted = {topic: readers_wanted(plan, topic, _PHASE) for topic in sources}
+    # What is played as it was recorded, too, has perhaps no reader here: not all nodes are known.
+    wanted = {
+        topic: readers_wanted(plan, topic, _PHASE)
+        for topic in sources
+        if read[topic] or topic not in played
+    }
     wanted |= dict.fromkeys(recorded, 1)
     wait_until_matched(children, launcher, {loader: wanted}, plan, _PHASE)
     loaded = children.ask(loader, protocol.Load(patience_ns=_PATIENCE_NS), protocol.Loaded, _LOAD_S)
-    _check(plan, children, loader, loaded, progress)
+    _check(plan, children, loader, loaded, note)
     children.end([loader, *nodes])
 
 
@@ -57,7 +69,7 @@ def _check(
     children: Children,
     loader: Child,
     loaded: protocol.Loaded,
-    progress: Progress,
+    note: Callable[[str], None],
 ) -> None:
     """Compare what came out with what went in."""
     silent = [topic for topic, count in loaded.recorded.items() if count == 0]
@@ -66,7 +78,8 @@ def _check(
             diagnose_silence(children, plan, loader, silent, _PHASE),
             hint="The preprocessors were fed, but published nothing there.",
         )
-    sent = max(loaded.published.values(), default=0)
+    # The shortest source: whatever is made of several has no more to go by.
+    sent = min((count for count in loaded.published.values() if count), default=0)
     for topic, count in loaded.recorded.items():
         if count < sent:
-            progress.note(f"{topic}: {count} messages came out of the preprocessors for {sent} in")
+            note(f"{topic}: {count} messages came out of the preprocessors for {sent} in")

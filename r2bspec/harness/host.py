@@ -20,7 +20,6 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
 
 from r2bspec.harness import protocol
 from r2bspec.harness.channel import Channel, ChannelClosedError
@@ -170,4 +169,5 @@ class Host:
         with contextlib.suppress(ChannelClosedError):
             while not isinstance(self._channel.receive(), protocol.Shutdown):
                 pass
-        try_shutdown()
+        # Not the context: a callback that is under way may still want to publish.
+        self._executor.shutdown()

@@ -25,14 +25,28 @@ _DEFAULT_QOS = QoS()
 
 
 class _Recording:
-    """One recorded topic."""
+    """One recorded topic.
 
-    def __init__(self, node: Node, topic: str, type_name: str, folder: Path) -> None:
+    An output answers the source message of the same stamp. Outputs that carry no stamp, or one of
+    their own, answer in the order in which they come.
+    """
+
+    def __init__(self, topic: str, type_name: str, folder: Path, reader: ros.RawReader) -> None:
         self.topic = topic
+        self.reader = reader
         self._stamped = ros.begins_with_header(type_name)
         self._buffer = buffers.BufferWriter(folder, topic, type_name, has_header=self._stamped)
-        self.reader = ros.RawReader(node, topic, type_name, ros.profile(_DEFAULT_QOS))
-        self.stamps: set[int] = set()
+        self._sources: dict[int, int] = {}
+        self._answers: set[int] = set()
+        self._others = 0
+
+    def expect(self, sources: dict[int, int]) -> None:
+        """Take note of the stamps of the source messages, each with its number."""
+        self._sources = sources
+
+    def answered(self, stamp_ns: int) -> bool:
+        """Whether the answer to a source message has come."""
+        return stamp_ns in self._answers or self._others > self._sources[stamp_ns]
 
     def drain(self) -> int:
         """Record every message that has arrived; how many there were."""
@@ -41,7 +55,10 @@ class _Recording:
             data, received_ns = taken
             stamp_ns = read_stamp(data) if self._stamped else received_ns
             self._buffer.append(stamp_ns, data)
-            self.stamps.add(stamp_ns)
+            if stamp_ns in self._sources:
+                self._answers.add(stamp_ns)
+            else:
+                self._others += 1
             count += 1
         return count
 
@@ -63,6 +80,7 @@ class Loader:
             topic: ros.RawWriter(self._node, topic, type_name, ros.profile(_DEFAULT_QOS))
             for topic, type_name in settings.sources.items()
         }
+        self._waiting = dict(settings.recorded)
         self._recordings: list[_Recording] = []
 
     def serve(self) -> None:
@@ -74,6 +92,7 @@ class Loader:
                     self._subscribe()
                     self._channel.send(protocol.Matched(counts=self._matches()))
                 case protocol.CountMatches():
+                    self._subscribe()
                     self._channel.send(protocol.Matched(counts=self._matches()))
                 case protocol.Discover(topics=topics):
                     self._channel.send(discover(self._node, topics))
@@ -85,22 +104,30 @@ class Loader:
                     continue
 
     def _subscribe(self) -> None:
-        if self._recordings:
-            return
-        for topic, type_name in self._settings.recorded.items():
-            recording = _Recording(self._node, topic, type_name, self._folder)
-            self._recordings.append(recording)
-            self._loop.add(recording.reader)
+        """Subscribe to every waiting topic whose QoS is known by now."""
+        for topic, type_name in list(self._waiting.items()):
+            qos = ros.profile_heard_from(self._node, topic)
+            if qos is None:
+                continue
+            reader = ros.RawReader(self._node, topic, type_name, qos)
+            self._recordings.append(_Recording(topic, type_name, self._folder, reader))
+            self._loop.add(reader)
+            del self._waiting[topic]
 
     def _matches(self) -> dict[str, int]:
         counts = {topic: writer.matches() for topic, writer in self._writers.items()}
+        counts |= dict.fromkeys(self._waiting, 0)
         counts |= {each.topic: each.reader.matches() for each in self._recordings}
         return counts
 
     def _load(self, patience_ns: int) -> protocol.Loaded:
         published = dict.fromkeys(self._writers, 0)
         in_flight: list[int] = []
-        for stamp_ns, topic, message in self._schedule():
+        schedule = self._schedule()
+        stamps = dict.fromkeys(stamp_ns for stamp_ns, _, _ in schedule)
+        for recording in self._recordings:
+            recording.expect({stamp_ns: number for number, stamp_ns in enumerate(stamps)})
+        for stamp_ns, topic, message in schedule:
             if stamp_ns not in in_flight:
                 self._wait_for_room(in_flight, patience_ns)
                 in_flight.append(stamp_ns)
@@ -142,7 +169,7 @@ class Loader:
                 return
 
     def _answered(self, stamp_ns: int) -> bool:
-        return all(stamp_ns in each.stamps for each in self._recordings)
+        return all(each.answered(stamp_ns) for each in self._recordings)
 
     def _record(self, timeout_s: float) -> int:
         return sum(self._recordings[each].drain() for each in self._loop.wait(timeout_s))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from r2bspec.measure.resources import Use
-from r2bspec.measure.samples import MonitorSamples, PlaybackSamples, SegmentSamples
+from r2bspec.measure.samples import MonitorSamples, PlaybackSamples, SegmentSamples, StepTimes
 
 
 def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
@@ -21,6 +21,11 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
         return sum(count(one) for one in samples)
 
     return MonitorSamples(
+        steps=StepTimes(
+            due_ns=np.concatenate([one.steps.due_ns for one in samples]),
+            published_ns=np.concatenate([one.steps.published_ns for one in samples]),
+            received_ns=np.concatenate([one.steps.received_ns for one in samples]),
+        ),
         times={
             family: np.concatenate([one.times[family] for one in samples])
             for family in samples[0].times

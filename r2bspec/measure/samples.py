@@ -18,12 +18,33 @@ from r2bspec.measure.latency import (
     latencies_from_due,
     seconds,
 )
-from r2bspec.measure.matching import match
+from r2bspec.measure.matching import UNKNOWN, Matching, match
 from r2bspec.measure.resources import MACHINE, Use, use
 from r2bspec.measure.throughput import Silence, mean_rate, silence, throughput
 from r2bspec.record.arrays import Rows
 from r2bspec.record.model import ProcessRecord, RunRecord, Segment
 from r2bspec.record.store import Run
+
+LOSSES_COUNT = ("latency", "latency_from_due")
+"""Families in which a step without an answer counts as later than every other."""
+
+
+@dataclass(frozen=True)
+class StepTimes:
+    """When each step was due and published, and when its first answer was received, in ns.
+
+    Shape (sent,) each, in the order of the steps; `received_ns` is `UNKNOWN` for a step that was
+    never answered.
+    """
+
+    due_ns: NDArray[np.int64]
+    published_ns: NDArray[np.int64]
+    received_ns: NDArray[np.int64]
+
+    @property
+    def answered(self) -> NDArray[np.bool_]:
+        """Whether each step was answered."""
+        return np.not_equal(self.received_ns, UNKNOWN)
 
 
 @dataclass(frozen=True)
@@ -31,6 +52,7 @@ class MonitorSamples:
     """What one monitor saw in one segment.
 
     Attributes:
+        steps: the steps one by one.
         times: for each family of the catalogue that has one value per message (``latency``,
             ``latency_from_due``, ``interval``, ``jitter``), the values in seconds. A silence
             at an end of the segment is among the intervals (see `throughput.silence`).
@@ -39,6 +61,7 @@ class MonitorSamples:
         throughput_hz: see `throughput.throughput`.
     """
 
+    steps: StepTimes
     times: Mapping[str, Seconds]
     sent: int
     answered: int
@@ -52,6 +75,17 @@ class MonitorSamples:
     def missed(self) -> int:
         """Steps that no message answered."""
         return self.sent - self.answered
+
+    def in_order(self, family: str, lost: float) -> Seconds:
+        """The times of a family in the order of the steps, `lost` where nothing came.
+
+        For families in which losses do not count, as intervals, the times there are.
+        """
+        if family not in LOSSES_COUNT:
+            return self.times[family]
+        values = np.full(self.steps.received_ns.size, lost)
+        values[self.steps.answered] = self.times[family]
+        return values
 
 
 @dataclass(frozen=True)
@@ -108,6 +142,7 @@ def monitor_samples(
         soonest = int(playback["published_ns"][0]) + round(float(latency.min()) * 1e9)
         silent = silence(arrived, soonest, segment.ended_ns)
     return MonitorSamples(
+        steps=_step_times(playback, monitor, matched),
         times={
             "latency": latency,
             "latency_from_due": latencies_from_due(playback, monitor, matched),
@@ -122,6 +157,13 @@ def monitor_samples(
         unmatched=matched.unmatched,
         throughput_hz=throughput(arrived, silent),
     )
+
+
+def _step_times(playback: Rows, monitor: Rows, matched: Matching) -> StepTimes:
+    received = np.full(playback.size, UNKNOWN, dtype=np.int64)
+    answered = matched.answered
+    received[answered] = monitor["received_ns"][matched.first_row[answered]]
+    return StepTimes(playback["due_ns"], playback["published_ns"], received)
 
 
 def _with_silence(arrived: NDArray[np.int64], silent: Silence) -> Seconds:

@@ -6,10 +6,7 @@ from r2bspec.measure.catalogue import MetricInfo
 from r2bspec.measure.latency import Seconds
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.resources import Use
-from r2bspec.measure.samples import MonitorSamples, SegmentSamples
-
-LOSSES_COUNT = ("latency", "latency_from_due")
-"""Families in which a step without an answer counts as later than every other."""
+from r2bspec.measure.samples import LOSSES_COUNT, MonitorSamples, SegmentSamples
 
 
 def value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:
@@ -27,7 +24,7 @@ def value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> flo
     """
     match info.scope:
         case "monitor":
-            return _of_monitor(info, samples.monitors[monitor or ""])
+            return monitor_value(info, samples.monitors[monitor or ""])
         case "playback":
             return _of_playback(info, samples)
         case "process":
@@ -38,7 +35,8 @@ def value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> flo
             raise ValueError(f"{info.name} is not a metric of a segment")
 
 
-def _of_monitor(info: MetricInfo, seen: MonitorSamples) -> float | None:
+def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
+    """What a metric of scope ``monitor`` was for what one monitor saw; see `value`."""
     if info.family in seen.times:
         lost = seen.missed if info.family in LOSSES_COUNT else 0
         return _of_times(info, seen.times[info.family], lost)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 
@@ -12,39 +12,63 @@ from r2bspec.measure.catalogue import MetricInfo, resolve
 from r2bspec.measure.errors import MetricError
 from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
+from r2bspec.slo.disturbance import split_disturbed, told_of, weaken
+from r2bspec.slo.looks import combine
 from r2bspec.slo.methods.mean import judge_mean
 from r2bspec.slo.methods.observation import judge_observation
 from r2bspec.slo.methods.percentile import judge_percentile
 from r2bspec.slo.methods.search import judge_peak
 from r2bspec.slo.methods.share import judge_share
 from r2bspec.slo.methods.sustained import judge_sustained
+from r2bspec.slo.methods.windows import judge_windows
 from r2bspec.slo.model import EXIT_CODES, OverallOutcome, RequirementVerdict, Unusable, Verdict
-from r2bspec.slo.question import Answer, Question, verdict
+from r2bspec.slo.question import Answer, Question, verdict, windows_of
 from r2bspec.slo.schedule import REMEDY, off_schedule
+from r2bspec.slo.severity import outcome_of
+from r2bspec.slo.terms import Terms
 from r2bspec.spec.model import Objective
 from r2bspec.spec.requirement import Requirement
 
+_AS_AGREED = Terms()
 
-def judge(objectives: Mapping[str, Objective], samples: RunSamples) -> Verdict:
+
+def judge(
+    objectives: Mapping[str, Objective], samples: RunSamples, terms: Terms = _AS_AGREED
+) -> Verdict:
     """Judge every requirement of every objective, and the run as a whole.
 
-    A requirement passes or fails only if the samples show it at `CONFIDENCE`; otherwise it is
-    inconclusive. What was not measured never passes. A metric of a monitor that is written
+    A requirement passes or fails only if the samples show it at the stated confidence; otherwise
+    it is inconclusive. What was not measured never passes. A metric of a monitor that is written
     without one must hold for each monitor, and gets a verdict for each.
+
+    The verdict is a pure function of its arguments: where looks are planned, each is taken again
+    from the iterations that it had.
+
+    Args:
+        objectives: by name.
+        samples: the run.
+        terms: what was agreed on before the run, and which iterations were disturbed.
     """
     schedule = _Schedule.of(samples)
-    requirements = tuple(
-        judged
+    asked = {
+        name: objective
         for name, objective in objectives.items()
-        for requirement in objective.require
-        for judged in _judge(name, objective, requirement, samples, schedule)
-    )
+        if terms.levels.get(name, "error") != "off"
+    }
+    played, calm = split_disturbed(samples, terms.disturbed)
+    requirements = _looked(asked, played, terms, schedule)
+    if calm is not None:
+        without = _looked(asked, calm, terms, schedule)
+        told = told_of(terms.disturbed)
+        requirements = tuple(
+            weaken(one, other, told) for one, other in zip(requirements, without, strict=True)
+        )
     spoiled = tuple(
         Unusable(offered_hz=rate, reason=reason)
         for rate, reason in sorted({**schedule.probes, **schedule.iterations}.items())
         if any(one.reason == reason for one in requirements)
     )
-    outcome, reason = _overall(samples, requirements, spoiled)
+    outcome, reason = _overall(samples, requirements, spoiled, terms)
     return Verdict(
         outcome=outcome,
         exit_code=EXIT_CODES[outcome],
@@ -52,6 +76,52 @@ def judge(objectives: Mapping[str, Objective], samples: RunSamples) -> Verdict:
         requirements=requirements,
         unusable=spoiled,
     )
+
+
+def _looked(
+    objectives: Mapping[str, Objective], samples: RunSamples, terms: Terms, schedule: _Schedule
+) -> tuple[RequirementVerdict, ...]:
+    """The verdicts after all looks that the run allows, or of its one fixed length."""
+    looks = terms.looks
+    if looks is None:
+        return tuple(_judged(objectives, samples, terms, terms.confidence, schedule))
+    rates = [objective.at.hz for objective in objectives.values() if objective.at is not None]
+    fewest = min((len(_at(samples.iterations, rate)) for rate in rates), default=0)
+    columns = [
+        tuple(
+            _judged(
+                objectives,
+                _first(samples, looks.iterations[look - 1]),
+                terms,
+                looks.confidence_at(look),
+                schedule,
+            )
+        )
+        for look in range(1, max(1, looks.reached(fewest)) + 1)
+    ]
+    return tuple(combine(looks, judged) for judged in zip(*columns, strict=True))
+
+
+def _first(samples: RunSamples, number: int) -> RunSamples:
+    """The run as it was when `number` iterations had been played at each rate."""
+    return replace(
+        samples,
+        iterations={rate: found[:number] for rate, found in samples.iterations.items()},
+    )
+
+
+def _judged(
+    objectives: Mapping[str, Objective],
+    samples: RunSamples,
+    terms: Terms,
+    confidence: float,
+    schedule: _Schedule,
+) -> Iterator[RequirementVerdict]:
+    for name, objective in objectives.items():
+        level = terms.levels.get(name, "error")
+        for requirement in objective.require:
+            for found in _judge(name, objective, requirement, samples, schedule, confidence):
+                yield msgspec.structs.replace(found, level=level) if level != "error" else found
 
 
 @dataclass(frozen=True)
@@ -93,6 +163,7 @@ def _judge(
     requirement: Requirement,
     samples: RunSamples,
     schedule: _Schedule,
+    confidence: float,
 ) -> Iterator[RequirementVerdict]:
     at_hz = objective.at.hz if objective.at is not None else None
     try:
@@ -117,6 +188,8 @@ def _judge(
             monitor=asked,
             limit=_limit(requirement, at_hz),
             iterations=_at(samples.iterations, at_hz),
+            confidence=confidence,
+            windows=windows_of(requirement),
         )
         judged = verdict(question, _answer(question, samples))
         if missed := schedule.missed(question):
@@ -164,6 +237,8 @@ def _answer(question: Question, samples: RunSamples) -> Answer:
 
 
 def _measured(question: Question) -> Answer:
+    if question.windows is not None:
+        return judge_windows(question, question.windows)
     if question.requirement.op in {"==", "!="}:
         return judge_observation(question)
     match question.info.statistic:
@@ -214,6 +289,7 @@ def _overall(
     samples: RunSamples,
     requirements: tuple[RequirementVerdict, ...],
     spoiled: tuple[Unusable, ...],
+    terms: Terms,
 ) -> tuple[OverallOutcome, str]:
     """The outcome of the run, worst first, and one sentence for it."""
     record = samples.record
@@ -223,25 +299,4 @@ def _overall(
         return "incomplete", record.reason or "The run was cut short."
     if spoiled:
         return "invalid", f"At {show(spoiled[0].offered_hz, 'Hz')}: {spoiled[0].reason}"
-    return _count(requirements)
-
-
-def _count(requirements: tuple[RequirementVerdict, ...]) -> tuple[OverallOutcome, str]:
-    total = len(requirements)
-    if not total:
-        return "pass", "The spec states no objective: there was nothing to judge."
-    failed = sum(one.outcome == "fail" for one in requirements)
-    open_ = sum(one.outcome == "inconclusive" for one in requirements)
-    if total == 1:
-        said = {
-            "fail": "The requirement does not hold.",
-            "inconclusive": "The requirement could not be decided.",
-            "pass": "The requirement holds.",
-        }
-        return requirements[0].outcome, said[requirements[0].outcome]
-    if failed:
-        left = f", {open_} could not be decided" if open_ else ""
-        return "fail", f"{failed} of {total} requirements failed{left}."
-    if open_:
-        return "inconclusive", f"{open_} of {total} requirements could not be decided."
-    return "pass", f"All {total} requirements hold."
+    return outcome_of(requirements, terms.inconclusive)

@@ -11,9 +11,17 @@ CONFIDENCE: Final = 0.95
 
 Outcome = Literal["pass", "fail", "inconclusive"]
 
+Level = Literal["error", "warn", "info", "off"]
+"""What a requirement that does not hold does to the run: fails it, is a warning, is only shown.
+``off``: it is not judged."""
+
 Method = Literal[
     "exact binomial",
+    "binomial over windows",
     "t over iterations",
+    "paired t on logs",
+    "prediction interval",
+    "stored baseline",
     "observation",
     "search bracket",
     "sequential probe",
@@ -37,16 +45,30 @@ class ShareTest(msgspec.Struct, frozen=True, kw_only=True):
 
     Of `n` messages `over` are over the limit, `lost` of them because they never arrived.
     `lower` and `upper` are the one-sided Clopper-Pearson bounds on the true share, `allowed` is
-    what the requirement allows. For a requirement with ``>``, `over` counts what is under.
+    what the requirement allows. For a requirement with ``>``, `over` counts what is under; for
+    one about windows, windows are counted and not messages.
+
+    Attributes:
+        effective_n: how many independent messages the `n` are worth, for the bounds.
+        bursts: in how many bursts the messages over the limit come.
+        clustering: why `effective_n` is below `n`: they come in ``bursts`` one after the other,
+            in ``stretches`` near one another, or in some ``iterations`` more than in others.
+        withstands: for a share that was shown to be small enough, the mean length of bursts up
+            to which the same counts would still show it; otherwise None. Bursts that are so
+            rare that this run met none cannot be seen in it: this is what it says about them.
     """
 
     n: int
+    effective_n: float
     over: int
+    bursts: int
+    clustering: Literal["", "bursts", "stretches", "iterations"]
     lost: int
     share: float
     lower: float
     upper: float
     allowed: float
+    withstands: float | None
 
 
 class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,11 +82,18 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         objective: the name of the objective that the requirement belongs to.
         text: the requirement as the user wrote it.
+        effective_n: how many independent ones the `n` are worth; None if `n` is 0.
         over: messages over the limit (see `ShareTest`), where single messages were compared.
+        bursts: in how many bursts they come, where that is known.
         rule_of_three: for an observation that held for n messages, the share of messages for
             which it may still not hold, at the stated confidence; otherwise None.
         reason: the decision in one sentence.
         settle: for an inconclusive requirement, what would settle it; otherwise empty.
+        level: what it does to the run if it does not hold.
+        look: the planned look at which it was decided, counted from 1; 0 if no looks were
+            planned, of which there are `looks`.
+        notes: everything else that had a part in the decision, one sentence each: an earlier
+            look, a fresh batch that confirmed it or did not, disturbed iterations.
     """
 
     objective: str
@@ -87,6 +116,12 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     rule_of_three: float | None
     reason: str
     settle: str
+    effective_n: float | None = None
+    bursts: int | None = None
+    level: Level = "error"
+    look: int = 0
+    looks: int = 0
+    notes: tuple[str, ...] = ()
 
 
 class Unusable(msgspec.Struct, frozen=True, kw_only=True):

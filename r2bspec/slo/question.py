@@ -13,6 +13,22 @@ from r2bspec.spec.requirement import Requirement
 
 
 @dataclass(frozen=True)
+class Windows:
+    """``in SHARE of LENGTH windows``: the share of windows, as a fraction, and their length."""
+
+    share: float
+    window_ns: int
+
+
+def windows_of(requirement: Requirement) -> Windows | None:
+    """The windows that a requirement speaks of, or None if it speaks of the whole run."""
+    share: float | None = getattr(requirement, "windows_share", None)
+    if share is None:
+        return None
+    return Windows(share=share, window_ns=int(getattr(requirement, "window_ns", 0)))
+
+
+@dataclass(frozen=True)
 class Question:
     """A requirement that makes sense in this run, and the samples that answer it.
 
@@ -21,6 +37,8 @@ class Question:
         monitor: the monitor that is asked, for metrics that belong to one.
         limit: the right-hand side in the metric's unit; 'of offered' is worked out.
         iterations: the complete iterations at `at_hz`; at least one where the metric needs any.
+        confidence: of the decision, one-sided each way.
+        windows: where the requirement must hold in a share of windows, which.
     """
 
     objective: str
@@ -30,6 +48,8 @@ class Question:
     monitor: str | None
     limit: float
     iterations: tuple[SegmentSamples, ...] = ()
+    confidence: float = CONFIDENCE
+    windows: Windows | None = None
 
     @property
     def wants_less(self) -> bool:
@@ -40,6 +60,16 @@ class Question:
     def limit_text(self) -> str:
         """The limit with its unit."""
         return show(self.limit, self.info.unit)
+
+    @property
+    def metric_text(self) -> str:
+        """Such as ``latency.p99 < 50 ms``: the comparison without monitor and windows."""
+        return f"{self.info.name} {self.requirement.op} {self.limit_text}"
+
+    @property
+    def confidence_text(self) -> str:
+        """Such as ``95 % confidence``."""
+        return f"{show(self.confidence, 'share', 4)} confidence"
 
     def holds(self, value: float) -> bool:
         """Compare a value with the limit."""
@@ -58,7 +88,9 @@ class Answer:
     lower: float | None = None
     upper: float | None = None
     n: int = 0
+    effective_n: float | None = None
     over: int | None = None
+    bursts: int | None = None
     share: ShareTest | None = None
     rule_of_three: float | None = None
 
@@ -86,14 +118,22 @@ def verdict(question: Question, answer: Answer) -> RequirementVerdict:
         limit=_finite(question.limit),
         unit=question.info.unit,
         n=answer.n,
-        confidence=CONFIDENCE,
+        effective_n=_effective(answer),
+        confidence=question.confidence,
         over=answer.over,
+        bursts=answer.bursts,
         lost=answer.estimate is not None and math.isinf(answer.estimate),
         share=answer.share,
         rule_of_three=answer.rule_of_three,
         reason=answer.reason,
         settle=answer.settle,
     )
+
+
+def _effective(answer: Answer) -> float | None:
+    if answer.effective_n is not None:
+        return answer.effective_n
+    return float(answer.n) if answer.n else None
 
 
 def _finite(value: float | None) -> float | None:

@@ -16,8 +16,14 @@ _THINGS = {
 }
 
 
+_NEARLY_ALL = 0.95
+_FEW = 10
+
+
 def things(question: Question) -> str:
     """What is counted one by one for a metric, in the plural."""
+    if question.windows is not None:
+        return f"windows of {show(question.windows.window_ns / 1e9, 's')}"
     return _THINGS.get(question.info.family, "steps")
 
 
@@ -25,21 +31,49 @@ def share_sentence(question: Question, test: ShareTest, outcome: Outcome) -> str
     """How many were on the wrong side, what that proves, and how many may be."""
     seen = (
         f"{show(test.over, 'count')} of {show(test.n, 'count')} {things(question)} "
-        f"({_percent(test.share)}) {_wrong_side(question, test)}"
+        f"({_percent(test.share)}) {_wrong_side(question, test)}{_worth(test)}"
     )
+    sure = f"at {question.confidence_text}"
     lower, upper = _percent(test.lower), _percent(test.upper)
     allowed = show(test.allowed, "share", 6)
     # A floor on a share (drop_rate > x) wants many; every other requirement allows a few.
-    wants_many = question.info.quantile is None and not question.wants_less
+    wants_many = (
+        question.windows is None and question.info.quantile is None and not question.wants_less
+    )
     needed = f"more than {allowed} must be" if wants_many else f"{allowed} may be"
     if outcome == "inconclusive":
-        return f"{seen}; at 95 % confidence that is {lower} to {upper} of all, and {needed}."
+        return f"{seen}; {sure} that is {lower} to {upper} of all, and {needed}."
     if (outcome == "pass") != wants_many:
-        return f"{seen}; at 95 % confidence at most {upper} of all are, and {needed}."
-    return f"{seen}; at 95 % confidence at least {lower} of all are, and {needed}."
+        return f"{seen}; {sure} at most {upper} of all are, and {needed}."
+    return f"{seen}; {sure} at least {lower} of all are, and {needed}."
+
+
+def _worth(test: ShareTest) -> str:
+    """What the messages count as, where they come in bursts."""
+    if test.effective_n > _NEARLY_ALL * test.n:
+        return ""
+    return (
+        f", {clustering(test)}, so that {show(test.n, 'count')} count as {_whole(test.effective_n)}"
+    )
+
+
+def clustering(test: ShareTest) -> str:
+    """How the messages over the limit lie together."""
+    match test.clustering:
+        case "stretches":
+            return "close to one another"
+        case "iterations":
+            return "in some iterations more than in others"
+    return "in 1 burst" if test.bursts == 1 else f"in {show(test.bursts, 'count')} bursts"
+
+
+def _whole(n: float) -> str:
+    return show(n, "count") if n >= _FEW else show(n, "", 2)
 
 
 def _wrong_side(question: Question, test: ShareTest) -> str:
+    if question.windows is not None:
+        return f"do not have {question.metric_text}"
     if question.info.statistic == "share":
         return "were never answered"
     side = "over" if question.wants_less else "under"

@@ -2,10 +2,11 @@
 
 Grammar (white space between tokens is free)::
 
-    requirement = "sustained" | metric op bound
+    requirement = "sustained" | metric op bound [ windows ]
     metric      = [monitor "."] name ["." part]
     op          = "<" | "<=" | ">" | ">="  | "==" | "!="
-    bound       = quantity | integer | share " of offered"
+    bound       = quantity | integer | share " of " ( "offered" | "baseline" )
+    windows     = "in " share " of " duration " windows"
     name, part, monitor = letter { letter | digit | "_" }
 
 Which metrics exist, and their dimensions, is known to `r2bspec.measure.catalogue`; this module
@@ -16,7 +17,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
 
@@ -24,6 +25,7 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.diagnostics.suggest import did_you_mean
 from r2bspec.spec.quantities import Duration, Quantity, QuantityError, Rate, Share, Size
 
+_Q = TypeVar("_Q", bound=Quantity)
 Operator = Literal["<", "<=", ">", ">=", "==", "!="]
 
 _WORD = "[A-Za-z][A-Za-z0-9_]*"
@@ -32,6 +34,9 @@ _OPERATOR = re.compile(r"\s*(?P<op><=|>=|==|!=|<|>)")
 _LONGEST = 300
 _MISTAKEN = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}
 _OF = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
+_REFERENCES = ("offered", "baseline")
+_IN = re.compile(r"\sin(?:\s+|$)")
+_WINDOWS_EXAMPLE = "in 99 % of 1 s windows"
 
 
 class RequirementError(ValueError):
@@ -54,6 +59,7 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
     value: float
     dimension: Literal["time", "rate", "size", "share", "count"]
     of_offered: bool = False
+    of_baseline: bool = False
 
 
 class Requirement:
@@ -67,9 +73,22 @@ class Requirement:
             ``sustained``, which has neither operator nor bound.
         metric_column: offset of the metric into `text`.
         bound_column: offset of the bound into `text`.
+        windows_share: the share of windows of `window_ns` in which the comparison must hold, as a
+            fraction; None where it concerns all that was measured at once.
+        windows_column: offset of ``in`` into `text`.
     """
 
-    __slots__ = ("bound", "bound_column", "metric", "metric_column", "op", "text")
+    __slots__ = (
+        "bound",
+        "bound_column",
+        "metric",
+        "metric_column",
+        "op",
+        "text",
+        "window_ns",
+        "windows_column",
+        "windows_share",
+    )
 
     def __init__(
         self,
@@ -80,6 +99,9 @@ class Requirement:
         bound: Bound | None = None,
         metric_column: int = 0,
         bound_column: int = 0,
+        windows_share: float | None = None,
+        window_ns: int = 0,
+        windows_column: int = 0,
     ) -> None:
         self.text = text
         self.metric = metric
@@ -87,6 +109,9 @@ class Requirement:
         self.bound = bound
         self.metric_column = metric_column
         self.bound_column = bound_column
+        self.windows_share = windows_share
+        self.window_ns = window_ns
+        self.windows_column = windows_column
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Requirement) and other.text == self.text
@@ -148,14 +173,54 @@ def parse_requirement(text: str) -> Requirement:
             f"after {quote(metric)} comes one of < <= > >= == !=", column, f"{metric} {meant} ..."
         )
     column = _first(text, compared.end())
+    windows = _IN.search(text, compared.end())
+    end = windows.start() if windows is not None else len(text)
+    bound = _parse_bound(text[column:end].rstrip(), min(column, end))
+    share, window_ns = _parse_windows(text, windows.end()) if windows is not None else (None, 0)
     return Requirement(
         text=text,
         metric=metric,
         op=compared["op"],  # type: ignore[arg-type]  # the pattern admits only operators
-        bound=_parse_bound(text[column:].rstrip(), column),
+        bound=bound,
         metric_column=metric_column,
         bound_column=column,
+        windows_share=share,
+        window_ns=window_ns,
+        windows_column=windows.start() + 1 if windows is not None else 0,
     )
+
+
+def _parse_windows(text: str, column: int) -> tuple[float, int]:
+    """What follows ``in``: the share of windows, and their length in nanoseconds."""
+    found = re.match(r"(?P<share>[^%]*%)\s*", text[column:])
+    if found is None:
+        message = "after 'in' comes a share of windows, such as 99 %"
+        raise RequirementError(message, _first(text, column), _WINDOWS_EXAMPLE)
+    share = _inside(Share, found["share"], column)
+    if not 0 < share.fraction <= 1:
+        message = "the share of windows must be more than 0 % and at most 100 %"
+        raise RequirementError(message, column, _WINDOWS_EXAMPLE)
+    at = column + found.end()
+    of = re.match(r"of\s+(?P<duration>.*?)\s*(?P<word>[A-Za-z_]*)\s*\Z", text[at:], re.DOTALL)
+    if of is None:
+        message = "after the share comes 'of' and the length of a window"
+        raise RequirementError(message, _first(text, at), _WINDOWS_EXAMPLE)
+    start = at + of.start("duration")
+    if of["word"] not in ("window", "windows"):
+        duration = text[start:].rstrip()
+        message = "the sentence ends with 'windows'"
+        raise RequirementError(message, start + len(duration), f"of {duration or '1 s'} windows")
+    length = _inside(Duration, of["duration"], start)
+    if length.ns <= 0:
+        raise RequirementError("a window must be longer than nothing", start, _WINDOWS_EXAMPLE)
+    return share.fraction, length.ns
+
+
+def _inside(kind: type[_Q], text: str, column: int) -> _Q:
+    try:
+        return kind.parse(text)
+    except QuantityError as error:
+        raise RequirementError(str(error), column, error.suggestion or kind.example) from None
 
 
 def _parse_bound(text: str, column: int) -> Bound:
@@ -206,14 +271,21 @@ def _relative_bound(found: re.Match[str], column: int) -> Bound:
         share = Share.parse(found["share"])
     except QuantityError as error:
         raise RequirementError(str(error), column, error.suggestion) from None
-    if found["reference"] != "offered":
+    reference = found["reference"]
+    if reference not in _REFERENCES:
+        meant = did_you_mean(reference, _REFERENCES) or "offered"
         raise RequirementError(
-            "a bound is relative to 'offered', the rate that was asked for, not to "
-            f"{quote(found['reference'])}",
+            "a bound is relative to 'offered', the rate that was asked for, or to 'baseline', an "
+            f"earlier run, not to {quote(reference)}",
             column + found.start("reference"),
-            f"{found['share']} of offered",
+            f"{found['share']} of {meant}",
         )
-    return Bound(value=share.fraction, dimension="share", of_offered=True)
+    return Bound(
+        value=share.fraction,
+        dimension="share",
+        of_offered=reference == "offered",
+        of_baseline=reference == "baseline",
+    )
 
 
 def _first(text: str, start: int = 0) -> int:

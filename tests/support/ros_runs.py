@@ -259,9 +259,9 @@ class Running:
         except subprocess.TimeoutExpired:
             pytest.fail(f"it hangs:\n{self.stderr()}")
         self.sample()
-        return Finished(
-            status, self._output["stdout"].read_text(), self.stderr(), self.folder
-        )
+        # Whatever happens, a user is never shown a stack trace.
+        assert "Traceback (most recent call last)" not in self.stderr(), self.stderr()
+        return Finished(status, self._output["stdout"].read_text(), self.stderr(), self.folder)
 
     def sample(self) -> None:
         """Take note of the shared memory that its processes use."""

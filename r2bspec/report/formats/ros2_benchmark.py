@@ -66,9 +66,7 @@ def _level(run: Run, loads: _Loads, segments: Sequence[Segment]) -> dict[str, An
     found: dict[str, Any] = {}
     for monitor in run.plan.monitors:
         pairs = [(run.playback(each), run.monitor(each, monitor.name)) for each in segments]
-        figures = {
-            f"{BASIC}.{key}": value for key, value in _figures(pairs, monitor.match).items()
-        }
+        figures = {f"{BASIC}.{key}": value for key, value in _figures(pairs, monitor.match).items()}
         if len(run.plan.monitors) == 1:
             found |= figures
         else:

@@ -10,7 +10,7 @@ from r2bspec.measure.catalogue import MetricInfo
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.measure.units import show
 from r2bspec.measure.values import value
-from r2bspec.slo.model import CONFIDENCE, Outcome
+from r2bspec.slo.model import Outcome
 from r2bspec.slo.question import Answer, Question, decide
 from r2bspec.slo.statistics.student import MeanInterval, iterations_to_settle, mean_interval
 
@@ -45,7 +45,7 @@ def judge_mean(question: Question) -> Answer:
             estimate=estimate,
             n=len(values),
         )
-    interval = mean_interval(values, CONFIDENCE, _resolution(question, values))
+    interval = mean_interval(values, question.confidence, _resolution(question, values))
     towards, against = (
         (interval.upper, interval.lower)
         if question.wants_less
@@ -108,21 +108,22 @@ def _reason(question: Question, interval: MeanInterval, outcome: Outcome, n: int
     unit = question.info.unit
     mean = f"The mean of {n} iterations is {show(interval.mean, unit)}"
     lower, upper = show(interval.lower, unit), show(interval.upper, unit)
+    sure = f"at {question.confidence_text}"
     if outcome == "inconclusive":
         return (
-            f"{mean}; at 95 % confidence the true mean is {lower} to {upper}, on both sides of "
+            f"{mean}; {sure} the true mean is {lower} to {upper}, on both sides of "
             f"{question.limit_text}."
         )
     bound = question.requirement.bound
     limit = f"; the limit is {question.limit_text}" if bound and bound.of_offered else ""
     if (outcome == "pass") == question.wants_less:
-        return f"{mean}, at 95 % confidence at most {upper}{limit}."
-    return f"{mean}, at 95 % confidence at least {lower}{limit}."
+        return f"{mean}, {sure} at most {upper}{limit}."
+    return f"{mean}, {sure} at least {lower}{limit}."
 
 
 def _settle(question: Question, interval: MeanInterval) -> str:
     needed = iterations_to_settle(
-        interval.mean, interval.deviation, question.limit, CONFIDENCE, _MOST_ITERATIONS
+        interval.mean, interval.deviation, question.limit, question.confidence, _MOST_ITERATIONS
     )
     if needed is None:
         return (

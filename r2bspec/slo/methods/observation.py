@@ -13,10 +13,9 @@ import numpy as np
 
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.pooling import pool_monitor
-from r2bspec.measure.samples import MonitorSamples
+from r2bspec.measure.samples import LOSSES_COUNT, MonitorSamples
 from r2bspec.measure.units import show
-from r2bspec.measure.values import LOSSES_COUNT, value
-from r2bspec.slo.model import CONFIDENCE
+from r2bspec.measure.values import value
 from r2bspec.slo.question import Answer, Question
 from r2bspec.slo.statistics.zero_failures import share_at_most
 from r2bspec.slo.wording import things
@@ -38,7 +37,7 @@ def judge_observation(question: Question) -> Answer:
     n = _messages(question)
     holds = question.holds(seen)
     counts = holds and n > 0 and _of_single_messages(question, seen)
-    rule = share_at_most(n, CONFIDENCE) if counts else None
+    rule = share_at_most(n, question.confidence) if counts else None
     return Answer(
         outcome="pass" if holds else "fail",
         method="observation",
@@ -111,8 +110,8 @@ def _reason(question: Question, seen: float, n: int, rule: float | None) -> str:
     if rule is None:
         return f"{what}."
     return (
-        f"{what}. This was seen, not proved: at 95 % confidence up to {show(rule, 'share', 2)} of "
-        f"{things(question)} may still break it."
+        f"{what}. This was seen, not proved: at {question.confidence_text} up to "
+        f"{show(rule, 'share', 2)} of {things(question)} may still break it."
     )
 
 

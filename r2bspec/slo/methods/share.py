@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from r2bspec.slo.methods.forecast import settle_share
-from r2bspec.slo.model import CONFIDENCE, ShareTest
+from r2bspec.slo.model import ShareTest
 from r2bspec.slo.question import Answer, Question, decide
-from r2bspec.slo.statistics.binomial import lower_bound, upper_bound
+from r2bspec.slo.statistics.binomial import lower_bound, upper_bound, withstands
+from r2bspec.slo.statistics.effective import Effective, effective
 from r2bspec.slo.wording import share_sentence
 
 
 def judge_share(question: Question) -> Answer:
     """Decide a requirement on ``drop_rate``: steps without an answer, of the steps sent."""
     seen = [one.monitors[question.monitor or ""] for one in question.iterations]
-    n, missed = sum(one.sent for one in seen), sum(one.missed for one in seen)
-    if not n:
+    worth = effective([np.logical_not(one.steps.answered) for one in seen])
+    if not worth.n:
         return Answer(outcome="inconclusive", method="none", reason="No step was played.")
-    test = ShareTest(
-        n=n,
-        over=missed,
-        lost=missed,
-        share=missed / n,
-        lower=lower_bound(missed, n, CONFIDENCE),
-        upper=upper_bound(missed, n, CONFIDENCE),
-        allowed=question.limit,
+    test = share_test(
+        worth, question.limit, question.confidence, lost=worth.bad, ceiling=question.wants_less
     )
-    if question.wants_less:
-        outcome = decide(passes=question.holds(test.upper), fails=not question.holds(test.lower))
-    else:
-        outcome = decide(passes=question.holds(test.lower), fails=not question.holds(test.upper))
+    towards, against = (test.upper, test.lower) if question.wants_less else (test.lower, test.upper)
+    outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
     return Answer(
         outcome=outcome,
         method="exact binomial",
@@ -36,7 +31,36 @@ def judge_share(question: Question) -> Answer:
         estimate=test.share,
         lower=test.lower,
         upper=test.upper,
-        n=n,
-        over=missed,
+        n=test.n,
+        effective_n=test.effective_n,
+        over=test.over,
+        bursts=test.bursts,
         share=test,
+    )
+
+
+def share_test(
+    worth: Effective, allowed: float, confidence: float, *, lost: int = 0, ceiling: bool = True
+) -> ShareTest:
+    """The binomial test on counts whose effective number is known.
+
+    Args:
+        worth: the counts.
+        allowed: the share that is allowed, or, where `ceiling` is False, demanded.
+        confidence: of each bound by itself.
+        lost: how many of the bad ones never arrived.
+        ceiling: whether few are good.
+    """
+    return ShareTest(
+        n=worth.n,
+        effective_n=worth.messages,
+        over=worth.bad,
+        bursts=worth.bursts,
+        clustering=worth.cause,
+        lost=lost,
+        share=worth.bad / worth.n,
+        lower=lower_bound(worth.bad_messages, worth.messages, confidence),
+        upper=upper_bound(worth.bad_messages, worth.messages, confidence),
+        allowed=allowed,
+        withstands=withstands(worth.bad, worth.n, allowed, confidence) if ceiling else None,
     )

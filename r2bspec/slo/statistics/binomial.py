@@ -1,4 +1,4 @@
-"""The exact binomial test on a share, its confidence bounds, and its critical counts.
+"""The exact binomial test on a share, and its confidence bounds.
 
 Of n messages, k are over a bound; the share p of all messages that are over is unknown, and k is
 binomial(n, p) if messages are independent. One-sided tests at the level alpha = 1 - confidence
@@ -10,6 +10,13 @@ against an allowed share p0:
 Neither can be wrong in more than a share alpha of all runs, and both cannot hold at once for
 alpha < 1/2. The Clopper-Pearson bounds are the same tests turned round: the upper bound is the
 largest p, the lower bound the smallest, that k does not contradict.
+
+Messages that are not independent are worth fewer (`effective`), and neither k nor n need be whole
+then. The binomial distribution function is an incomplete beta function,
+
+    P(X <= k | p) = I_(1-p)(n - k, k + 1)        P(X >= k | p) = I_p(k, n - k + 1),
+
+which is defined between whole numbers as well, and serves there in its place.
 """
 
 from __future__ import annotations
@@ -18,7 +25,7 @@ import math
 from collections.abc import Callable
 
 
-def upper_bound(k: int, n: int, confidence: float) -> float:
+def upper_bound(k: float, n: float, confidence: float) -> float:
     """The one-sided upper Clopper-Pearson bound: the p with P(X <= k | p) = 1 - confidence.
 
     It is the `confidence` quantile of Beta(k + 1, n - k), and 1 for k = n.
@@ -30,7 +37,7 @@ def upper_bound(k: int, n: int, confidence: float) -> float:
     return float(betaincinv(k + 1, n - k, confidence))
 
 
-def lower_bound(k: int, n: int, confidence: float) -> float:
+def lower_bound(k: float, n: float, confidence: float) -> float:
     """The one-sided lower Clopper-Pearson bound: the p with P(X >= k | p) = 1 - confidence.
 
     It is the 1 - `confidence` quantile of Beta(k, n - k + 1), and 0 for k = 0.
@@ -42,42 +49,7 @@ def lower_bound(k: int, n: int, confidence: float) -> float:
     return float(betaincinv(k, n - k + 1, 1 - confidence))
 
 
-def most_to_pass(n: int, allowed: float, confidence: float) -> int | None:
-    """The largest k for which n messages show a share of at most `allowed`; None if not even 0.
-
-    That is the largest k with P(X <= k | allowed) <= 1 - confidence.
-    """
-    from scipy.special import bdtr
-
-    alpha = 1 - confidence
-
-    def shows(k: int) -> bool:
-        return float(bdtr(k, n, allowed)) <= alpha
-
-    if n < 1 or not shows(0):
-        return None
-    return _last_true(shows, 0, n)
-
-
-def least_to_fail(n: int, allowed: float, confidence: float) -> int | None:
-    """The smallest k for which n messages show a share above `allowed`; None if not even n.
-
-    That is the smallest k with P(X >= k | allowed) <= 1 - confidence.
-    """
-    from scipy.special import bdtrc
-
-    alpha = 1 - confidence
-
-    def undecided(k: int) -> bool:
-        # bdtrc is P(X > k), so P(X >= k) is bdtrc(k - 1); P(X >= 0) is certain.
-        return k == 0 or float(bdtrc(k - 1, n, allowed)) > alpha
-
-    if n < 1 or undecided(n):
-        return None
-    return _last_true(undecided, 0, n) + 1
-
-
-def _last_true(holds: Callable[[int], bool], low: int, high: int) -> int:
+def last_true(holds: Callable[[int], bool], low: int, high: int) -> int:
     """The largest k in low..high that holds, where every k up to some one holds and none after.
 
     `low` must hold.
@@ -91,7 +63,30 @@ def _last_true(holds: Callable[[int], bool], low: int, high: int) -> int:
     return low
 
 
-def messages_to_settle(share: float, allowed: float, confidence: float, most: int) -> int | None:
+def withstands(k: float, n: float, allowed: float, confidence: float) -> float | None:
+    """The mean length of bursts up to which k of n still show a share of at most `allowed`.
+
+    Bursts of the mean length L inflate the variance by about F = 2 L - 1, so that k and n are
+    worth k / F and n / F. This solves upper_bound(k / F, n / F) = allowed for L, by bisection to
+    a thousandth.
+
+    Returns:
+        None if k of n do not show it even if all messages are independent.
+    """
+
+    def shows(inflation: float) -> bool:
+        return upper_bound(k / inflation, n / inflation, confidence) <= allowed
+
+    if n < 1 or not shows(1.0):
+        return None
+    low, high = 1.0, float(n)
+    while high - low > 1e-3 * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if shows(middle) else (low, middle)
+    return (low + 1) / 2
+
+
+def messages_to_settle(share: float, allowed: float, confidence: float, most: float) -> int | None:
     """About how many messages decide for or against `allowed`, if a share `share` stays over.
 
     The smallest n of a geometric series (steps of 5 %) at which the test with k = round(n share)

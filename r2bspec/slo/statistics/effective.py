@@ -32,9 +32,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+Clustering = Literal["", "bursts", "stretches", "iterations"]
 
 Flags = NDArray[np.bool_]
 """Which of the messages of one iteration are bad, in the order of the steps; shape (n,)."""
@@ -59,21 +62,23 @@ class Effective:
         bad: bad ones among them.
         bursts: runs of bad messages without a good one between them.
         inflation: F, at least 1.
+        cause: which estimate is the largest; empty if none is above 1.
     """
 
     n: int
     bad: int
     bursts: int
     inflation: float
+    cause: Clustering
 
     @property
     def messages(self) -> float:
-        """n / F."""
+        """Independent ones they are worth: n / F."""
         return self.n / self.inflation
 
     @property
     def bad_messages(self) -> float:
-        """k / F."""
+        """Of those, bad ones: k / F."""
         return self.bad / self.inflation
 
 
@@ -86,16 +91,20 @@ def effective(pieces: Sequence[Flags]) -> Effective:
     n = sum(piece.size for piece in pieces)
     bad = sum(int(np.count_nonzero(piece)) for piece in pieces)
     if not 0 < bad < n:
-        return Effective(n=n, bad=bad, bursts=_bursts(pieces)[0], inflation=1.0)
+        return Effective(n=n, bad=bad, bursts=_bursts(pieces)[0], inflation=1.0, cause="")
     bursts, longest = _bursts(pieces)
-    inflation = max(
-        1.0,
-        _of_bursts(n, bad, bursts, longest),
-        _of_stretches(pieces, bad / n),
-        _of_iterations(pieces, bad / n),
+    estimates: dict[Clustering, float] = {
+        "": 1.0,
+        "bursts": _of_bursts(n, bad, bursts, longest),
+        "stretches": _of_stretches(pieces, bad / n),
+        "iterations": _of_iterations(pieces, bad / n),
+    }
+    # Digits that the order of additions decides, which differs between processors, are cut off
+    # before anything is compared. One message is the least that a run with any can be worth.
+    cause, inflation = max(
+        ((cause, round(found, 6)) for cause, found in estimates.items()), key=lambda one: one[1]
     )
-    # One message is the least that a run with any can be worth.
-    return Effective(n=n, bad=bad, bursts=bursts, inflation=min(inflation, float(n)))
+    return Effective(n=n, bad=bad, bursts=bursts, inflation=min(inflation, float(n)), cause=cause)
 
 
 def _bursts(pieces: Sequence[Flags]) -> tuple[int, int]:
@@ -126,7 +135,7 @@ def _of_stretches(pieces: Sequence[Flags], p: float) -> float:
     pairs = np.zeros(lags + 1)
     for piece in pieces:
         if piece.size:
-            products += _lagged_products(piece - p, lags)
+            products += _lagged_products(piece.astype(np.float64) - p, lags)
             pairs += piece.size - np.arange(lags + 1)
     r = (products / pairs) / (products[0] / pairs[0])
     sums = r[0 : lags - lags % 2 : 2] + r[1 : lags + 1 - lags % 2 : 2]

@@ -21,15 +21,15 @@ is the same from one of them down to the one before.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.percentiles import rank
-from r2bspec.slo.statistics.binomial import lower_bound, upper_bound
-from r2bspec.slo.statistics.effective import Effective, effective
+from r2bspec.slo.statistics.binomial import last_true, lower_bound, upper_bound
+from r2bspec.slo.statistics.effective import Clustering, Effective, effective
 
 _EACH = 16
 _STEP = 1.2
@@ -63,38 +63,34 @@ class Ranked:
         self.ordered = np.sort(np.concatenate([*pieces, np.empty(0)]))
         self.n = int(self.ordered.size)
         self._levels = _levels(self.n)
-        self._found: dict[int, float] = {}
+        self._found: dict[int, tuple[float, Clustering]] = {}
 
     def worth(self, k: int, *, largest: bool = True) -> Effective:
         """What the messages are worth if the k largest are bad, or all but those k."""
         level = min(level for level in self._levels if level >= k)
-        found = effective([piece > self._below(k) for piece in self._pieces])
-        inflation = self._inflation(level)
-        if not largest:
-            flipped = effective([piece <= self._below(k) for piece in self._pieces])
-            return replace(flipped, inflation=inflation)
-        return replace(found, inflation=inflation)
+        inflation, cause = self._worth_at(level)
+        edge = self._below(k)
+        flags = [piece > edge if largest else piece <= edge for piece in self._pieces]
+        return replace(effective(flags), inflation=inflation, cause=cause)
 
     def _below(self, k: int) -> float:
         """The largest message that is not one of the k largest."""
         return float(self.ordered[self.n - 1 - k]) if k < self.n else -math.inf
 
-    def _inflation(self, level: int) -> float:
+    def _worth_at(self, level: int) -> tuple[float, Clustering]:
+        """F at one of the levels, and what makes it so large."""
         if level not in self._found:
-            if level == 0:
-                self._found[level] = 1.0
-            else:
-                least = self.ordered[self.n - level]
-                self._found[level] = effective(
-                    [piece >= least for piece in self._pieces]
-                ).inflation
+            least = self.ordered[self.n - level] if level else math.inf
+            flags = [piece >= least if level else piece > least for piece in self._pieces]
+            found = effective(flags)
+            self._found[level] = found.inflation, found.cause
         return self._found[level]
 
     def most_to_pass(self, allowed: float, confidence: float) -> int | None:
         """k_pass; None if not even 0 passes."""
         best: int | None = None
         for below, level in self._buckets():
-            f = self._inflation(level)
+            f, _ = self._worth_at(level)
             n = self.n / f
 
             def passes(k: int, f: float = f, n: float = n) -> bool:
@@ -102,7 +98,7 @@ class Ranked:
 
             if not passes(below + 1):
                 return best
-            best = _last(passes, below + 1, level)
+            best = last_true(passes, below + 1, level)
             if best < level:
                 return best
         return best
@@ -111,7 +107,7 @@ class Ranked:
         """k_fail; None if not even n fails."""
         best: int | None = None
         for below, level in reversed(list(self._buckets())):
-            f = self._inflation(level)
+            f, _ = self._worth_at(level)
             n = self.n / f
 
             def open_(k: int, f: float = f, n: float = n) -> bool:
@@ -120,7 +116,7 @@ class Ranked:
             if open_(level):
                 return best
             if open_(below + 1):
-                return _last(open_, below + 1, level) + 1
+                return last_true(open_, below + 1, level) + 1
             best = below + 1
         return best
 
@@ -137,17 +133,6 @@ def _levels(n: int) -> tuple[int, ...]:
         level *= _STEP
         found.add(min(math.ceil(level), n))
     return tuple(sorted(found | {n - k for k in found}))
-
-
-def _last(holds: Callable[[int], bool], low: int, high: int) -> int:
-    """The largest k of low..high that holds; `low` does, and every k up to some one."""
-    while low < high:
-        middle = (low + high + 1) // 2
-        if holds(middle):
-            low = middle
-        else:
-            high = middle - 1
-    return low
 
 
 def percentile_interval(
@@ -167,6 +152,6 @@ def percentile_interval(
     failing = ranked.least_to_fail(allowed_share(q), confidence)
     return PercentileInterval(
         estimate=float(ordered[rank(q, n) - 1]),
-        lower=-math.inf if failing is None or not failing else float(ordered[n - failing]),
+        lower=-math.inf if failing is None else float(ordered[n - failing]),
         upper=math.inf if passing is None or passing >= n else float(ordered[n - 1 - passing]),
     )

@@ -81,6 +81,22 @@ PYTHON_NODE = Form(
     "Python node",
     "a Python node is written module.Class, or ./file.py:Class relative to this file",
 )
+PLUGIN = Form(
+    r"^[A-Za-z_][A-Za-z0-9_]*(?:::[A-Za-z_][A-Za-z0-9_]*)*$",
+    "plugin",
+    "a plugin is the name of a C++ class with its namespaces, such as image_proc::ResizeNode",
+)
+INSTANCE = Form(
+    "^[A-Za-z0-9_]+$",
+    "instance name",
+    "an instance's name is made of letters, digits and underscores; it is appended to the name "
+    "that is repeated",
+)
+SERVICE_TYPE = Form(
+    "^[A-Za-z][A-Za-z0-9_]*/srv/[A-Z][A-Za-z0-9]*$",
+    "service type",
+    "a service type is written package/srv/Name, such as std_srvs/srv/SetBool",
+)
 PACKAGE = Form(
     "^[A-Za-z][A-Za-z0-9_-]*$",
     "package name",

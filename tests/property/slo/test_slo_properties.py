@@ -9,16 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from run_simulation import EPOCH_NS, objective
 
-from r2bspec.measure.samples import MonitorSamples, PlaybackSamples, RunSamples, SegmentSamples
+from r2bspec.measure.matching import UNKNOWN
+from r2bspec.measure.samples import (
+    MonitorSamples,
+    PlaybackSamples,
+    RunSamples,
+    SegmentSamples,
+    StepTimes,
+)
 from r2bspec.record.model import RunRecord, Segment
 from r2bspec.slo.judge import judge
 from r2bspec.slo.model import RequirementVerdict
-from r2bspec.slo.statistics.binomial import (
-    least_to_fail,
-    lower_bound,
-    most_to_pass,
-    upper_bound,
-)
+from r2bspec.slo.statistics.binomial import lower_bound, upper_bound
 from r2bspec.slo.statistics.student import mean_interval
 
 ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
@@ -48,7 +50,11 @@ def run_of(given_iterations: list[tuple[list[float], int]]) -> RunSamples:
             ended_ns=EPOCH_NS + round(sent * 1e9 / 30),
             complete=True,
         )
+        due_ns = EPOCH_NS + np.round(np.arange(sent) * 1e9 / 30).astype(np.int64)
+        received_ns = np.full(sent, UNKNOWN, dtype=np.int64)
+        received_ns[: times.size] = due_ns[: times.size] + np.round(times * 1e9).astype(np.int64)
         monitor = MonitorSamples(
+            steps=StepTimes(due_ns, due_ns, received_ns),
             times={"latency": times, "latency_from_due": times, "interval": times, "jitter": times},
             sent=sent,
             answered=times.size,
@@ -100,9 +106,6 @@ def ask(samples: RunSamples, requirement: str) -> RequirementVerdict:
 def test_pass_and_fail_never_both(count: tuple[int, int], allowed: float) -> None:
     k, n = count
     assert not (upper_bound(k, n, 0.95) <= allowed < lower_bound(k, n, 0.95))
-    passing, failing = most_to_pass(n, allowed, 0.95), least_to_fail(n, allowed, 0.95)
-    if passing is not None and failing is not None:
-        assert passing < failing
 
 
 @given(counts)
@@ -136,7 +139,13 @@ def test_more_losses_never_help(
     for requirement in (f"latency.p90 < {limit} ms", "drop_rate <= 5 %", "missed <= 3"):
         before = ask(run_of(given_iterations), requirement)
         after = ask(run_of(worse), requirement)
-        assert ORDER[after.outcome] <= ORDER[before.outcome]
+        # Losses that come one by one make a run look less bursty: that may decide what bursts
+        # had left open, but never in favour of what had failed.
+        assert (before.outcome, after.outcome) != ("fail", "pass")
+        if before.share is None or after.share is None:
+            assert ORDER[after.outcome] <= ORDER[before.outcome]
+        else:
+            assert after.share.share >= before.share.share
 
 
 @given(iterations, st.integers(1, 120))

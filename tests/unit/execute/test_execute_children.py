@@ -216,6 +216,13 @@ def test_what_a_child_says_before_it_dies_is_the_reason(stage: Stage) -> None:
     assert raised.value.hint == "fix it"
 
 
+def test_what_a_child_misses_is_no_failure_of_the_run(stage: Stage) -> None:
+    stage.start("channel().send(protocol.Failed(code='R2B624', message='no module x'))\n" + SLEEPS)
+    with pytest.raises(NotInstalledError, match="node: no module x") as raised:
+        stage.pump_for_ever()
+    assert (raised.value.code, raised.value.exit_code) == ("R2B624", 2)
+
+
 def test_a_failure_without_a_hint_points_at_the_log(stage: Stage) -> None:
     stage.start("channel().send(protocol.Failed(code='R2B630', message='m'))\n" + SLEEPS)
     with pytest.raises(ProcessFailedError) as raised:

@@ -38,8 +38,9 @@ def test_handlers_are_as_before_afterwards() -> None:
 @SIGNALS
 def test_a_second_signal_ends_the_process_at_once(number: signal.Signals) -> None:
     program = (
-        "import os, sys; from r2bspec.execute.interrupts import Interrupts\n"
-        "with Interrupts():\n"
+        "import os, sys; from r2bspec.execute import interrupts\n"
+        "interrupts._SAME_ACT_S = 0.0\n"
+        "with interrupts.Interrupts():\n"
         "    os.kill(os.getpid(), int(sys.argv[1])); print('one', flush=True)\n"
         "    os.kill(os.getpid(), int(sys.argv[1])); print('two', flush=True)\n"
     )
@@ -51,6 +52,15 @@ def test_a_second_signal_ends_the_process_at_once(number: signal.Signals) -> Non
     )
     assert done.stdout == "one\n"
     assert done.returncode == 128 + number
+
+
+def test_one_act_that_arrives_twice_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("r2bspec.execute.interrupts._SAME_ACT_S", 3600.0)
+    with Interrupts() as interrupts:
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(InterruptedRunError):
+            interrupts.check()
 
 
 def test_a_run_in_a_thread_does_without_signals() -> None:

@@ -18,10 +18,11 @@ NAN = float("nan")
 
 
 def latencies(n: int, *, over: int = 0, lost: int = 0) -> NDArray[np.float64]:
-    """20 ms each, but `over` times 100 ms, and `lost` outputs that never came."""
+    """20 ms each, but `over` times 100 ms, and `lost` outputs that never came, evenly spread."""
     found = np.full(n, 0.02)
-    found[5 : 5 + over] = 0.1
-    found[5 + over : 5 + over + lost] = NAN
+    bad = np.linspace(0, n - 1, over + lost).astype(int)
+    found[bad[:over]] = 0.1
+    found[bad[over:]] = NAN
     return found
 
 

@@ -10,13 +10,13 @@ import pytest
 from scipy import stats
 
 from r2bspec.slo.statistics.binomial import (
-    least_to_fail,
     lower_bound,
     messages_to_settle,
-    most_to_pass,
     upper_bound,
+    withstands,
 )
-from r2bspec.slo.statistics.order import percentile_interval
+from r2bspec.slo.statistics.effective import Flags, effective
+from r2bspec.slo.statistics.order import Ranked, percentile_interval
 from r2bspec.slo.statistics.student import iterations_to_settle, mean_interval
 from r2bspec.slo.statistics.zero_failures import messages_needed, share_at_most
 
@@ -77,17 +77,34 @@ class TestBinomial:
 
     @pytest.mark.parametrize("n", [1, 5, 29, 298, 299, 300, 3000])
     @pytest.mark.parametrize("allowed", [0.5, 0.1, 0.01, 0.001])
-    def test_critical_counts_are_those_of_the_test(self, n: int, allowed: float) -> None:
-        passing = most_to_pass(n, allowed, 0.95)
-        shows_less = [k for k in range(n + 1) if stats.binom.cdf(k, n, allowed) <= 0.05]
-        assert passing == max(shows_less, default=None)
-        failing = least_to_fail(n, allowed, 0.95)
-        shows_more = [k for k in range(n + 1) if stats.binom.sf(k - 1, n, allowed) <= 0.05]
-        assert failing == min(shows_more, default=None)
+    def test_comparing_bounds_is_the_test(self, n: int, allowed: float) -> None:
+        for k in {*range(min(n, 40) + 1), n // 2, n}:
+            few, many = stats.binom.cdf(k, n, allowed), stats.binom.sf(k - 1, n, allowed)
+            assert (upper_bound(k, n, 0.95) <= allowed) == (few <= 0.05)
+            assert (lower_bound(k, n, 0.95) >= allowed) == (many <= 0.05)
 
-    def test_no_messages_show_nothing(self) -> None:
-        assert most_to_pass(0, 0.1, 0.95) is None
-        assert least_to_fail(0, 0.1, 0.95) is None
+    @pytest.mark.parametrize(
+        ("quantile", "needed"),
+        [(0.99, (459, 662, 838, 1001, 1157)), (0.9, (44, 64, 81, 97, 113))],
+    )
+    def test_the_published_table_of_early_stopping(
+        self, quantile: float, needed: tuple[int, ...]
+    ) -> None:
+        """MLPerf's rule: after so many queries, 0, 1, 2, .. may have been over the bound."""
+        for over, n in enumerate(needed):
+            assert upper_bound(over, n, 0.99) <= 1 - quantile + 1e-12
+            assert upper_bound(over, n - 1, 0.99) > 1 - quantile
+
+    def test_counts_need_not_be_whole(self) -> None:
+        between = [upper_bound(k / 10, 500, 0.95) for k in range(21)]
+        assert between == sorted(between)
+        assert upper_bound(0.5, 333.3, 0.95) == pytest.approx(stats.beta.ppf(0.95, 1.5, 332.8))
+
+    def test_bursts_that_a_pass_withstands(self) -> None:
+        # 3,000 messages are worth 299 if bursts inflate the variance by 10: 2 L - 1 = 10.
+        assert withstands(0, 3000, 0.01, 0.95) == pytest.approx(5.5, abs=0.05)
+        assert withstands(0, 299, 0.01, 0.95) == pytest.approx(1.0, abs=0.01)
+        assert withstands(0, 298, 0.01, 0.95) is None
 
     def test_the_forecast_settles(self) -> None:
         n = messages_to_settle(0.005, 0.01, 0.95, most=10**6)
@@ -103,28 +120,91 @@ class TestPercentileInterval:
     @pytest.mark.parametrize("quantile", [0.5, 0.9, 0.99])
     def test_comparing_bounds_is_the_binomial_test(self, n: int, quantile: float) -> None:
         values = np.random.default_rng(n).exponential(size=n)
-        interval = percentile_interval(values, quantile, 0.95)
+        ranked = Ranked([values])
+        interval = percentile_interval(ranked, quantile, 0.95)
         allowed = 1 - quantile
         for limit in np.quantile(values, np.linspace(0, 1, 101)):
-            over = int(np.count_nonzero(values > limit))
-            assert (interval.upper <= limit) == (upper_bound(over, n, 0.95) <= allowed + 1e-12)
-            assert (interval.lower > limit) == (lower_bound(over, n, 0.95) > allowed + 1e-12)
+            worth = ranked.worth(int(np.count_nonzero(values > limit)))
+            upper = upper_bound(worth.bad_messages, worth.messages, 0.95)
+            lower = lower_bound(worth.bad_messages, worth.messages, 0.95)
+            if interval.upper <= limit:
+                assert upper <= allowed + 1e-12
+            if interval.lower > limit:
+                assert lower > allowed - 1e-12
+
+    def test_independent_messages_are_judged_as_independent(self) -> None:
+        values = np.random.default_rng(3).permutation(np.arange(3000.0))
+        interval = percentile_interval([values], 0.99, 0.95)
+        # At most 20 may be over to pass, at least 40 must be to fail.
+        assert (interval.lower, interval.estimate, interval.upper) == (2960, 2969, 2979)
 
     def test_too_few_messages_bound_nothing(self) -> None:
-        interval = percentile_interval(np.arange(298.0), 0.99, 0.95)
-        assert interval.upper == np.inf
-        assert percentile_interval(np.arange(299.0), 0.99, 0.95).upper == 298
+        def upper(n: int) -> float:
+            return percentile_interval([np.arange(float(n))], 0.99, 0.95).upper
+
+        assert upper(298) == np.inf
+        assert upper(299) == 298
 
     def test_lost_messages_are_infinitely_late(self) -> None:
-        interval = percentile_interval(np.array([1.0] * 97 + [np.inf] * 3), 0.95, 0.95)
+        values = np.random.default_rng(1).permutation([1.0] * 97 + [np.inf] * 3)
+        interval = percentile_interval([values], 0.95, 0.95)
         assert (interval.estimate, interval.upper) == (1.0, np.inf)
 
     def test_coverage(self) -> None:
         rng = np.random.default_rng(5)
         true_p90 = stats.expon.ppf(0.9)
-        bounds = [percentile_interval(rng.exponential(size=200), 0.9, 0.95) for _ in range(2000)]
+        bounds = [percentile_interval([rng.exponential(size=200)], 0.9, 0.95) for _ in range(1000)]
         assert np.mean([bound.upper < true_p90 for bound in bounds]) < 0.06
         assert np.mean([bound.lower > true_p90 for bound in bounds]) < 0.06
+
+
+class TestEffective:
+    @staticmethod
+    def flags(n: int, *bursts: tuple[int, int]) -> Flags:
+        found = np.zeros(n, dtype=bool)
+        for start, length in bursts:
+            found[start : start + length] = True
+        return found
+
+    def test_single_ones_far_apart_count_in_full(self) -> None:
+        found = effective([self.flags(1000, (10, 1), (400, 1), (800, 1))])
+        assert (found.n, found.bad, found.bursts, found.inflation) == (1000, 3, 3, 1.0)
+
+    @pytest.mark.parametrize("share", [0, 1])
+    def test_where_nothing_differs_there_is_nothing_to_estimate(self, share: int) -> None:
+        assert effective([np.full(100, bool(share))]).inflation == 1.0
+
+    def test_bursts_count_as_far_fewer(self) -> None:
+        found = effective([self.flags(3000, (100, 5), (900, 5), (2000, 5))])
+        assert (found.bursts, found.cause) == (3, "bursts")
+        # Three bursts of five and the longest again: 20 / 3, so F is about 2 x 6.67 - 1.
+        assert found.inflation == pytest.approx(12.3, abs=0.2)
+
+    def test_stretches_are_seen_though_nothing_is_adjacent(self) -> None:
+        flags = self.flags(3000)
+        random = np.random.default_rng(4)
+        for start in range(200, 3000, 400):
+            flags[start + random.choice(60, 20, replace=False)] = True
+        found = effective([flags])
+        assert found.cause == "stretches"
+        assert found.inflation > 5
+
+    def test_iterations_that_differ(self) -> None:
+        pieces = [self.flags(300, (150, 1)) for _ in range(9)]
+        worst = self.flags(300, *((at, 1) for at in range(0, 300, 10)))
+        found = effective([*pieces, worst])
+        assert found.cause == "iterations"
+        assert found.inflation > 10
+
+    def test_nothing_spans_two_iterations(self) -> None:
+        first, second = self.flags(300, (299, 1)), self.flags(300, (0, 1))
+        assert effective([first, second]).bursts == 2
+        assert effective([first, second]).inflation == 1.0
+        assert effective([np.concatenate((first, second))]).bursts == 1
+
+    def test_no_iteration_and_empty_ones(self) -> None:
+        assert effective([]).n == 0
+        assert effective([self.flags(0), self.flags(10, (2, 1))]).n == 10
 
 
 class TestMeanInterval:

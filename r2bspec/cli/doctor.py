@@ -1,0 +1,106 @@
+"""``r2bspec doctor``: what this machine is fit for, and what dead runs have left on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from r2bspec.execute.doctor.model import Check, Status
+
+_MARKS: dict[Status, tuple[str, str]] = {
+    "ok": ("✔", "green"),
+    "warn": ("!", "yellow"),
+    "problem": ("✘", "red"),
+}
+
+
+@click.command("doctor")
+@click.option(
+    "--clean",
+    is_flag=True,
+    help="First remove what dead runs have left: processes, shared memory, scratch folders.",
+)
+@click.option(
+    "--runs",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("runs"),
+    show_default=True,
+    help="Where run folders are, or one of them: looked through for what was left.",
+)
+@click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="How to print the result.",
+)
+def command(clean: bool, runs: Path, output_format: str) -> int:
+    """Explain this machine: what a benchmark on it needs, what is there, and what to do.
+
+    Shared memory of dead ROS programs is removed by --clean whoever started them, as long as it
+    is yours; what a living process uses is never touched. The exit status is 1 if there is a
+    problem, and 0 if there are warnings only.
+    """
+    from r2bspec.execute.doctor.examine import examine
+    from r2bspec.execute.doctor.leftovers import clean as remove_leftovers
+    from r2bspec.execute.doctor.model import System, worst
+
+    system = System(runs=runs)
+    removed = remove_leftovers(system) if clean else []
+    checks = list(examine(system))
+    status = worst(checks)
+    if output_format == "json":
+        import msgspec
+
+        answer = {"r2bspec_doctor": 1, "status": status, "removed": removed, "checks": checks}
+        click.echo(msgspec.json.format(msgspec.json.encode(answer), indent=2))
+    else:
+        for line in removed:
+            click.echo(f"removed {line}")
+        if clean:
+            click.echo("" if removed else "nothing to remove\n")
+        _show(checks, status)
+    return 1 if status == "problem" else 0
+
+
+def _show(checks: list[Check], status: Status) -> None:
+    """Print a block for each topic, a line for each check, and advice below what needs it."""
+    width = max(len(check.name) for check in checks)
+    topic = ""
+    for check in checks:
+        if check.topic != topic:
+            click.echo(("\n" if topic else "") + _styled(check.topic, bold=True))
+            topic = check.topic
+        mark, colour = _MARKS[check.status]
+        click.echo(f"  {_styled(mark, fg=colour)} {check.name:<{width}}  {check.found}")
+        if check.advice:
+            click.echo(f"    {'':<{width}}  {_styled(f'→ {check.advice}', dim=True)}")
+    click.echo()
+    counts = {each: sum(check.status == each for check in checks) for each in _MARKS}
+    words = {
+        "ok": "Nothing stands in the way of a benchmark.",
+        "warn": f"{_counted(counts['warn'], 'warning')}: benchmarks run; read them with these "
+        "in mind.",
+        "problem": f"{_counted(counts['problem'], 'problem')} and "
+        f"{_counted(counts['warn'], 'warning')}.",
+    }
+    mark, colour = _MARKS[status]
+    click.echo(f"{_styled(mark, fg=colour, bold=True)} {words[status]}")
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def _styled(text: str, *, fg: str | None = None, bold: bool = False, dim: bool = False) -> str:
+    import sys
+
+    from r2bspec.report.findings.show import wants_colour
+
+    if not wants_colour(sys.stdout):
+        return text
+    return click.style(text, fg=fg, bold=bold or None, dim=dim or None)

@@ -1,0 +1,115 @@
+"""Applying machine-applicable edits to a text, and nothing else of it.
+
+Only the characters that an edit names change: comments, quotes, blank lines and line ends stay as
+they were written. An edit that does not fit is left for a later round, in which its finding,
+should it still be there, brings it anew.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from r2bspec.diagnostics.lines import BREAK
+from r2bspec.diagnostics.model import Diagnostic, Edit, Severity, Span
+
+MOST_ROUNDS = 20
+"""Rounds of editing and checking again. Each repairs at least one finding, so few are needed."""
+
+_LINE = re.compile(r"[^\n]*\n|[^\n]+")  # as patch breaks lines, which is not as YAML does
+_NOT_YAML = re.compile(r"R2B0(?:0[1-3]|1\d|2[0-2])$")
+
+
+@dataclass(frozen=True, slots=True)
+class Fixed:
+    """A text after its repairs.
+
+    Attributes:
+        text: the repaired text; the original where nothing could be repaired.
+        applied: the findings whose edits were applied, in the order of their rounds.
+        left: what is found in `text`.
+    """
+
+    text: str
+    applied: tuple[Diagnostic, ...]
+    left: tuple[Diagnostic, ...]
+
+
+def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]) -> Fixed:
+    """Apply safe edits, look again, and go on until there is nothing left to apply.
+
+    Args:
+        text: the text of the document.
+        file: its name in spans; edits of other files are left alone.
+        findings_of: what is wrong with a text of that name.
+    """
+    found = findings_of(text)
+    applied: list[Diagnostic] = []
+    seen = {text}
+    for _ in range(MOST_ROUNDS):
+        offered = [one.edit for one in found if one.edit is not None]
+        chosen = _fitting(text, (edit for edit in offered if edit.span.file == file))
+        edited = _replaced(text, chosen)
+        if edited in seen:
+            break
+        after = findings_of(edited)
+        if _unreadable(after) and not _unreadable(found):
+            break  # no edit is worth a document that can no longer be read
+        made = {edit for _, edit in chosen}
+        applied += [one for one in found if one.edit in made]
+        seen.add(edited)
+        text, found = edited, after
+    return Fixed(text, tuple(applied), tuple(found))
+
+
+def apply_edits(text: str, edits: Iterable[Edit]) -> str:
+    """The text with the edits made; of those that overlap or touch only the first is made."""
+    return _replaced(text, _fitting(text, edits))
+
+
+def unified_diff(before: str, after: str, file: str) -> str:
+    """The difference of two texts as ``patch`` reads it; empty where there is none."""
+    import difflib
+
+    lines = difflib.unified_diff(
+        _LINE.findall(before), _LINE.findall(after), f"a/{file}", f"b/{file}"
+    )
+    missing = "\\ No newline at end of file\n"
+    return "".join(line if line.endswith("\n") else f"{line}\n{missing}" for line in lines)
+
+
+def _replaced(text: str, edits: Iterable[tuple[tuple[int, int], Edit]]) -> str:
+    parts: list[str] = []
+    done = 0
+    for (start, end), edit in edits:
+        parts += [text[done:start], edit.text]
+        done = end
+    return "".join([*parts, text[done:]])
+
+
+def _fitting(text: str, edits: Iterable[Edit]) -> list[tuple[tuple[int, int], Edit]]:
+    """The edits that can be made together, each with the offsets of what it replaces."""
+    starts = [0, *(match.end() for match in BREAK.finditer(text))]
+    placed = [(place, one) for one in set(edits) if (place := _offsets(one.span, starts, text))]
+    placed.sort(key=lambda each: (each[0], each[1].text))
+    chosen: list[tuple[tuple[int, int], Edit]] = []
+    last = -1
+    for place, one in placed:
+        if place[0] > last:
+            chosen.append((place, one))
+            last = place[1]
+    return chosen
+
+
+def _offsets(span: Span, starts: Sequence[int], text: str) -> tuple[int, int] | None:
+    """The part of the text that a span means, or None where the text has no such part."""
+    if not (0 < span.line <= span.end_line <= len(starts) and span.column > 0):
+        return None
+    start = starts[span.line - 1] + span.column - 1
+    end = starts[span.end_line - 1] + span.end_column - 1
+    return (start, end) if start <= end <= len(text) else None
+
+
+def _unreadable(found: Iterable[Diagnostic]) -> bool:
+    return any(one.severity is Severity.ERROR and _NOT_YAML.match(one.code) for one in found)

@@ -1,0 +1,193 @@
+"""Waivers: ``# r2bspec: ignore[CODE] reason``, on the line of a finding or on lines of its own above.
+
+A waiver says to readers why something that looks wrong is meant. Without a reason it says nothing
+and waives nothing. Errors that keep the document from being read cannot be waived: there would be
+nothing to run. Several codes stand in one pair of brackets, separated by commas.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from r2bspec.diagnostics.lines import split_lines
+from r2bspec.diagnostics.model import Diagnostic, Severity, Span
+from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.suggest import did_you_mean
+
+WITHOUT_REASON = "R2B040"
+UNKNOWN_CODE = "R2B041"
+UNUSED = "R2B042"
+NOT_WAIVABLE = "R2B043"
+
+_FORM = "# r2bspec: ignore[CODE] reason"
+_COMMENT = re.compile(r"(?:^|(?<=[ \t]))#\s*r2bspec\s*:\s*ignore\b")
+_REST = re.compile(r"\s*\[([^\]]*)\]:?\s*(.*)")
+_ELSEWHERE = re.compile(r"R2B(?:202|[36]\d\d)$")
+"""Findings that depend on the machine or its data: a waiver without one here may have one there."""
+_UNREADABLE = re.compile(r"R2B[01]\d\d$")
+
+
+@dataclass(frozen=True, slots=True)
+class Waiver:
+    """One code that one comment waives.
+
+    Attributes:
+        code: as written, in capitals; empty where the comment names none.
+        reason: why; empty where the comment does not say.
+        span: the code, or the whole comment where it names none.
+        line: the line whose findings are meant.
+    """
+
+    code: str
+    reason: str
+    span: Span
+    line: int
+
+
+def apply_waivers(
+    found: Iterable[Diagnostic],
+    texts: Mapping[str, str],
+    *,
+    known: Callable[[], Collection[str]],
+    complete: bool,
+) -> list[Diagnostic]:
+    """What is left of the findings, and what is wrong with the waivers themselves.
+
+    Args:
+        found: everything that was found.
+        texts: the texts that the findings point into, by file name.
+        known: gives every code there is; called only where there are waivers.
+        complete: whether everything has been looked at, so that a waiver without a finding
+            is a waiver too many.
+    """
+    found = list(found)
+    waivers = [one for file, text in texts.items() for one in waivers_in(text, file)]
+    if not waivers:
+        return found
+    usable = {(one.span.file, one.line, one.code): one for one in waivers if one.reason}
+    used: set[tuple[str, int, str]] = set()
+    left: list[Diagnostic] = []
+    for one in found:
+        key = (one.span.file, one.span.line, one.code)
+        if key not in usable:
+            left.append(one)
+            continue
+        used.add(key)
+        if _waivable(one):
+            continue
+        left += [one, _not_waivable(usable[key])]
+    codes = known()
+    for waiver in waivers:
+        key = (waiver.span.file, waiver.line, waiver.code)
+        left += _judge(waiver, codes, unused=complete and key not in used)
+    return left
+
+
+def waivers_in(text: str, file: str) -> Iterator[Waiver]:
+    """Every waiver in the comments of a text."""
+    if "r2bspec" not in text or not _COMMENT.search(text.replace("\n", " \n")):
+        return
+    lines = split_lines(text)
+    hidden = _inside_values(text)
+    for number, line in enumerate(lines, start=1):
+        comment = _COMMENT.search(line)
+        if comment is None or (number, comment.start() + 1) in hidden:
+            continue
+        start, end = comment.start() + 1, len(line.rstrip()) + 1
+        whole = Span(file, number, start, number, end)
+        meant = number if line[: comment.start()].strip() else _next_content(lines, number)
+        yield from _waivers(line, comment.end(), whole, meant)
+
+
+def _waivers(line: str, offset: int, whole: Span, meant: int) -> Iterator[Waiver]:
+    match = _REST.match(line, offset)
+    if match is None or not match[1].strip():
+        yield Waiver("", "", whole, meant)
+        return
+    for word in re.finditer(r"[^,\s]+", match[1]):
+        column = match.start(1) + word.start() + 1
+        span = Span(whole.file, whole.line, column, whole.line, column + len(word[0]))
+        yield Waiver(word[0].upper(), match[2].strip(), span, meant)
+
+
+def _next_content(lines: list[str], number: int) -> int:
+    """The line below that a comment on a line of its own speaks of: the first that is none."""
+    for below in range(number, len(lines)):
+        if not lines[below].lstrip().startswith("#"):
+            return below + 1
+    return number
+
+
+def _inside_values(text: str) -> _Places:
+    """Places that are part of a value, such as a line of a block of text with a '#' in it."""
+    import yaml
+
+    loader: Any = getattr(yaml, "CLoader", yaml.Loader)
+    spans: list[tuple[tuple[int, int], tuple[int, int]]] = []
+    try:
+        for token in yaml.scan(text, Loader=loader):
+            if isinstance(token, yaml.ScalarToken) and not token.plain:
+                start, end = token.start_mark, token.end_mark
+                spans.append(((start.line + 1, start.column + 1), (end.line + 1, end.column + 1)))
+    except yaml.YAMLError:
+        pass  # reported where the document is read; what was scanned until there is known
+    return _Places(spans)
+
+
+class _Places:
+    """A set of places given by its stretches."""
+
+    def __init__(self, spans: list[tuple[tuple[int, int], tuple[int, int]]]) -> None:
+        self._spans = spans
+
+    def __contains__(self, place: tuple[int, int]) -> bool:
+        return any(start < place < end for start, end in self._spans)
+
+
+def _waivable(found: Diagnostic) -> bool:
+    return found.severity is not Severity.ERROR or not _UNREADABLE.match(found.code)
+
+
+def _judge(waiver: Waiver, known: Collection[str], *, unused: bool) -> Iterator[Diagnostic]:
+    if not waiver.code:
+        yield _warning(
+            WITHOUT_REASON, "this waiver does not say which code it means", waiver, f"write '{_FORM}'"
+        )
+    elif waiver.code not in known:
+        close = did_you_mean(waiver.code, known)
+        yield _warning(
+            UNKNOWN_CODE,
+            f"there is no code {quote(waiver.code)} to waive",
+            waiver,
+            f"did you mean {close}? " * bool(close) + "'r2bspec explain' lists all codes",
+        )
+    elif not waiver.reason:
+        yield _warning(
+            WITHOUT_REASON,
+            f"the waiver of {waiver.code} gives no reason, so it waives nothing",
+            waiver,
+            f"say why behind the brackets: '{_FORM}'",
+        )
+    elif unused and not _ELSEWHERE.match(waiver.code):
+        yield _warning(
+            UNUSED,
+            f"nothing is left for this waiver of {waiver.code} to waive",
+            waiver,
+            "remove it",
+        )
+
+
+def _not_waivable(waiver: Waiver) -> Diagnostic:
+    return _warning(
+        NOT_WAIVABLE,
+        f"{waiver.code} cannot be waived: the document could not be used",
+        waiver,
+        "put right what it reports, and remove the waiver",
+    )
+
+
+def _warning(code: str, message: str, waiver: Waiver, help_text: str) -> Diagnostic:
+    return Diagnostic(code, Severity.WARNING, message, waiver.span, help=help_text)

@@ -1,0 +1,140 @@
+"""An iteration cut into windows of equal length, each measured as if it stood alone.
+
+With w the length of a window and t_0 when the first step of the iteration was due, window j spans
+
+    t_0 + j w  <=  due time  <  t_0 + (j + 1) w
+
+A step belongs to the window in which it was due, and so does its answer, whenever that comes: a
+late answer makes the window late in which it was asked for. What is left at the end of an
+iteration and is shorter than w is an incomplete window. It is left out, with its messages: a
+percentile of half a second is another quantity than one of a whole second. No window spans two
+iterations. A window in which no step was due is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from r2bspec.measure.catalogue import MetricInfo
+from r2bspec.measure.latency import intervals, jitter, seconds
+from r2bspec.measure.samples import MonitorSamples, SegmentSamples, StepTimes
+from r2bspec.measure.throughput import silence, throughput
+from r2bspec.measure.values import monitor_value
+
+_ROUNDING_NS = 1_000
+"""Due times are rounded: a step that is due at a window's first moment must not miss it."""
+
+_COUNTED = ("throughput.mean", "drop_rate", "missed")
+"""Metrics of a monitor that have a value in a window, beside those of single messages."""
+
+
+@dataclass(frozen=True)
+class WindowValues:
+    """The values of a metric in the windows of one iteration, in order.
+
+    Attributes:
+        values: one for each window; `worst` where answers that were due are missing and there is
+            no value for that reason.
+        without: windows that hold too few messages for the metric, though none is missing.
+    """
+
+    values: tuple[float, ...]
+    without: int
+
+
+def has_windows(info: MetricInfo) -> bool:
+    """Whether a metric has a value in a window."""
+    if info.scope != "monitor":
+        return False
+    return info.name in _COUNTED or info.dimension == "time"
+
+
+def window_values(
+    info: MetricInfo, monitor: str, samples: SegmentSamples, window_ns: int, worst: float
+) -> WindowValues:
+    """The value of a metric in each window of an iteration.
+
+    Args:
+        info: a metric for which `has_windows`.
+        monitor: the monitor it is asked of.
+        samples: the iteration.
+        window_ns: the length of a window, positive.
+        worst: what stands for a value that is missing because answers are.
+
+    Raises:
+        KeyError: there is no such monitor.
+    """
+    found: list[float] = []
+    without = 0
+    for seen in windows(samples.monitors[monitor], samples.segment.ended_ns, window_ns):
+        value = monitor_value(info, seen)
+        if value is not None and seen.answered:
+            found.append(value)
+        elif seen.missed:
+            found.append(worst)
+        else:
+            without += 1
+    return WindowValues(tuple(found), without)
+
+
+def windows(seen: MonitorSamples, ended_ns: int, window_ns: int) -> Iterator[MonitorSamples]:
+    """What a monitor saw, window by window.
+
+    Duplicates, overtaken and unmatched messages belong to no window: they are 0.
+
+    Args:
+        seen: one monitor in one iteration.
+        ended_ns: the end of the iteration's last period.
+        window_ns: the length of a window, positive.
+
+    Raises:
+        ValueError: the length is not positive.
+    """
+    if window_ns <= 0:
+        raise ValueError("a window must be longer than nothing")
+    steps = seen.steps
+    if not steps.due_ns.size:
+        return
+    began_ns = int(steps.due_ns[0])
+    number = (steps.due_ns - began_ns + _ROUNDING_NS) // window_ns
+    complete = (ended_ns - began_ns + _ROUNDING_NS) // window_ns
+    edges = np.searchsorted(number, np.arange(complete + 1))
+    for j, (first, last) in enumerate(pairwise(edges)):
+        if last > first:
+            yield _window(steps, slice(first, last), began_ns + (j + 1) * window_ns)
+
+
+def _window(steps: StepTimes, part: slice, ended_ns: int) -> MonitorSamples:
+    due, published = steps.due_ns[part], steps.published_ns[part]
+    received = steps.received_ns[part]
+    inside = StepTimes(due, published, received)
+    answered = inside.answered
+    arrived = np.sort(received[answered])
+    latency = seconds(received[answered] - published[answered])
+    between, rate_hz = np.empty(0), 0.0
+    if arrived.size:
+        soonest = int(published[0]) + round(float(latency.min()) * 1e9)
+        silent = silence(arrived, soonest, ended_ns)
+        pauses = [pause for pause in (silent.before_ns, silent.after_ns) if pause]
+        between = np.concatenate((intervals(arrived), seconds(np.array(pauses, dtype=np.int64))))
+        rate_hz = throughput(arrived, silent)
+    return MonitorSamples(
+        steps=inside,
+        times={
+            "latency": latency,
+            "latency_from_due": seconds(received[answered] - due[answered]),
+            "interval": between,
+            "jitter": jitter(arrived),
+        },
+        sent=int(due.size),
+        answered=int(arrived.size),
+        received=int(arrived.size),
+        duplicates=0,
+        reordered=0,
+        unmatched=0,
+        throughput_hz=rate_hz,
+    )

@@ -1,0 +1,50 @@
+"""The forms in which findings can be had, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from r2bspec.diagnostics import Diagnostic
+
+FORMATS = {
+    "text": "for people",
+    "json": "for programs",
+    "github": "annotations of a change on GitHub",
+    "sarif": "SARIF 2.1.0 for code scanning",
+    "junit": "JUnit XML for test reports",
+}
+"""Each form and whom it is for."""
+
+DOCUMENTS = frozenset({"json", "sarif", "junit"})
+"""Forms that are one document, next to which nothing else may be printed."""
+
+
+def render(
+    name: str,
+    diagnostics: Iterable[Diagnostic],
+    sources: Mapping[str, str],
+    files: Iterable[str],
+    *,
+    colour: bool = False,
+) -> str:
+    """The findings in the form of that name.
+
+    Args:
+        name: one of `FORMATS`.
+        diagnostics: the findings in their order.
+        sources: the texts that they point into, by file name.
+        files: every file that was looked at, with findings or without.
+        colour: whether text may hold colours.
+    """
+    from r2bspec.report.findings import github, json, junit, sarif, text
+
+    if name == "sarif":
+        return sarif.render(diagnostics, sources, files)
+    if name == "junit":
+        return junit.render(diagnostics, sources, files)
+    if name == "json":
+        return json.render(diagnostics, sources)
+    if name == "github":
+        return github.render(diagnostics, sources)
+    blocks = text.render(diagnostics, sources, colour=colour)
+    return blocks + "\n" if blocks else ""

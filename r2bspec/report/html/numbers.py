@@ -1,0 +1,38 @@
+"""Numbers on the page that name where in ``result.json`` they stand."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from r2bspec.measure.units import show
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+
+class Numbers:
+    """Writes a value of the result as ``<data value="0.0123" data-path="…">12.3 ms</data>``.
+
+    The exact value goes into the markup beside the rounded text, so that a program, or a test, can
+    read the page and compare it with the file.
+    """
+
+    def __init__(self, result: Any) -> None:
+        self._result = result
+
+    def __call__(self, path: str, unit: str) -> Markup:
+        """The value at a path, parts divided by ``/``; a dash where there is none.
+
+        Raises:
+            KeyError: the result has no such place.
+        """
+        from markupsafe import Markup
+
+        value = self._result
+        for part in path.split("/"):
+            value = value[int(part)] if isinstance(value, list | tuple) else value[part]
+        if value is None:
+            return Markup("-")
+        return Markup('<data value="{}" data-path="{}">{}</data>').format(
+            repr(value), path, show(float(value), unit)
+        )

@@ -1,0 +1,181 @@
+"""From a result to the page: the template's context, and the drawings."""
+
+from __future__ import annotations
+
+import importlib.resources
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from r2bspec.measure.model import RunMetrics
+from r2bspec.measure.units import show
+from r2bspec.report.html.canvas import Chart
+from r2bspec.report.html.numbers import Numbers
+from r2bspec.report.html.svg import PALETTE
+from r2bspec.report.reported import Reported
+from r2bspec.report.wording import (
+    OUTCOME_WORDS,
+    bounds_text,
+    estimate_text,
+    notes,
+    peak_text,
+    requirement_text,
+    several_monitors,
+)
+from r2bspec.slo.model import RequirementVerdict
+
+if TYPE_CHECKING:
+    from r2bspec.report.html.graph import Drawing
+
+_ORDER = ("fail", "inconclusive", "pass")
+
+_SHOWN_RATES = 4
+"""Rates whose numbers are written into the drawing of the graph."""
+
+
+def render(reported: Reported) -> bytes:
+    """The page, UTF-8. The same run gives the same bytes."""
+    import jinja2
+
+    files = importlib.resources.files("r2bspec.report.html")
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(lambda name: files.joinpath(name).read_text("utf-8")),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.get_template("page.html.j2")
+    # Lone surrogates, as broken file names have them, are no text that a page can hold.
+    return page.render(_context(reported)).encode("utf-8", errors="replace")
+
+
+def _context(reported: Reported) -> dict[str, Any]:
+    from markupsafe import Markup
+
+    result = reported.result
+    files = importlib.resources.files("r2bspec.report.html")
+    metrics = result.metrics
+    several = several_monitors(result.verdict)
+    indices = {id(one): number for number, one in enumerate(result.verdict.requirements)}
+    ordered = sorted(result.verdict.requirements, key=lambda one: _ORDER.index(one.outcome))
+    monitors = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)]
+    processes = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.processes)]
+    charts = _charts(reported, monitors)
+    return {
+        "result": result,
+        "metrics": metrics,
+        "words": OUTCOME_WORDS,
+        "counts": _counts(ordered),
+        "requirements": [
+            {
+                "one": one,
+                "index": indices[id(one)],
+                "text": requirement_text(one, name_monitor=several),
+                "estimate": estimate_text(one),
+                "bounds": bounds_text(one),
+            }
+            for one in ordered
+        ],
+        "notes": [*notes(result)],
+        "monitors": monitors,
+        "processes": processes,
+        "peak": peak_text(metrics.search) if metrics.search is not None else "",
+        "graph": _graph(reported),
+        "charts": {key: [_safe(chart) for chart in found] for key, found in charts.items()},
+        "baseline": reported.baseline.record if reported.baseline is not None else None,
+        "has_samples": reported.run is not None,
+        "number": Numbers(msgspec.to_builtins(result)),
+        "show": show,
+        "facts": {key: _plain(value) for key, value in result.machine.items()},
+        "dataset": {key: _plain(value) for key, value in result.dataset.items()},
+        "palette": PALETTE,
+        "style": Markup(files.joinpath("style.css").read_text("utf-8")),  # noqa: S704 - our file
+        "script": Markup(files.joinpath("script.js").read_text("utf-8")),  # noqa: S704 - our file
+    }
+
+
+def _safe(chart: Chart) -> dict[str, Any]:
+    from markupsafe import Markup
+
+    svg = Markup(chart.svg)  # noqa: S704 - serialised from a tree, which escapes every text
+    return {"name": chart.name, "title": chart.title, "note": chart.note, "svg": svg}
+
+
+def _counts(requirements: Sequence[RequirementVerdict]) -> list[tuple[str, int]]:
+    outcomes = [one.outcome for one in requirements]
+    return [(outcome, outcomes.count(outcome)) for outcome in _ORDER if outcome in outcomes]
+
+
+def _plain(value: object) -> str:
+    """A fact as text: lists and maps as JSON, nothing as a dash."""
+    if isinstance(value, str | int | float):
+        return str(value) if value != "" else "-"
+    return msgspec.json.encode(value).decode() if value else "-"
+
+
+def _charts(reported: Reported, monitors: list[str]) -> dict[str, list[Chart]]:
+    metrics = reported.result.metrics
+    found: dict[str, list[Chart]] = {"latency": [], "offered": [], "loads": [], "baseline": []}
+    if metrics.rates:
+        from r2bspec.report.html.offered import offered_chart
+
+        verdict = reported.result.verdict
+        found["offered"].append(offered_chart("offered", metrics, reported.run, verdict))
+    if reported.run is not None:
+        found["latency"] = [*_latency_charts(reported, monitors)]
+        found["baseline"] = [*_baseline_charts(reported, monitors)]
+        from r2bspec.report.html.loads import loads_chart
+
+        loads = loads_chart("loads", reported.run)
+        found["loads"] = [loads] if loads is not None else []
+    return found
+
+
+def _latency_charts(reported: Reported, monitors: list[str]) -> Iterator[Chart]:
+    from r2bspec.report.html.messages import messages_chart
+    from r2bspec.report.html.percentiles import percentile_chart
+
+    samples, run = reported.samples, reported.run
+    verdict = reported.result.verdict
+    if samples is None or run is None or not samples.iterations:
+        return
+    for number, monitor in enumerate(monitors):
+        yield percentile_chart(f"percentiles-{number}", monitor, samples, verdict)
+        rates = sorted(samples.iterations)
+        yield messages_chart(f"messages-{number}", monitor, run, rates, verdict)
+
+
+def _baseline_charts(reported: Reported, monitors: list[str]) -> Iterator[Chart]:
+    from r2bspec.report.html.ecdf import ecdf_chart
+
+    samples, baseline = reported.samples, reported.baseline_samples
+    if samples is None or baseline is None:
+        return
+    for number, monitor in enumerate(monitors):
+        chart = ecdf_chart(f"ecdf-{number}", monitor, samples, baseline)
+        if chart is not None:
+            yield chart
+
+
+def _graph(reported: Reported) -> Drawing | None:
+    if reported.run is None:
+        return None
+    from r2bspec.report.html.graph import lay_out
+
+    return lay_out(reported.run.plan, _told(reported.result.metrics))
+
+
+def _told(metrics: RunMetrics) -> dict[str, list[str]]:
+    """What the drawing says at the player and at each monitor."""
+    rates = metrics.rates[-_SHOWN_RATES:]
+    told = {"player": [f"plays {show(rate.offered_hz, 'Hz')}" for rate in rates]}
+    for name in dict.fromkeys(name for rate in rates for name in rate.pooled.monitors):
+        told[f"monitor {name}"] = [
+            f"{show(rate.offered_hz, 'Hz')}: {show(seen.throughput_hz, 'Hz')}, "
+            f"p99 {show(seen.latency.p99, 's')}"
+            for rate in rates
+            if (seen := rate.pooled.monitors[name])
+        ]
+    return told

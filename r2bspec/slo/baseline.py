@@ -1,0 +1,214 @@
+"""``of baseline``: a requirement on the ratio of a metric to what it was before a change.
+
+    method                 rests on                                  decides
+    paired t on logs       interleaved runs of base and head         PASS, FAIL, INCONCLUSIVE
+    prediction interval    a history of runs, one plan, one host     PASS, FAIL, INCONCLUSIVE
+    stored baseline        one stored run                            nothing: it advises
+
+The limit is the margin, as a ratio: ``>= 97 % of baseline`` is 0.97. With the one-sided bounds on
+the true ratio, a floor passes if the lower bound is at or over it and fails if the upper is below;
+a ceiling the other way round. What has no value in one of the pairs (nothing arrived, a percentile
+that falls on a lost message) is not left out: it fails for the head, and decides nothing for the
+base.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from r2bspec.measure.units import show
+from r2bspec.slo.model import CONFIDENCE, Method, Outcome, RequirementVerdict
+from r2bspec.slo.question import decide
+from r2bspec.slo.statistics.paired import RatioInterval, paired_ratio
+from r2bspec.slo.statistics.power import pairs_needed
+from r2bspec.slo.statistics.prediction import LEAST_RUNS, predicted_ratio
+from r2bspec.slo.statistics.welch import welch_ratio
+from r2bspec.spec.requirement import Requirement
+
+Values = Sequence[float | None]
+"""A metric in the iterations of one side; None or infinite where it has no value."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """A requirement on a ratio, about to be judged.
+
+    Attributes:
+        limit: the ratio that is allowed or demanded, such as 0.97.
+        resolution: the smallest difference that the clock can show in a value of the metric.
+    """
+
+    objective: str
+    requirement: Requirement
+    at_hz: float | None
+    metric: str
+    monitor: str | None
+    limit: float
+    resolution: float = 0.0
+    confidence: float = CONFIDENCE
+
+    @property
+    def wants_less(self) -> bool:
+        """Whether the requirement is a ceiling (``<``, ``<=``) and not a floor."""
+        return self.requirement.op in {"<", "<="}
+
+
+def judge_pairs(asked: Comparison, base: Values, head: Values) -> RequirementVerdict:
+    """Decide by interleaved pairs: `base[i]` and `head[i]` were played next to each other."""
+    method: Method = "paired t on logs"
+    missing = _missing(asked, method, base, head)
+    if missing is not None:
+        return missing
+    a, b = _known(base), _known(head)
+    if len(a) != len(b):
+        raise ValueError("base and head have different numbers of values")
+    if len(a) < 2:
+        return _verdict(
+            asked,
+            method,
+            "inconclusive",
+            "One pair does not show how much pairs differ.",
+            settle="At least 2 pairs are needed; 10 make a useful interval.",
+            n=len(a),
+        )
+    found = paired_ratio(a, b, asked.confidence, asked.resolution)
+    outcome = _decide(asked, found)
+    settle = _more_pairs(asked, found) if outcome == "inconclusive" else ""
+    return _verdict(asked, method, outcome, _reason(asked, found, "pairs"), settle, found)
+
+
+def judge_history(asked: Comparison, history: Values, new: float | None) -> RequirementVerdict:
+    """Decide by a history of runs of the same plan on the same kind of machine, oldest first."""
+    method: Method = "prediction interval"
+    earlier = [value for value in history if value is not None and _usable(value)]
+    missing = _missing(asked, method, earlier, [new])
+    if missing is not None:
+        return missing
+    if len(earlier) < LEAST_RUNS:
+        return _verdict(
+            asked,
+            method,
+            "inconclusive",
+            f"The history holds {len(earlier)} runs like this one.",
+            settle=f"{LEAST_RUNS} runs are needed: {LEAST_RUNS - len(earlier)} more.",
+            n=len(earlier),
+        )
+    found = predicted_ratio(earlier, _known([new])[0], asked.confidence)
+    outcome = _decide(asked, found)
+    settle = (
+        "Runs differ by too much for this margin: compare interleaved pairs with --against."
+        if outcome == "inconclusive"
+        else ""
+    )
+    return _verdict(asked, method, outcome, _reason(asked, found, "runs"), settle, found)
+
+
+def advise(asked: Comparison, base: Values, head: Values) -> RequirementVerdict:
+    """Say what a single stored run suggests. The outcome is always inconclusive."""
+    method: Method = "stored baseline"
+    settle = "A stored run only advises: gate on interleaved pairs with --against."
+    a = [value for value in base if value is not None and _usable(value)]
+    b = [value for value in head if value is not None and _usable(value)]
+    if min(len(a), len(b)) < 2:
+        reason = "There are too few iterations with a value to compare with a stored run."
+        return _verdict(asked, method, "inconclusive", reason, settle, n=min(len(a), len(b)))
+    found = welch_ratio(a, b, asked.confidence)
+    would = {"pass": "would pass", "fail": "would fail", "inconclusive": "would be open"}
+    reason = (
+        f"{_reason(asked, found, 'iterations')} By this alone it {would[_decide(asked, found)]}."
+    )
+    return _verdict(asked, method, "inconclusive", reason, settle, found)
+
+
+def _usable(value: float) -> bool:
+    return math.isfinite(value) and value > 0
+
+
+def _known(values: Values) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def _missing(
+    asked: Comparison, method: Method, base: Values, head: Values
+) -> RequirementVerdict | None:
+    """The verdict where a side has no value, or None."""
+    lost = sum(value is None or not _usable(value) for value in head)
+    if lost or not head:
+        reason = f"{asked.metric} has no value in {lost} of {len(head)} iterations of the head."
+        return _verdict(asked, method, "fail", reason, n=len(head))
+    lost = sum(value is None or not _usable(value) for value in base)
+    if lost or not base:
+        reason = f"{asked.metric} has no value in {lost} of {len(base)} iterations of the base."
+        settle = "Compare with a base that works."
+        return _verdict(asked, method, "inconclusive", reason, settle, n=len(base))
+    return None
+
+
+def _decide(asked: Comparison, found: RatioInterval) -> Outcome:
+    towards, against = (
+        (found.upper, found.lower) if asked.wants_less else (found.lower, found.upper)
+    )
+    holds = asked.requirement.holds
+    return decide(passes=holds(towards, asked.limit), fails=not holds(against, asked.limit))
+
+
+def _reason(asked: Comparison, found: RatioInterval, what: str) -> str:
+    digits = 4
+    return (
+        f"{asked.metric} is {show(found.ratio, 'share', digits)} of the baseline over {found.n} "
+        f"{what}; at {show(asked.confidence, 'share', 4)} confidence the true ratio is "
+        f"{show(found.lower, 'share', digits)} to {show(found.upper, 'share', digits)}, and the "
+        f"limit is {show(asked.limit, 'share', digits)}."
+    )
+
+
+def _more_pairs(asked: Comparison, found: RatioInterval) -> str:
+    distance = abs(math.log(found.ratio / asked.limit))
+    needed = (
+        pairs_needed(distance, found.deviation, asked.confidence, power=0.5)
+        if distance > 0 and found.deviation > 0
+        else None
+    )
+    if needed is None:
+        return (
+            f"The ratio is too close to {show(asked.limit, 'share')} for pairs that differ by "
+            f"{show(found.deviation, 'share')}: widen the margin, or calm the machine."
+        )
+    return f"About {max(needed, found.n + 1)} pairs would settle it, if the ratio stays what it is."
+
+
+def _verdict(
+    asked: Comparison,
+    method: Method,
+    outcome: Outcome,
+    reason: str,
+    settle: str = "",
+    found: RatioInterval | None = None,
+    n: int = 0,
+) -> RequirementVerdict:
+    n = found.n if found is not None else n
+    return RequirementVerdict(
+        objective=asked.objective,
+        text=asked.requirement.text,
+        at_hz=asked.at_hz,
+        metric=asked.metric,
+        monitor=asked.monitor,
+        outcome=outcome,
+        method=method,
+        estimate=found.ratio if found is not None else None,
+        lower=found.lower if found is not None else None,
+        upper=found.upper if found is not None else None,
+        limit=asked.limit,
+        unit="share",
+        n=n,
+        effective_n=float(n) if n else None,
+        confidence=asked.confidence,
+        over=None,
+        lost=False,
+        share=None,
+        rule_of_three=None,
+        reason=reason,
+        settle=settle,
+    )

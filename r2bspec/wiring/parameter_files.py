@@ -1,0 +1,118 @@
+"""Parameter files of ROS, read as data: which values a node gets from them.
+
+Grammar, as rcl reads it::
+
+    file       = { node key : ( file | { "ros__parameters": parameters } ) }
+    parameters = { name : ( value | parameters ) }
+
+Nested node keys are joined by ``/`` and nested parameter names by ``.``. A key is the full name of
+a node; without a leading ``/`` it stands in the root namespace, so that `relay` is not
+``/r2b/relay``. ``*`` stands for one token of a name, ``**`` for any number. Where several keys match
+a node, later ones win.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from r2bspec.spec.model import Node, ParameterValue
+from r2bspec.wiring.interfaces import read_yaml
+
+_LARGEST_BYTES = 1_000_000
+_DEEPEST = 50
+_MARK = "ros__parameters"
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterFile:
+    """What a parameter file says, or why it says nothing.
+
+    Attributes:
+        nodes: each node key, as one writes it in full, with its parameters; in the file's order.
+        missing: whether there is no such file.
+        problem: why it cannot be used; empty if it can.
+    """
+
+    nodes: tuple[tuple[str, Mapping[str, ParameterValue]], ...] = ()
+    missing: bool = False
+    problem: str = ""
+
+
+def read_parameter_file(path: Path) -> ParameterFile:
+    """Read a parameter file; whatever is wrong with it is said in the result."""
+    try:
+        if path.stat().st_size > _LARGEST_BYTES:
+            return ParameterFile(problem=f"is larger than {_LARGEST_BYTES:,} bytes")
+        document = read_yaml(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return ParameterFile(missing=True, problem="is not there")
+    except (OSError, UnicodeDecodeError) as error:
+        return ParameterFile(problem=f"cannot be read: {getattr(error, 'strerror', '') or error}")
+    except Exception as error:
+        place = getattr(error, "problem_mark", None)
+        where = f" in line {place.line + 1}" if place is not None else ""
+        return ParameterFile(problem=f"is not YAML{where}")
+    if not isinstance(document, dict):
+        return ParameterFile(problem="is not a map of nodes")
+    try:
+        return ParameterFile(tuple(_nodes(document, "", 0)))
+    except ValueError as error:
+        return ParameterFile(problem=str(error))
+
+
+def _nodes(
+    document: Mapping[Any, Any], above: str, depth: int
+) -> Iterator[tuple[str, Mapping[str, ParameterValue]]]:
+    for key, value in document.items():
+        name = f"{above}/{str(key).strip('/')}"
+        if not isinstance(value, dict) or depth > _DEEPEST:
+            raise ValueError(f"has no '{_MARK}' below {str(key)!r}")
+        if _MARK in value:
+            given = value[_MARK]
+            if not isinstance(given, dict | None):
+                raise ValueError(f"has something else than a map in '{_MARK}' of {str(key)!r}")
+            yield name, dict(_flat(given or {}, "", 0))
+        elif value:
+            yield from _nodes(value, name, depth + 1)
+
+
+def _flat(given: Mapping[Any, Any], above: str, depth: int) -> Iterator[tuple[str, Any]]:
+    for key, value in given.items():
+        name = f"{above}{key}"
+        if isinstance(value, dict) and depth <= _DEEPEST:
+            yield from _flat(value, f"{name}.", depth + 1)
+        elif isinstance(value, bool | int | float | str | list):
+            yield name, value
+
+
+def matches(key: str, full_name: str) -> bool:
+    """Whether a node key, as `ParameterFile` gives it, means the node of that full name."""
+    pattern = re.escape(key).replace(r"/\*\*", "(/[^/]+)*").replace(r"\*", "[^/]+")
+    return re.fullmatch(pattern, full_name) is not None
+
+
+def merged_parameters(
+    node: Node, full_name: str, files: Mapping[str, ParameterFile]
+) -> dict[str, ParameterValue]:
+    """The parameters that a node ends up with: files and values in the order in which they apply.
+
+    Args:
+        node: the node as the spec has it.
+        full_name: its resolved name.
+        files: the parameter files by the paths that the spec writes; one that is not there
+            gives nothing.
+    """
+    if not node.parameter_sources:
+        return dict(node.parameters)
+    found: dict[str, ParameterValue] = {}
+    for source in node.parameter_sources:
+        if source.file and source.file in files:
+            for key, values in files[source.file].nodes:
+                if matches(key, full_name):
+                    found |= values
+        found |= source.values
+    return found

@@ -1,0 +1,276 @@
+"""Promise: a run can be ended at any moment, by anyone, and nothing of it is left but its record.
+
+Every test here also holds the promise of `nothing_left`: no process and no shared memory stays.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_runs import (
+    HANG_S,
+    IMAGE,
+    Bench,
+    Finished,
+    Running,
+    nothing_left as nothing_left,
+    relay_node,
+    relay_spec,
+)
+
+NODES = """
+import os
+import signal
+import subprocess
+import sys
+import time
+
+SLEEPER = (
+    "import signal, time\\n"
+    "for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):\\n"
+    "    signal.signal(each, signal.SIG_IGN)\\n"
+    "time.sleep(600)\\n"
+)
+
+
+class Nasty(Node):
+    # Ignores what asks it to end, and has children that do, one in a session of its own.
+    def __init__(self, **kwargs):
+        super().__init__("nasty", **kwargs)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        for own in (False, True):
+            subprocess.Popen([sys.executable, "-c", SLEEPER], start_new_session=own)
+        self.count = 0
+        self.out = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "input", self.answer, 10)
+
+    def answer(self, message):
+        self.out.publish(message)
+        self.count += 1
+        if self.count == 25:
+            time.sleep(600)
+
+
+class Slow(Node):
+    def __init__(self, **kwargs):
+        super().__init__("slow", **kwargs)
+        print("starting", flush=True)
+        time.sleep(600)
+
+
+class Preparing(Node):
+    def __init__(self, **kwargs):
+        super().__init__("preparing", **kwargs)
+        self.out = self.create_publisher(Image, "prepared", 10)
+        self.create_subscription(Image, "loaded", self.answer, 10)
+
+    def answer(self, message):
+        print("preparing", flush=True)
+        self.out.publish(message)
+        time.sleep(1)
+"""
+
+LONG = {"iterations": 100, "duration": "1 s", "rates": ["20 Hz"]}
+SECOND_ITERATION = r"iteration 2 of"
+
+
+def long_spec(**changes: Any) -> dict[str, Any]:
+    """A benchmark that nobody waits for the end of."""
+    spec = relay_spec(**changes)
+    spec["benchmark"] |= LONG
+    return spec
+
+
+def graph_of(name: str) -> dict[str, Any]:
+    return long_spec(graph={"nodes": {"relay": {"python": f"./nodes.py:{name}"}}})
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    found = Bench(tmp_path_factory.mktemp("interruption"), {"/camera": range(0, 40 * 33, 33)})
+    found.write_node("nodes.py", NODES)
+    return found
+
+
+def wait_until_gone(bench: Bench) -> None:
+    """Promise: ten seconds after the controller was killed no process is left."""
+    deadline = time.monotonic() + 10.0
+    while left := bench.processes():
+        assert time.monotonic() < deadline, [each.cmdline() for each in left]
+        time.sleep(0.05)
+
+
+def kept(bench: Bench, done: Finished | Running, *, iterations: int) -> str:
+    """The reason that the record gives; what was measured is there and can be judged."""
+    judged = bench.judge(done.folder, "--format", "json")
+    assert judged.status == 4
+    record = judged.run().record
+    assert record.status == "incomplete"
+    whole = [each for each in record.segments if each.kind == "iteration" and each.complete]
+    assert len(whole) >= iterations
+    for segment in record.segments:
+        assert judged.run().playback(segment).size > 0
+    # Nothing half-written, and nothing that was only needed while it ran.
+    assert [each.name for each in done.folder.iterdir() if each.name.startswith(".")] == []
+    return record.reason
+
+
+# Being asked to end
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_interrupted_keeps_what_it_has(bench: Bench, number: signal.Signals) -> None:
+    with bench.start(long_spec()) as running:
+        running.wait_for(SECOND_ITERATION)
+        os.kill(running.process.pid, number)
+        done = running.finish()
+    assert done.status == 130
+    assert f"interrupted by {number.name}" in done.error
+    assert number.name in kept(bench, done, iterations=1)
+    assert done.result()["status"] == "incomplete"
+    # Everybody had the time to leave in good order.
+    assert [each.exit_code for each in done.run().record.processes] == [0, 0, 0]
+
+
+def test_ctrl_c_in_a_terminal_reaches_the_whole_group_and_does_no_harm(bench: Bench) -> None:
+    with bench.start(long_spec()) as running:
+        running.wait_for(SECOND_ITERATION)
+        os.killpg(running.process.pid, signal.SIGINT)
+        done = running.finish()
+    assert done.status == 130
+    assert [each.exit_code for each in done.run().record.processes] == [0, 0, 0]
+
+
+def test_a_run_can_be_interrupted_while_its_graph_comes_up(bench: Bench) -> None:
+    with bench.start(graph_of("Slow")) as running:
+        running.child("relay")
+        os.kill(running.process.pid, signal.SIGINT)
+        done = running.finish()
+    assert done.status == 130
+    assert kept(bench, done, iterations=0).endswith("interrupted by SIGINT")
+
+
+def test_a_run_can_be_interrupted_while_it_prepares(bench: Bench) -> None:
+    spec = long_spec(
+        preprocessors={"prepare": {"python": "./nodes.py:Preparing"}},
+        playback={"inputs": {"input": {"from": "prepared", "format": IMAGE}}},
+    )
+    with bench.start(spec) as running:
+        running.child("preprocess.prepare")
+        running.wait_for("running the preprocessors")
+        os.kill(running.process.pid, signal.SIGINT)
+        done = running.finish()
+    assert done.status == 130
+    kept(bench, done, iterations=0)
+
+
+def test_a_second_interrupt_ends_a_run_at_once(bench: Bench) -> None:
+    # The node hangs and ignores what it is told, so that ending in good order takes a while.
+    with bench.start(graph_of("Nasty")) as running:
+        running.wait_for(SECOND_ITERATION)
+        os.kill(running.process.pid, signal.SIGINT)
+        time.sleep(0.5)
+        assert running.process.poll() is None
+        os.kill(running.process.pid, signal.SIGINT)
+        assert running.process.wait(HANG_S) == 130
+        wait_until_gone(bench)
+        kept(bench, running, iterations=1)
+
+
+# Being killed
+
+
+@pytest.mark.parametrize("node", ["relay", "Nasty"])
+def test_nothing_outlives_a_controller_that_is_killed_in_mid_run(bench: Bench, node: str) -> None:
+    spec = long_spec() if node == "relay" else graph_of(node)
+    with bench.start(spec) as running:
+        running.wait_for(SECOND_ITERATION)
+        running.sample()
+        assert len(bench.processes()) >= 5
+        running.process.kill()
+        running.process.wait()
+        wait_until_gone(bench)
+        assert kept(bench, running, iterations=1) == "R2B671: the run was killed"
+
+
+def test_nothing_outlives_a_controller_that_is_killed_while_the_graph_comes_up(
+    bench: Bench,
+) -> None:
+    with bench.start(graph_of("Slow")) as running:
+        running.child("relay")
+        running.process.kill()
+        running.process.wait()
+        wait_until_gone(bench)
+        kept(bench, running, iterations=0)
+
+
+def test_another_run_is_not_disturbed_when_one_is_killed(bench: Bench) -> None:
+    short = relay_spec()
+    short["benchmark"] |= {"iterations": 4}
+    with bench.start(long_spec()) as victim, bench.start(short) as survivor:
+        victim.wait_for(SECOND_ITERATION)
+        survivor.wait_for("warming up")
+        victim.process.kill()
+        done = survivor.finish()
+    assert done.status == 0, done.stderr
+    (rate,) = done.result()["metrics"]["rates"]
+    out = rate["pooled"]["monitors"]["out"]
+    assert out["answered"] == out["sent"] == 80
+    assert out["unmatched"] == 0
+
+
+# A part of it being killed
+
+
+@pytest.mark.parametrize("name", ["player", "monitor", "relay"])
+def test_a_process_that_is_killed_is_named(bench: Bench, name: str) -> None:
+    with bench.start(long_spec()) as running:
+        running.wait_for(SECOND_ITERATION)
+        running.child(name).kill()
+        done = running.finish()
+    assert done.status == 4
+    assert f"process {name} was killed by SIGKILL" in done.error
+    assert f"{name} was killed by SIGKILL" in kept(bench, done, iterations=1)
+    codes = {each.name: each.exit_code for each in done.run().record.processes}
+    assert codes == {"player": 0, "monitor": 0, "relay": 0} | {name: -signal.SIGKILL}
+
+
+def test_a_stopped_player_is_noticed(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    # It neither plays nor dies; who waits for it must not wait for ever.
+    with bench.start(long_spec()) as running:
+        running.wait_for(SECOND_ITERATION)
+        os.kill(running.child("player").pid, signal.SIGSTOP)
+        os.kill(running.process.pid, signal.SIGINT)
+        done = running.finish()
+    assert done.status == 130
+    kept(bench, done, iterations=1)
+    assert any("had to be killed: player" in each for each in done.events())
+
+
+def test_a_killed_watchdog_does_not_end_a_run(bench: Bench) -> None:
+    with bench.start(relay_spec()) as running:
+        running.wait_for("warming up")
+        (watchdog,) = [
+            each for each in bench.processes() if "r2bspec.harness.watchdog" in each.cmdline()
+        ]
+        watchdog.kill()
+        done = running.finish()
+    assert done.status == 0
+    assert done.run().record.status == "complete"
+
+
+def test_runs_in_a_row_leave_nothing_that_adds_up(bench: Bench) -> None:
+    folders = set(os.listdir(bench.folder))
+    spec = bench.write(relay_spec(graph={"nodes": {"relay": relay_node()}}), "row")
+    for number in range(3):
+        done = bench.run(spec, output=bench.folder / f"row{number}")
+        assert done.status == 0, done.stderr
+    added = {name for name in set(os.listdir(bench.folder)) - folders if not name.startswith(".")}
+    assert added == {"row.r2b.yaml", "row0", "row1", "row2"}

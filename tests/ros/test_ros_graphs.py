@@ -1,0 +1,247 @@
+"""Graphs of many kinds of nodes, inputs and outputs, in as few runs as possible."""
+
+from __future__ import annotations
+
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_runs import (
+    IMAGE,
+    STRING,
+    Bench,
+    Finished,
+    nothing_left as nothing_left,
+    relay_node,
+    relay_spec,
+)
+
+from r2bspec.measure.matching import match
+from r2bspec.record.model import Segment
+
+NODES = """
+from rclpy.qos import qos_profile_sensor_data
+from std_msgs.msg import String
+
+import beside
+
+
+class Stamped(Node):
+    def __init__(self, **kwargs):
+        super().__init__("a_name_that_the_spec_replaces", **kwargs)
+        self.out = self.create_publisher(Image, "stamped", 10)
+        self.create_subscription(Image, "input", self.out.publish, 10)
+
+
+def best_effort(**kwargs):
+    node = Node("made_by_a_function", **kwargs)
+    out = node.create_publisher(Image, "best_effort", qos_profile_sensor_data)
+    node.create_subscription(Image, "left", out.publish, qos_profile_sensor_data)
+    return node
+
+
+class Notebook(Node):
+    def __init__(self, **kwargs):
+        super().__init__("notebook", **kwargs)
+        path = self.declare_parameter("file", "").value
+        self.file = open(path, "a", buffering=1)
+        self.out = self.create_publisher(String, "noted", 10)
+        for side in ("left", "right"):
+            self.create_subscription(
+                Image, side, lambda message, side=side: self.note(side, message), 10
+            )
+        self.create_subscription(String, "words", self.answer, 10)
+
+    def note(self, side, message):
+        stamp = message.header.stamp
+        stamp_ns = stamp.sec * 10**9 + stamp.nanosec
+        self.file.write(f"{side} {stamp_ns} {message.data[0]}\\n")
+
+    def answer(self, message):
+        self.file.write(f"words 0 {message.data}\\n")
+        self.out.publish(String(data=beside.polite(message.data)))
+"""
+
+PROGRAM = """
+import sys
+import rclpy
+rclpy.init(args=sys.argv)
+node = Node("program")
+assert node.declare_parameter("factor", 0).value == 3
+assert node.declare_parameter("text", "").value == "10"
+out = node.create_publisher(Image, "output", 10)
+node.create_subscription(Image, "input", out.publish, 10)
+print("arguments:", *sys.argv[1:2], flush=True)
+try:
+    rclpy.spin(node)
+except KeyboardInterrupt:
+    print("asked to end", flush=True)
+"""
+
+# The right camera has lost its second image, and the left one its last.
+LEFT_MS = (0, 33, 66, 99, 132)
+RIGHT_MS = (0, 66, 99, 132, 165)
+PAIRS = {(0, 0), (2, 1), (3, 2), (4, 3)}
+
+
+def spec(folder: Path) -> dict[str, object]:
+    return relay_spec(
+        name="menagerie",
+        namespace="zoo",
+        data_loader={
+            "bag": "./bag",
+            "topics": {"/left": "kept/left", "/right": "kept/right", "/text": "kept/text"},
+        },
+        playback={
+            "buffer": 0,
+            "inputs": {
+                "left": {"from": "kept/left", "format": IMAGE},
+                "right": {"from": "kept/right", "format": IMAGE},
+                "words": {"from": "kept/text", "format": STRING},
+            },
+        },
+        graph={
+            "nodes": {
+                "stamped": {"python": "./nodes/zoo.py:Stamped", "remappings": {"input": "left"}},
+                "sensor": {"python": "./nodes/zoo.py:best_effort"},
+                "notebook": {
+                    "python": "./nodes/zoo.py:Notebook",
+                    "parameters": {"file": str(folder / "notes")},
+                },
+                "program": {
+                    "command": [sys.executable, "program.py", "an argument"],
+                    "parameters": {"factor": 3, "text": "10"},
+                    "remappings": {"input": "right", "output": "commanded"},
+                    "publishes": {"output": IMAGE},
+                    "subscribes": {"input": IMAGE},
+                },
+            }
+        },
+        monitors={
+            "stamped": {"topic": "stamped", "format": IMAGE},
+            "again": {"topic": "/zoo/stamped", "format": IMAGE},
+            "best_effort": {"topic": "best_effort", "format": IMAGE},
+            "commanded": {"topic": "commanded", "format": IMAGE},
+            "noted": {"topic": "noted", "format": STRING, "match": "order"},
+        },
+    )
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    found = Bench(
+        tmp_path_factory.mktemp("zoo"),
+        {"/left": LEFT_MS, "/right": RIGHT_MS, "/text": (1, 2), "/unused": (0, 33)},
+    )
+    (found.folder / "nodes").mkdir()
+    found.write_node("nodes/zoo.py", NODES)
+    found.write_node("nodes/beside.py", "def polite(words): return f'dear {words}'\n")
+    found.write_node("program.py", PROGRAM)
+    return found
+
+
+@pytest.fixture(scope="module")
+def done(bench: Bench) -> Finished:
+    return bench.run(spec(bench.folder))
+
+
+def iteration(done: Finished) -> Segment:
+    (found,) = [each for each in done.run().record.segments if each.kind == "iteration"]
+    return found
+
+
+@pytest.fixture(scope="module")
+def notes(bench: Bench, done: Finished) -> dict[str, dict[int, int]]:
+    """What the notebook saw: for each side, the number in the image by its stamp."""
+    found: dict[str, dict[int, int]] = defaultdict(dict)
+    for line in (bench.folder / "notes").read_text().splitlines():
+        side, stamp_ns, number = line.split()
+        found[side][int(stamp_ns)] = int(number)
+    return found
+
+
+def test_the_run_is_complete(done: Finished) -> None:
+    assert done.status == 0, done.stderr
+    assert [each.exit_code for each in done.run().record.processes] == [0] * 6
+
+
+@pytest.mark.parametrize("monitor", ["stamped", "again", "best_effort", "commanded"])
+def test_every_answer_with_a_header_is_matched_by_its_stamp(done: Finished, monitor: str) -> None:
+    run, segment = done.run(), iteration(done)
+    matching = match(run.playback(segment), run.monitor(segment, monitor), "stamp")
+    assert matching.missed == matching.unmatched == matching.duplicates == 0
+
+
+def test_answers_without_a_header_are_matched_by_their_order(done: Finished) -> None:
+    run, segment = done.run(), iteration(done)
+    rows = run.monitor(segment, "noted")
+    assert rows.size == run.playback(segment).size == segment.steps
+    assert set(rows["stamp_ns"]) == {0}
+    (rate,) = done.result()["metrics"]["rates"]
+    noted = rate["pooled"]["monitors"]["noted"]
+    assert noted["answered"] == noted["sent"] == segment.steps
+    assert noted["unmatched"] == 0
+
+
+def test_all_inputs_of_a_step_have_the_same_stamp(
+    done: Finished, notes: dict[str, dict[int, int]]
+) -> None:
+    run = done.run()
+    played = np.concatenate([run.playback(each)["stamp_ns"] for each in run.record.segments])
+    assert set(notes["left"]) == set(notes["right"]) == set(played.tolist())
+
+
+def test_inputs_are_paired_by_their_recorded_stamps(notes: dict[str, dict[int, int]]) -> None:
+    pairs = {(notes["left"][stamp], notes["right"][stamp]) for stamp in notes["left"]}
+    assert pairs == PAIRS
+
+
+def test_the_buffer_is_played_round_and_round(
+    bench: Bench, notes: dict[str, dict[int, int]]
+) -> None:
+    numbers = [notes["left"][stamp] for stamp in sorted(notes["left"])]
+    assert numbers == ([0, 2, 3, 4] * len(numbers))[: len(numbers)]
+    lines = (bench.folder / "notes").read_text().splitlines()
+    words = [line.split()[2] for line in lines if line.startswith("words")]
+    # There are four steps and two words: the words start again with every second step.
+    assert words == (["0", "1"] * len(words))[: len(words)]
+
+
+def test_what_has_no_partner_is_counted(done: Finished) -> None:
+    said = [each for each in done.events() if "no partner" in each]
+    assert said == [
+        "/zoo/kept/left: 1 messages have no partner of the same stamp",
+        "/zoo/kept/right: 1 messages have no partner of the same stamp",
+    ]
+
+
+def test_a_command_gets_its_arguments_and_ends_when_it_is_asked_to(done: Finished) -> None:
+    assert done.log("program") == "arguments: an argument\nasked to end\n"
+
+
+def test_a_topic_of_the_bag_that_the_spec_does_not_name_is_not_touched(done: Finished) -> None:
+    assert "/unused" not in (done.folder / "plan.json").read_text()
+
+
+def test_nodes_can_share_a_process_and_a_transport_can_be_chosen(bench: Bench) -> None:
+    shared = relay_spec(
+        transport="udp",
+        data_loader={"bag": "./bag", "topics": {"/left": "loaded"}},
+        graph={
+            "placement": "shared",
+            "nodes": {
+                "first": relay_node(remappings={"output": "between"}),
+                "second": relay_node(remappings={"input": "between"}),
+            },
+        },
+    )
+    done = bench.run(shared)
+    assert done.status == 0, done.stderr
+    assert [each.name for each in done.run().record.processes] == ["player", "graph", "monitor"]
+    out = done.result()["metrics"]["rates"][0]["pooled"]["monitors"]["out"]
+    assert out["answered"] == out["sent"] == 20

@@ -1,0 +1,174 @@
+"""Nodes that go wrong in the middle of a run: who and what is said, and the rest is kept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_runs import Bench, Finished, nothing_left as nothing_left, relay_spec
+
+NODES = """
+import os
+import sys
+
+
+class Relay(Node):
+    # Goes wrong at the message of this number; the first ten warm it up.
+    def __init__(self, **kwargs):
+        super().__init__("relay", **kwargs)
+        self.trick = self.declare_parameter("trick", "").value
+        self.at = self.declare_parameter("at", 0).value
+        self.count = 0
+        self.out = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "input", self.answer, 10)
+
+    def answer(self, message):
+        self.count += 1
+        if self.count >= self.at:
+            getattr(self, self.trick)(message)
+        else:
+            self.out.publish(message)
+
+    def raises(self, message):
+        raise RuntimeError("lost the plot")
+
+    def exits(self, message):
+        print("out of memory", file=sys.stderr, flush=True)
+        os._exit(9)
+
+    def crashes(self, message):
+        os.abort()
+
+    def falls_silent(self, message):
+        pass
+
+    def repeats(self, message):
+        self.out.publish(message)
+        self.out.publish(message)
+
+    def shouts(self, message):
+        print("word " * 1000, file=sys.stderr)
+        self.out.publish(message)
+
+    def restamps(self, message):
+        message.header.stamp.nanosec ^= 1
+        self.out.publish(message)
+"""
+
+WARM_UP = 10
+STEPS = 20
+
+
+def spec(trick: str, at: int) -> dict[str, Any]:
+    """Two iterations of a second each; the trick is played at the message `at` after warm-up."""
+    used = relay_spec(
+        graph={
+            "nodes": {
+                "relay": {
+                    "python": "./nodes.py:Relay",
+                    "parameters": {"trick": trick, "at": WARM_UP + at},
+                }
+            }
+        }
+    )
+    used["benchmark"] |= {"iterations": 2, "rates": [f"{STEPS} Hz"]}
+    return used
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    found = Bench(tmp_path_factory.mktemp("misbehaviour"))
+    found.write_node("nodes.py", NODES)
+    return found
+
+
+def pooled(done: Finished) -> dict[str, Any]:
+    """The metrics of the only monitor at the only rate."""
+    (rate,) = done.result()["metrics"]["rates"]
+    found: dict[str, Any] = rate["pooled"]["monitors"]["out"]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("trick", "words", "code"),
+    [
+        ("raises", "a callback of /r2b/relay raised RuntimeError: lost the plot", "R2B634"),
+        ("exits", "process relay ended with status 9", "R2B631"),
+        ("crashes", "process relay was killed by SIGABRT", "R2B631"),
+    ],
+)
+def test_a_node_that_fails_ends_the_run_and_what_was_measured_is_kept(
+    bench: Bench, trick: str, words: str, code: str
+) -> None:
+    done = bench.run(spec(trick, STEPS + STEPS // 2))
+    assert done.status == 4
+    assert words in done.error
+    assert done.error.startswith(f"error[{code}]")
+    record = done.run().record
+    assert record.status == "incomplete"
+    assert words in record.reason
+    # The first iteration is whole, the second is there as far as it went.
+    assert [(each.id, each.complete) for each in record.segments if each.kind == "iteration"] == [
+        ("rate-20Hz-001", True),
+        ("rate-20Hz-002", False),
+    ]
+    assert 0 < done.run().playback(record.segments[-1]).size < STEPS
+    assert done.result()["status"] == "incomplete"
+    assert pooled(done)["answered"] == STEPS
+    assert done.result()["metrics"]["incomplete"] == ["rate-20Hz-002"]
+    judged = bench.judge(done.folder)
+    assert "lost the plot" in judged.stdout or trick != "raises"
+    assert judged.status == 4
+
+
+def test_what_a_dying_node_printed_last_is_shown(bench: Bench) -> None:
+    done = bench.run(spec("exits", STEPS // 2))
+    assert "out of memory" in done.error
+    assert str(done.folder / "logs" / "relay.log") in done.error
+
+
+def test_a_node_that_falls_silent_is_measured_as_such(bench: Bench) -> None:
+    done = bench.run(spec("falls_silent", STEPS + STEPS // 2 + 1))
+    assert done.run().record.status == "complete"
+    assert pooled(done)["sent"] == 2 * STEPS
+    assert pooled(done)["answered"] == STEPS + STEPS // 2
+    assert pooled(done)["missed"] == STEPS // 2
+
+
+def test_answers_that_come_twice_are_counted_as_duplicates(bench: Bench) -> None:
+    done = bench.run(spec("repeats", 1))
+    assert done.status == 0
+    assert pooled(done)["missed"] == 0
+    assert pooled(done)["duplicates"] + pooled(done)["unmatched"] == 2 * STEPS
+    assert pooled(done)["received"] == 4 * STEPS
+
+
+def test_answers_with_another_stamp_are_counted_as_unmatched(bench: Bench) -> None:
+    done = bench.run(spec("restamps", 1))
+    assert pooled(done)["received"] == pooled(done)["unmatched"] == 2 * STEPS
+    assert pooled(done)["missed"] == 2 * STEPS
+
+
+def test_a_node_that_floods_its_log_blocks_nobody(bench: Bench) -> None:
+    done = bench.run(spec("shouts", 1))
+    assert done.status == 0
+    assert pooled(done)["answered"] == 2 * STEPS
+    assert done.log("relay").count("word") == 2 * STEPS * 1000
+
+
+def test_two_runs_at_once_do_not_meet(bench: Bench) -> None:
+    quiet = spec("falls_silent", 1_000_000)
+    with bench.start(quiet) as first, bench.start(quiet) as second:
+        both = [first.finish(), second.finish()]
+    domains = set()
+    for done in both:
+        assert done.status == 0, done.stderr
+        assert pooled(done)["unmatched"] == 0
+        assert pooled(done)["received"] == pooled(done)["sent"] == 2 * STEPS
+        domains.add(done.run().record.run_id)
+    assert len(domains) == 2
+
+

@@ -1,0 +1,232 @@
+"""What cannot work is refused in words, and as early as it can be known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_runs import (
+    IMAGE,
+    Bench,
+    Finished,
+    nothing_left as nothing_left,
+    relay_node,
+    relay_spec,
+)
+
+NODES = """
+import time
+from std_msgs.msg import String
+
+
+class Raises(Node):
+    def __init__(self, **kwargs):
+        super().__init__("raises", **kwargs)
+        raise ValueError("the calibration file is missing")
+
+
+class Hangs(Node):
+    def __init__(self, **kwargs):
+        super().__init__("hangs", **kwargs)
+        time.sleep(600)
+
+
+class Dies(Node):
+    def __init__(self, **kwargs):
+        super().__init__("dies", **kwargs)
+        print("no licence", flush=True)
+        raise SystemExit(7)
+
+
+class Deaf(Node):
+    def __init__(self, **kwargs):
+        super().__init__("deaf", **kwargs)
+        self.out = self.create_publisher(Image, "output", 10)
+
+
+class OfAnotherType(Node):
+    def __init__(self, **kwargs):
+        super().__init__("of_another_type", **kwargs)
+        self.out = self.create_publisher(String, "output", 10)
+        self.create_subscription(Image, "input", lambda _: None, 10)
+
+
+class Mute(Node):
+    def __init__(self, **kwargs):
+        super().__init__("mute", **kwargs)
+        self.out = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "input", lambda _: None, 10)
+
+
+def nothing(**kwargs):
+    return None
+"""
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    found = Bench(tmp_path_factory.mktemp("refusals"))
+    found.write_node("nodes.py", NODES)
+    (found.folder / "broken.py").write_text("import a_module_that_is_not_there\nclass Broken: ...\n")
+    return found
+
+
+def graph_of(node: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    return relay_spec(graph={"nodes": {"relay": node}}, **changes)
+
+
+def impatient(node: dict[str, Any], start_timeout: str = "8 s") -> dict[str, Any]:
+    """A spec whose time to start is over soon, for what never comes up."""
+    spec = graph_of(node)
+    spec["benchmark"]["start_timeout"] = start_timeout
+    return spec
+
+
+# Before anything starts
+
+
+def refused(done: Finished) -> str:
+    """The words of a refusal, after which nothing has been made and nothing started."""
+    assert done.status == 2
+    assert not done.folder.exists()
+    return done.stderr
+
+
+def test_a_topic_that_is_not_in_the_bag(bench: Bench) -> None:
+    spec = relay_spec(data_loader={"bag": "./bag", "topics": {"/camrea": "loaded"}})
+    said = refused(bench.run(spec))
+    assert "r2b.yaml:6:" in said
+    assert "/camrea" in said
+    assert "/camera" in said
+
+
+def test_a_bag_that_is_not_there(bench: Bench) -> None:
+    spec = relay_spec(data_loader={"bag": "./gab", "topics": {"/camera": "loaded"}})
+    said = refused(bench.run(spec))
+    assert "r2b.yaml:4:" in said
+    assert "./gab" in said
+
+
+def test_a_monitor_that_no_node_writes_to(bench: Bench) -> None:
+    spec = relay_spec(monitors={"out": {"topic": "ouptut", "format": IMAGE}})
+    assert "ouptut" in refused(bench.run(spec))
+
+
+def test_a_file_that_is_no_spec(bench: Bench) -> None:
+    path = bench.folder / "rubbish.r2b.yaml"
+    path.write_text("- [unclosed\n")
+    assert "rubbish.r2b.yaml:" in refused(bench.run(path))
+
+
+def test_a_spec_that_is_not_there(bench: Bench) -> None:
+    refused(bench.run(bench.folder / "nothing.r2b.yaml"))
+
+
+def test_an_output_folder_that_cannot_be_made(bench: Bench) -> None:
+    (bench.folder / "a_file").write_text("")
+    done = bench.run(relay_spec(), output=bench.folder / "a_file" / "run")
+    assert "a_file/run cannot be made" in done.error
+    refused(done)
+
+
+# What is not installed
+
+
+@pytest.mark.parametrize(
+    ("node", "words"),
+    [
+        (
+            {"package": "no_such_package", "executable": "node", "publishes": {"output": IMAGE}},
+            "'no_such_package' is not installed",
+        ),
+        (
+            {"command": ["no-such-program"], "publishes": {"output": IMAGE}},
+            "no program 'no-such-program'",
+        ),
+        (
+            {"command": ["./spec.txt"], "publishes": {"output": IMAGE}},
+            "./spec.txt: No such file",
+        ),
+        ({"python": "no_such_module.Node"}, "no_such_module"),
+        ({"python": "./broken.py:Broken"}, "a_module_that_is_not_there"),
+        ({"python": "./nothing.py:Node"}, "nothing.py"),
+    ],
+    ids=["package", "program", "path", "module", "import", "file"],
+)
+def test_what_is_not_installed_is_named(bench: Bench, node: dict[str, Any], words: str) -> None:
+    done = bench.run(graph_of(node))
+    assert done.status == 2
+    assert words in done.stderr
+
+
+# While the graph comes up
+
+
+def failed(done: Finished) -> str:
+    """The words of a failure, after which the run folder can be judged, as incomplete."""
+    assert done.status == 4
+    record = done.run().record
+    assert record.status == "incomplete"
+    assert record.reason.partition("\n")[0] in done.error.replace("error[", "").replace("]", "")
+    return done.error
+
+
+def test_a_parameter_that_no_node_declares(bench: Bench) -> None:
+    node = {"python": "./nodes.py:Mute", "parameters": {"rtae": 3}}
+    said = failed(bench.run(graph_of(node)))
+    assert "node /r2b/relay declares no parameter 'rtae'" in said
+    assert "use_sim_time" in said
+
+
+def test_a_constructor_that_raises(bench: Bench) -> None:
+    done = bench.run(graph_of({"python": "./nodes.py:Raises"}))
+    said = failed(done)
+    assert "/r2b/relay could not be made: ValueError: the calibration file is missing" in said
+    # The log has what a developer of the node needs.
+    assert 'raise ValueError("the calibration file is missing")' in done.log("relay")
+
+
+def test_a_constructor_that_never_returns(bench: Bench) -> None:
+    said = failed(bench.run(impatient({"python": "./nodes.py:Hangs"}, "1 s")))
+    assert "process relay did not answer within 1 s" in said
+
+
+def test_a_process_that_ends_while_it_starts(bench: Bench) -> None:
+    said = failed(bench.run(graph_of({"python": "./nodes.py:Dies"})))
+    assert "process relay ended with status 7" in said
+    assert "no licence" in said
+
+
+def test_a_function_that_returns_no_node(bench: Bench) -> None:
+    done = bench.run(graph_of({"python": "./nodes.py:nothing"}))
+    assert done.status in {2, 4}
+    assert "./nodes.py:nothing gave no rclpy node but NoneType" in done.error
+
+
+def test_nodes_whose_endpoints_are_not_those_of_the_plan(bench: Bench) -> None:
+    spec = impatient({"python": "./nodes.py:OfAnotherType", "remappings": {"input": "ignored"}})
+    spec["graph"]["nodes"]["deaf"] = {
+        "python": "./nodes.py:Deaf",
+        "remappings": {"output": "elsewhere"},
+    }
+    said = failed(bench.run(spec))
+    assert "/r2b/input: 0 of 1 endpoints matched; writers: /r2bspec/player" in said
+    assert "/r2b/output: 0 of 1 endpoints matched; writers: /r2b/relay (std_msgs/msg/String" in said
+    assert "/r2b/elsewhere: 0" not in said
+
+
+def test_a_node_that_publishes_nothing(bench: Bench) -> None:
+    spec = impatient({"python": "./nodes.py:Mute"})
+    spec["graph"]["nodes"]["other"] = relay_node(remappings={"output": "elsewhere"})
+    spec["monitors"]["other"] = {"topic": "elsewhere", "format": IMAGE}
+    done = bench.run(spec)
+    said = failed(done)
+    assert "nothing arrived on /r2b/output;" in said
+    assert "/r2b/input: writers: /r2bspec/player" in said
+    assert "/r2b/relay" in said
+    assert bench.judge(done.folder).status in {3, 4}
+
+
