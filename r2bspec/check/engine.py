@@ -26,7 +26,8 @@ def check(loaded: Loaded, *, offline: bool = False) -> list[Diagnostic]:
     """Everything that is wrong with a spec, sorted by place.
 
     Where reading the document found errors, there is no spec to apply rules to, and those errors
-    are all that is returned. What a waiver in a comment names is left out. Nothing that the spec names is executed or imported.
+    are all that is returned. What a comment waives (`r2bspec.diagnostics.waivers`) is left out.
+    Nothing that the spec names is executed or imported.
 
     Args:
         loaded: what `load_spec` gave.

@@ -16,6 +16,7 @@ from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
 
 _VERBS = {
+    "init": "Write a spec to begin with.",
     "validate": "Prove specs right before anything starts.",
     "explain": "Explain a diagnostic code, or list all.",
     "plan": "Show what a run will do, as canonical JSON or as a drawing.",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from r2bspec.cli.options import parse_variables, sets_option, variables_option
+from r2bspec.report.findings.formats import FORMATS
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics import Diagnostic
@@ -23,9 +24,9 @@ if TYPE_CHECKING:
 @click.option(
     "--format",
     "output_format",
-    type=click.Choice(["text", "json", "github"]),
+    type=click.Choice(list(FORMATS)),
     default="text",
-    help="text for people, json for programs, github for annotations of a change.",
+    help="; ".join(f"{name}: {use}" for name, use in FORMATS.items()) + ".",
 )
 @sets_option
 @variables_option
@@ -35,6 +36,10 @@ if TYPE_CHECKING:
     help="Print the document with variables and merge keys written out, if it has no errors.",
 )
 @click.option("--offline", is_flag=True, help="Leave recorded data alone; skip what needs it.")
+@click.option(
+    "--fix", is_flag=True, help="Make the repairs that are safe, in the files themselves."
+)
+@click.option("--diff", is_flag=True, help="Show what --fix would change; write nothing.")
 def command(
     paths: tuple[str, ...],
     output_format: str,
@@ -42,6 +47,8 @@ def command(
     variables: tuple[str, ...],
     resolved: bool,
     offline: bool,
+    fix: bool,
+    diff: bool,
 ) -> int:
     """Check specs and show what is wrong with them.
 
@@ -54,8 +61,22 @@ def command(
     from r2bspec.spec.load import load_spec
 
     values = parse_variables(variables)
+    files = spec_files(paths)
+
+    def check_text(text: str, file: str) -> list[Diagnostic]:
+        return _checked(load_spec(text, file=file, sets=sets, variables=values), offline=offline)
+
+    if fix and (diff or "-" in files):
+        raise click.UsageError("--fix writes files: it goes with neither --diff nor '-'")
+    changes = 0
+    if fix or diff:
+        from r2bspec.cli.repairs import repair
+
+        changes = repair(files, check_text, write=fix)
+    if diff:
+        return 1 if changes else 0
     loaded, found = [], []
-    for file in spec_files(paths):
+    for file in files:
         one = load_spec(Path(file), sets=sets, variables=values)
         loaded.append(one)
         found.append(_checked(one, offline=offline))
@@ -78,7 +99,7 @@ def _checked(loaded: Loaded, *, offline: bool) -> list[Diagnostic]:
 def _print_findings(
     loaded: list[Loaded], found: list[list[Diagnostic]], output_format: str, *, offline: bool
 ) -> None:
-    from r2bspec.report.findings import github, json, text
+    from r2bspec.report.findings import formats
     from r2bspec.report.findings.show import wants_colour
 
     everything = _flat(found)
@@ -88,16 +109,12 @@ def _print_findings(
         if findings
         for name, full in one.texts.items()
     }
-    if output_format == "json":
-        click.echo(json.render(everything, sources), nl=False)
-        return
-    if output_format == "github":
-        click.echo(github.render(everything, sources), nl=False)
-    else:
-        colour = wants_colour(sys.stdout)
-        blocks = text.render(everything, sources, colour=colour)
-        click.echo(blocks + ("\n" if blocks else ""), nl=False, color=colour)
-    click.echo(_summary(loaded, everything, offline=offline))
+    colour = output_format == "text" and wants_colour(sys.stdout)
+    names = [one.file for one in loaded]
+    shown = formats.render(output_format, everything, sources, names, colour=colour)
+    click.echo(shown, nl=False, color=colour)
+    if output_format not in formats.DOCUMENTS:
+        click.echo(_summary(loaded, everything, offline=offline))
 
 
 def _summary(loaded: list[Loaded], found: list[Diagnostic], *, offline: bool) -> str:

@@ -72,8 +72,9 @@ def unified_diff(before: str, after: str, file: str) -> str:
     """The difference of two texts as ``patch`` reads it; empty where there is none."""
     import difflib
 
+    name = file.lstrip("/")
     lines = difflib.unified_diff(
-        _LINE.findall(before), _LINE.findall(after), f"a/{file}", f"b/{file}"
+        _LINE.findall(before), _LINE.findall(after), f"a/{name}", f"b/{name}"
     )
     missing = "\\ No newline at end of file\n"
     return "".join(line if line.endswith("\n") else f"{line}\n{missing}" for line in lines)

@@ -1,4 +1,4 @@
-"""Waivers: ``# r2bspec: ignore[CODE] reason``, on the line of a finding or on lines of its own above.
+"""Waivers: ``# r2bspec: ignore[CODE] reason``, on the line of a finding or just above it.
 
 A waiver says to readers why something that looks wrong is meant. Without a reason it says nothing
 and waives nothing. Errors that keep the document from being read cannot be waived: there would be
@@ -154,7 +154,10 @@ def _waivable(found: Diagnostic) -> bool:
 def _judge(waiver: Waiver, known: Collection[str], *, unused: bool) -> Iterator[Diagnostic]:
     if not waiver.code:
         yield _warning(
-            WITHOUT_REASON, "this waiver does not say which code it means", waiver, f"write '{_FORM}'"
+            WITHOUT_REASON,
+            "this waiver does not say which code it means",
+            waiver,
+            f"write '{_FORM}'",
         )
     elif waiver.code not in known:
         close = did_you_mean(waiver.code, known)

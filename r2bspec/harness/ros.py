@@ -162,12 +162,13 @@ class WaitLoop:
 
 
 def start_node(name: str) -> Node:
-    """Initialise rclpy and make the harness node of a role.
+    """Initialise rclpy, unless that is done, and make the harness node of a role.
 
     The node has no parameter services, no /rosout and no clock subscription: what does not exist
     takes no time and does not show in the graph under test.
     """
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    if not rclpy.ok():
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = Node(
         name,
         namespace="/r2bspec",

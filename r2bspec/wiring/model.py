@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
 from r2bspec.diagnostics.model import Path
-from r2bspec.spec.model import Node
+from r2bspec.spec.model import Node, ParameterValue, QoS
 from r2bspec.wiring.interfaces import Interface
 
 Phase = Literal["preprocess", "measure"]
@@ -24,6 +24,7 @@ class NodeWiring:
         name: full name, such as ``/r2b/apriltag``.
         path: where it stands in the spec.
         names_known: False for a command of which the spec says nothing that has to do with ROS.
+        parameters: what it ends up with, from all files and values.
     """
 
     key: str
@@ -33,6 +34,7 @@ class NodeWiring:
     node: Node
     interface: Interface
     names_known: bool = True
+    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,8 @@ class Endpoint:
         type_path: the place in the spec that says the type; empty if it comes from elsewhere.
         type_parameter: the parameter of the node that decides the type; empty if none does.
         monitor: the name of the monitor, for the endpoint of a monitor.
+        qos: the profile that it offers or asks for; None if unknown.
+        qos_path: the place in the spec that says so; empty if it comes from elsewhere.
     """
 
     owner: str
@@ -61,6 +65,8 @@ class Endpoint:
     type_path: Path = ()
     type_parameter: str = ""
     monitor: str = ""
+    qos: QoS | None = None
+    qos_path: Path = ()
 
     @property
     def is_node(self) -> bool:
@@ -136,6 +142,23 @@ class PhaseWiring:
                 owners = {each.owner for each in self.readers(topic) if each.is_node}
                 ahead += [
                     each.topic for owner in owners for each in self.owned_by(owner) if each.writes
+                ]
+        return frozenset(reached)
+
+    def leading_to(self, topic: str) -> frozenset[str]:
+        """The topics from which messages can come to `topic` through nodes, itself included."""
+        reached: set[str] = set()
+        ahead = [topic]
+        while ahead:
+            name = ahead.pop()
+            if name not in reached:
+                reached.add(name)
+                owners = {each.owner for each in self.writers(name) if each.is_node}
+                ahead += [
+                    each.topic
+                    for owner in owners
+                    for each in self.owned_by(owner)
+                    if not each.writes
                 ]
         return frozenset(reached)
 

@@ -14,6 +14,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+SHARED_TOPICS = frozenset(
+    {"/tf", "/tf_static", "/rosout", "/parameter_events", "/clock", "/diagnostics"}
+)
+"""Topics that are made for any number of writers and readers, or that every node has."""
+
 
 class Resolved(NamedTuple):
     """A topic name after remapping, and the key of the rule that renamed it, if one did."""

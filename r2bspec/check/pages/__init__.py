@@ -15,5 +15,7 @@ def all_pages() -> dict[str, Page]:
     from r2bspec.spec.pages import PAGES
 
     rules = (rule.page for rule in all_rules())
-    pages = {page.code: page for page in (*DATA_PAGES, *FILE_PAGES, *RUN_PAGES, *WAIVER_PAGES, *rules)}
+    pages = {
+        page.code: page for page in (*DATA_PAGES, *FILE_PAGES, *RUN_PAGES, *WAIVER_PAGES, *rules)
+    }
     return dict(sorted({**PAGES, **pages}.items()))

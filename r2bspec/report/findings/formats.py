@@ -36,15 +36,23 @@ def render(
         files: every file that was looked at, with findings or without.
         colour: whether text may hold colours.
     """
-    from r2bspec.report.findings import github, json, junit, sarif, text
-
     if name == "sarif":
+        from r2bspec.report.findings import sarif
+
         return sarif.render(diagnostics, sources, files)
     if name == "junit":
+        from r2bspec.report.findings import junit
+
         return junit.render(diagnostics, sources, files)
     if name == "json":
+        from r2bspec.report.findings import json
+
         return json.render(diagnostics, sources)
     if name == "github":
+        from r2bspec.report.findings import github
+
         return github.render(diagnostics, sources)
+    from r2bspec.report.findings import text
+
     blocks = text.render(diagnostics, sources, colour=colour)
     return blocks + "\n" if blocks else ""

@@ -2,7 +2,7 @@
 
 A case with errors has a failure that lists them, each as its place and message; warnings are in
 its output and fail nothing, as they do not fail validate. A family without findings is a case
-that passed, so that a pipeline sees what was looked at.
+that passed, or was skipped because the document itself is not right.
 """
 
 from __future__ import annotations
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from junitparser import TestCase
 
 
+_OF_THE_DOCUMENT = frozenset("01")
+"""Families whose errors leave no spec to which the rules of the others could be applied."""
+
+
 def render(
     diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], files: Iterable[str] = ()
 ) -> str:
@@ -32,31 +36,36 @@ def render(
     xml = JUnitXml("r2bspec validate")
     for file, inside in by_file.items():
         suite = TestSuite(printable(file))
-        suite.add_testcases(
-            [
-                _case(f"R2B{family}xx {title}", file, [f for f in inside if f.code[3] == family])
-                for family, title in FAMILIES.items()
-            ]
-        )
+        unusable = any(_is_error(one) and one.code[3] in _OF_THE_DOCUMENT for one in inside)
+        for family, title in FAMILIES.items():
+            own = [one for one in inside if one.code[3] == family]
+            looked_at = not unusable or family in _OF_THE_DOCUMENT
+            suite.add_testcase(_case(f"R2B{family}xx {title}", file, own, looked_at=looked_at))
         xml.add_testsuite(suite)
     buffer = io.BytesIO()
     xml.write(buffer, pretty=True)
     return buffer.getvalue().decode().rstrip() + "\n"
 
 
-def _case(name: str, file: str, inside: list[Diagnostic]) -> TestCase:
-    from junitparser import Failure, TestCase
+def _case(name: str, file: str, inside: list[Diagnostic], *, looked_at: bool) -> TestCase:
+    from junitparser import Failure, Skipped, TestCase
 
     case = TestCase(name, printable(file))
-    errors = [one for one in inside if one.severity is Severity.ERROR]
+    errors = [one for one in inside if _is_error(one)]
+    if not looked_at and not inside:
+        case.result = [Skipped("the document itself must be right first")]
     if errors:
         failure = Failure(printable(errors[0].message), errors[0].code)
         failure.text = "\n".join(_line(one) for one in errors)
         case.result = [failure]
-    others = [_line(one) for one in inside if one.severity is not Severity.ERROR]
+    others = [_line(one) for one in inside if not _is_error(one)]
     if others:
         case.system_out = "\n".join(others)
     return case
+
+
+def _is_error(found: Diagnostic) -> bool:
+    return found.severity is Severity.ERROR
 
 
 def _line(found: Diagnostic) -> str:

@@ -102,9 +102,7 @@ def _name(path: str) -> dict[str, str]:
 
 
 def _place(span: Span) -> dict[str, Any]:
-    return {
-        "physicalLocation": {"artifactLocation": _location(span.file), "region": _region(span)}
-    }
+    return {"physicalLocation": {"artifactLocation": _location(span.file), "region": _region(span)}}
 
 
 def _region(span: Span) -> dict[str, int]:

@@ -87,7 +87,7 @@ def lay_out(plan: Plan, told: Mapping[str, Sequence[str]]) -> Drawing:
         told: lines to add below the name of a box, by that name.
     """
     sketch = figure(plan)
-    y, widest = 0.0, 0.0
+    y, widest = 2.0, 0.0
     frames: list[Frame] = []
     placed: dict[str, Drawn] = {}
     groups = [("", sketch.boxes), *((group.title, group.boxes) for group in sketch.groups)]

@@ -117,15 +117,16 @@ def _limit(axes: Axes, one: RequirementVerdict, number: int) -> None:
         return
     x = 1 / (1 - q)
     ink = PALETTE[OUTCOME_COLOURS[one.outcome]]
+    above = not one.lost and one.estimate is not None and one.limit > one.estimate
     axes.hlines(one.limit * 1e3, x / 1.6, x * 1.6, color=ink, linewidth=2.4)
     axes.annotate(
         printable(f"{part} limit {show(one.limit, one.unit)} at {show(one.at_hz, 'Hz')}"),
         (x, one.limit * 1e3),
         # On the side of the bar that the curve is not on.
-        xytext=(0, 3 if one.outcome == "pass" else -4),
+        xytext=(0, 3 if above else -4),
         textcoords="offset points",
         ha="center",
-        va="bottom" if one.outcome == "pass" else "top",
+        va="bottom" if above else "top",
         fontsize=8,
         color=ink,
     )

@@ -29,13 +29,15 @@ pair of messages spans two iterations. Where nothing is bad, there is nothing to
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from functools import cache
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 Clustering = Literal["", "bursts", "stretches", "iterations"]
 
@@ -88,16 +90,36 @@ def effective(pieces: Sequence[Flags]) -> Effective:
     Args:
         pieces: one array for each iteration, in the order they were played.
     """
-    n = sum(piece.size for piece in pieces)
-    bad = sum(int(np.count_nonzero(piece)) for piece in pieces)
+    return effective_rows(in_rows(pieces, fill=False), np.array([one.size for one in pieces]))
+
+
+def in_rows(pieces: Sequence[NDArray[_Scalar]], fill: object) -> NDArray[_Scalar]:
+    """Arrays of different lengths as the rows of one, `fill` behind the shorter ones."""
+    longest = max((piece.size for piece in pieces), default=0)
+    rows: NDArray[_Scalar] = np.full((len(pieces), longest), fill)
+    for row, piece in zip(rows, pieces, strict=True):
+        row[: piece.size] = piece
+    return rows
+
+
+def effective_rows(flags: Flags, sizes: NDArray[np.int64]) -> Effective:
+    """What the messages of some iterations are worth, which are the rows of one array.
+
+    Args:
+        flags: shape (iterations, longest), False behind the end of an iteration.
+        sizes: the messages of each iteration, shape (iterations,).
+    """
+    n = int(sizes.sum())
+    counts = np.count_nonzero(flags, axis=1) if flags.size else np.zeros(0, dtype=np.int64)
+    bad = int(counts.sum())
+    bursts, longest = _bursts(flags)
     if not 0 < bad < n:
-        return Effective(n=n, bad=bad, bursts=_bursts(pieces)[0], inflation=1.0, cause="")
-    bursts, longest = _bursts(pieces)
+        return Effective(n=n, bad=bad, bursts=bursts, inflation=1.0, cause="")
     estimates: dict[Clustering, float] = {
         "": 1.0,
         "bursts": _of_bursts(n, bad, bursts, longest),
-        "stretches": _of_stretches(pieces, bad / n),
-        "iterations": _of_iterations(pieces, bad / n),
+        "stretches": _of_stretches(flags, sizes, bad / n),
+        "iterations": _of_iterations(counts, sizes, bad / n),
     }
     # Digits that the order of additions decides, which differs between processors, are cut off
     # before anything is compared. One message is the least that a run with any can be worth.
@@ -107,15 +129,16 @@ def effective(pieces: Sequence[Flags]) -> Effective:
     return Effective(n=n, bad=bad, bursts=bursts, inflation=min(inflation, float(n)), cause=cause)
 
 
-def _bursts(pieces: Sequence[Flags]) -> tuple[int, int]:
+def _bursts(flags: Flags) -> tuple[int, int]:
     """How many bursts there are, and how long the longest is."""
-    number = longest = 0
-    for piece in pieces:
-        edges = np.diff(np.concatenate(([0], piece.astype(np.int8), [0])))
-        lengths = np.flatnonzero(edges < 0) - np.flatnonzero(edges > 0)
-        number += lengths.size
-        longest = max(longest, int(lengths.max(initial=0)))
-    return number, longest
+    if not flags.size:
+        return 0, 0
+    # A column of good ones between the rows, so that no burst spans two.
+    line = np.zeros((flags.shape[0], flags.shape[1] + 1), dtype=np.bool_)
+    line[:, 1:] = flags
+    edges = np.flatnonzero(np.diff(np.append(line.ravel(), False)))
+    lengths = edges[1::2] - edges[::2]
+    return int(lengths.size), int(lengths.max(initial=0))
 
 
 def _of_bursts(n: int, bad: int, bursts: int, longest: int) -> float:
@@ -126,44 +149,41 @@ def _of_bursts(n: int, bad: int, bursts: int, longest: int) -> float:
     return (1 + r) / (1 - r)
 
 
-def _of_stretches(pieces: Sequence[Flags], p: float) -> float:
-    shortest = min((piece.size for piece in pieces if piece.size), default=0)
-    lags = min(_FARTHEST, shortest // _SHARE_OF_ITERATION)
+def _of_stretches(flags: Flags, sizes: NDArray[np.int64], p: float) -> float:
+    filled = sizes[sizes > 0]
+    lags = min(_FARTHEST, int(filled.min()) // _SHARE_OF_ITERATION)
     if lags < 2:
         return 1.0
-    products = np.zeros(lags + 1)
-    pairs = np.zeros(lags + 1)
-    for piece in pieces:
-        if piece.size:
-            products += _lagged_products(piece.astype(np.float64) - p, lags)
-            pairs += piece.size - np.arange(lags + 1)
-    r = (products / pairs) / (products[0] / pairs[0])
+    inside = np.arange(flags.shape[1]) < sizes[:, np.newaxis]
+    deviations = np.where(inside, flags - p, 0.0)
+    pairs = filled.sum() - filled.size * np.arange(lags + 1)
+    r = _lagged_products(deviations, lags) / pairs
+    r /= r[0]
     sums = r[0 : lags - lags % 2 : 2] + r[1 : lags + 1 - lags % 2 : 2]
     negative = np.flatnonzero(sums <= 0)
     kept = sums[: negative[0]] if negative.size else sums
     return -1 + 2 * float(np.minimum.accumulate(kept).sum()) if kept.size else 1.0
 
 
-def _lagged_products(values: NDArray[np.float64], lags: int) -> NDArray[np.float64]:
-    """sum_i v_i v_(i + lag) for each lag of 0..lags, by the fast Fourier transform."""
-    size = 1 << (values.size + lags - 1).bit_length()
-    transformed = np.fft.rfft(values, size)
-    products = np.fft.irfft(transformed * transformed.conj(), size)
-    return np.asarray(products[: lags + 1], dtype=np.float64)
+def _lagged_products(rows: NDArray[np.float64], lags: int) -> NDArray[np.float64]:
+    """The sum over rows and i of v_i v_(i + lag), for each lag of 0..lags, by Fourier transform."""
+    size = 1 << (rows.shape[1] + lags - 1).bit_length()
+    transformed = np.fft.rfft(rows, size, axis=1)
+    power = (transformed.real**2 + transformed.imag**2).sum(axis=0)
+    return np.asarray(np.fft.irfft(power, size)[: lags + 1], dtype=np.float64)
 
 
-def _of_iterations(pieces: Sequence[Flags], p: float) -> float:
-    filled = [piece for piece in pieces if piece.size]
-    m = len(filled)
+def _of_iterations(counts: NDArray[np.int64], sizes: NDArray[np.int64], p: float) -> float:
+    counts, sizes = counts[sizes > 0], sizes[sizes > 0]
+    m = sizes.size
     if m < _LEAST_ITERATIONS:
         return 1.0
     # Iterations of one rate are equally long, but for a step; shares serve all.
-    excess = math.fsum(
-        piece.size * (float(np.count_nonzero(piece)) / piece.size - p) ** 2 for piece in filled
-    )
+    excess = float((sizes * (counts / sizes - p) ** 2).sum())
     return excess / (m - 1) / (p * (1 - p)) * _small_number(m)
 
 
+@cache
 def _small_number(m: int) -> float:
     """(t_c(m - 1) / z_c)^2."""
     from scipy.special import ndtri, stdtrit

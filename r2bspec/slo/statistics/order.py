@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from r2bspec.measure.percentiles import rank
 from r2bspec.slo.statistics.binomial import last_true, lower_bound, upper_bound
-from r2bspec.slo.statistics.effective import Clustering, Effective, effective
+from r2bspec.slo.statistics.effective import Clustering, Effective, effective_rows, in_rows
 
 _EACH = 16
 _STEP = 1.2
@@ -59,7 +59,8 @@ class Ranked:
 
     def __init__(self, pieces: Sequence[NDArray[np.float64]]) -> None:
         """Take one array for each iteration; lost messages are +inf or -inf, as is worse."""
-        self._pieces = pieces
+        self._rows = in_rows(pieces, fill=math.nan)
+        self._sizes = np.array([piece.size for piece in pieces])
         self.ordered = np.sort(np.concatenate([*pieces, np.empty(0)]))
         self.n = int(self.ordered.size)
         self._levels = _levels(self.n)
@@ -70,8 +71,9 @@ class Ranked:
         level = min(level for level in self._levels if level >= k)
         inflation, cause = self._worth_at(level)
         edge = self._below(k)
-        flags = [piece > edge if largest else piece <= edge for piece in self._pieces]
-        return replace(effective(flags), inflation=inflation, cause=cause)
+        # Behind the end of an iteration there is NaN, which is neither over nor under.
+        flags = self._rows > edge if largest else self._rows <= edge
+        return replace(effective_rows(flags, self._sizes), inflation=inflation, cause=cause)
 
     def _below(self, k: int) -> float:
         """The largest message that is not one of the k largest."""
@@ -80,9 +82,8 @@ class Ranked:
     def _worth_at(self, level: int) -> tuple[float, Clustering]:
         """F at one of the levels, and what makes it so large."""
         if level not in self._found:
-            least = self.ordered[self.n - level] if level else math.inf
-            flags = [piece >= least if level else piece > least for piece in self._pieces]
-            found = effective(flags)
+            least = self.ordered[self.n - level] if level else math.nan
+            found = effective_rows(self._rows >= least, self._sizes)
             self._found[level] = found.inflation, found.cause
         return self._found[level]
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from r2bspec.spec.quantities import Duration
 from r2bspec.spec.schema import names
-from r2bspec.spec.schema.build import Schema, named, quantity, record, text
+from r2bspec.spec.schema.build import PATH, Schema, listing, named, quantity, record, text, truth
 
-_BAG = {
-    **record(
-        "The recording: the name of a dataset, or the path of a bag relative to this file. As a "
+def _bag(description: str) -> Schema:
+    return {**_source(description), "type": ["string", "object"], "minLength": 1, PATH: True}
+
+
+def _source(description: str) -> Schema:
+    return record(
+        f"{description}: the name of a dataset, or the path of a bag relative to this file. As a "
         "map it can also pin the content.",
         {
             "dataset": text(
@@ -21,6 +25,7 @@ _BAG = {
                 "file.",
                 form=names.NOT_EMPTY,
                 examples=["./bags/kitchen", "/data/drive_07.mcap"],
+                path=True,
             ),
             "sha256": text(
                 "The digest that the data must have, as r2bspec data info shows it. Another bag "
@@ -34,10 +39,8 @@ _BAG = {
             {"label": "dataset", "body": "${1:r2b_storage}"},
             {"label": "bag with a pinned content", "body": {"path": "$1", "sha256": "$2"}},
         ],
-    ),
-    "type": ["string", "object"],
-    "minLength": 1,
-}
+    )
+
 
 _WINDOW = record(
     "The part of the recording that is used, counted from its first message.",
@@ -59,7 +62,13 @@ _WINDOW = record(
 DATA_LOADER: Schema = record(
     "Which recorded topics are loaded, and what they are called in the graph.",
     {
-        "bag": _BAG,
+        "bag": _bag("The recording"),
+        "bags": listing(
+            "Several recordings in place of one, in the order in which they were made; their "
+            "topics are joined.",
+            _bag("A recording"),
+            examples=[["./bags/part_1", "./bags/part_2"]],
+        ),
         "window": _WINDOW,
         "topics": named(
             "What is loaded: topic of the bag, and the topic that it becomes in the graph. Topics "
@@ -74,8 +83,17 @@ DATA_LOADER: Schema = record(
             at_least=1,
             examples=[{"/d455_1_rgb_image": "data_loader/image"}],
         ),
+        "publish_tf": truth("Whether recorded /tf is played with the inputs.", default=False),
+        "publish_tf_static": truth(
+            "Whether recorded /tf_static is published before anything is played.", default=False
+        ),
+        "real_time": truth(
+            "Whether the preprocessors get the messages in the time in which they were recorded, "
+            "instead of as fast as they take them.",
+            default=False,
+        ),
     },
-    required=["bag", "topics"],
+    required=["topics"],
     examples=[{"bag": "r2b_storage", "topics": {"/d455_1_rgb_image": "data_loader/image"}}],
     snippets=[
         {

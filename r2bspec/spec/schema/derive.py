@@ -12,25 +12,40 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from r2bspec.spec.schema.build import KIND, NOUN, POSITIVE, QUANTITIES, TOPIC_KEYS, Schema
+from r2bspec.spec.schema.build import (
+    KIND,
+    LOADER,
+    NOUN,
+    PATH,
+    POSITIVE,
+    QUANTITIES,
+    TOPIC_KEYS,
+    UNLESS_LIVE,
+    WORDS,
+    Schema,
+)
 from r2bspec.spec.schema.document import DOCUMENT
 
 TITLE = "r2bspec, version 1"
 FILE_NAME = "r2bspec-v1.schema.json"
 
-_OWN = (KIND, NOUN, POSITIVE, TOPIC_KEYS)
+_OWN = (KIND, LOADER, NOUN, PATH, POSITIVE, TOPIC_KEYS, UNLESS_LIVE, WORDS)
 _REFERENCE = r"\$\((?:var|env) +[A-Za-z_][A-Za-z0-9_]* *\)"
 _WHOLE = f"^{_REFERENCE}$"
 _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
+_OTHER_SCALARS = {"integer": "a whole number", "boolean": "true or false"}
 _METRIC = r"[A-Za-z][A-Za-z0-9_]*(?:\.[A-Za-z][A-Za-z0-9_]*)*"
 _REQUIREMENT = rf"^\s*(?:sustained|{_METRIC}\s*(?:[<>]=?|[=!]=)\s*\d.*?)\s*$"
 
 
-def strict_schema() -> Schema:
-    """The schema that the loader applies."""
+def strict_schema(*, live: bool = False) -> Schema:
+    """The schema that the loader applies; for `live`, to a document in which nothing is played."""
 
     def stricter(schema: Schema) -> Schema:
         strict = dict(schema)
+        if UNLESS_LIVE in strict and not live:
+            needed = {*strict.get("required", ()), *strict[UNLESS_LIVE]}
+            strict["required"] = [key for key in strict["properties"] if key in needed]
         # The class says it better than 'type' could; see `r2bspec.spec.validator`.
         if KIND in strict:
             del strict["type"]
@@ -63,6 +78,8 @@ def _publish(schema: Schema) -> Schema:
     kind = schema.get(KIND)
     if kind is not None:
         public |= _judged_by_pattern(kind)
+    if WORDS in schema:
+        public |= _or_words(schema[WORDS], public.get("pattern"))
     if schema.get("additionalProperties") is False:
         public["patternProperties"] = {"^x-": {"description": "Ignored."}}
     if "propertyNames" in public:
@@ -75,13 +92,21 @@ def _publish(schema: Schema) -> Schema:
         return public | {"anyOf": [{"enum": values}, {"pattern": _WHOLE}]}
     if "pattern" in public and "type" in public:
         public["pattern"] = _or_reference(public["pattern"])
-    elif public.get("type") == "integer" and "const" not in public:
+    elif public.get("type") in _OTHER_SCALARS and "const" not in public:
         public |= {
-            "type": ["integer", "string"],
+            "type": [public["type"], "string"],
             "pattern": _WHOLE,
-            "patternErrorMessage": "a whole number, or $(var name)",
+            "patternErrorMessage": f"{_OTHER_SCALARS[public['type']]}, or $(var name)",
         }
     return public
+
+
+def _or_words(words: list[str], pattern: str | None) -> Schema:
+    """Words that may stand in place of a map, or of text of a pattern."""
+    only = f"^(?:{'|'.join(words)})$"
+    if pattern is not None:
+        return {"pattern": f"(?:{pattern})|{only}"}
+    return {"pattern": only, "patternErrorMessage": f"one of {', '.join(words)}; or a map"}
 
 
 def _judged_by_pattern(kind: str) -> Schema:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from r2bspec.spec.schema import names
 from r2bspec.spec.schema.benchmark import BENCHMARK, SLOS
-from r2bspec.spec.schema.build import Schema, choice, listing, named, record, scalar, text
+from r2bspec.spec.schema.build import Schema, listing, named, record, scalar, text
 from r2bspec.spec.schema.data_loader import DATA_LOADER
 from r2bspec.spec.schema.graph import GRAPH, MONITORS
+from r2bspec.spec.schema.harness import HARNESS, TRANSPORT
 from r2bspec.spec.schema.node import nodes
 from r2bspec.spec.schema.playback import PLAYBACK
+from r2bspec.spec.schema.process import CONTAINERS
+from r2bspec.spec.schema.reuse import EXTENDS, MATRIX, VARIABLES
+from r2bspec.spec.schema.steps import AFTER_READY, READY, SETUP
 
 _VERSION: Schema = {
     "type": "integer",
@@ -30,6 +34,7 @@ DOCUMENT: Schema = record(
         "description": text(
             "What is measured, and why.", examples=["Detection on a colour camera at 720p."]
         ),
+        "extends": EXTENDS,
         "labels": named(
             "Anything that the report shall show.",
             names.LABEL_KEY,
@@ -41,36 +46,33 @@ DOCUMENT: Schema = record(
             text("A variable's name.", form=names.ENVIRONMENT, examples=["DATA_DIR"]),
             examples=[["DATA_DIR"]],
         ),
+        "variables": VARIABLES,
+        "matrix": MATRIX,
         "namespace": text(
             "The namespace in which relative topics and nodes lie.",
             form=names.NAMESPACE,
             examples=["r2b"],
             default="r2b",
         ),
-        "transport": choice(
-            "How messages travel: shared_memory sized to the largest message, udp, or inherit "
-            "for what the environment says.",
-            ["inherit", "shared_memory", "udp"],
-            "shared_memory",
-        ),
-        "variables": named(
-            "Values that $(var name) stands for; --var name=value replaces one.",
-            names.VARIABLE,
-            scalar("The variable's value.", examples=[1280, "30 Hz"]),
-            examples=[{"width": 1280, "rate": "30 Hz"}],
-        ),
+        "transport": TRANSPORT,
+        "harness": HARNESS,
         "data_loader": DATA_LOADER,
         "preprocessors": nodes(
             "Nodes that prepare the recorded messages. They run before anything is measured, and "
             "are stopped then."
         ),
+        "containers": CONTAINERS,
+        "setup": SETUP,
         "playback": PLAYBACK,
         "graph": GRAPH,
+        "ready": READY,
+        "after_ready": AFTER_READY,
         "monitors": MONITORS,
         "benchmark": BENCHMARK,
         "slos": SLOS,
     },
-    required=["r2bspec", "name", "data_loader", "playback", "graph", "monitors"],
+    required=["r2bspec", "name", "playback", "graph", "monitors"],
+    unless_live=["data_loader"],
     examples=[],
     snippets=[
         {

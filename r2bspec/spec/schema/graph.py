@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from r2bspec.spec.schema import names
-from r2bspec.spec.schema.build import Schema, choice, named, record, text
+from r2bspec.spec.schema.build import Schema, choice, integer, named, record, text, truth
 from r2bspec.spec.schema.node import nodes
-from r2bspec.spec.schema.playback import qos
+from r2bspec.spec.schema.parameters import values
+from r2bspec.spec.schema.qos import qos
+from r2bspec.spec.schema.reuse import repeat, sibling
 
 GRAPH: Schema = record(
     "The graph under test.",
     {
         "placement": choice(
-            "separate gives each Python node a process of its own; shared puts all of them into "
-            "one.",
-            ["separate", "shared"],
+            "Where nodes run that name no container: separate gives each a process of its own; "
+            "shared puts those of one kind into one; harness puts them beside the harness.",
+            ["separate", "shared", "harness"],
             "separate",
         ),
         "nodes": nodes("The nodes under test, by name."),
@@ -28,6 +30,8 @@ MONITORS: Schema = named(
     record(
         "A watched topic.",
         {
+            "extends": sibling("monitor"),
+            "repeat": repeat("monitor"),
             "topic": text(
                 "The topic to watch.", form=names.TOPIC, examples=["tag_detections", "/tf"]
             ),
@@ -42,7 +46,23 @@ MONITORS: Schema = named(
                 ["stamp", "order"],
                 "stamp",
             ),
+            "ratio": record(
+                "How many outputs answer how many inputs.",
+                {
+                    "inputs": integer("So many inputs.", minimum=1, default=1, examples=[2]),
+                    "outputs": integer("So many outputs.", minimum=1, default=1, examples=[3]),
+                },
+                examples=[{"inputs": 2}],
+                default={},
+            ),
             "qos": qos("The profile with which the monitor reads; else what the writer offers."),
+            "label": text("What reports call it.", examples=["Tag detections"]),
+            "taps": truth(
+                "Whether the topics on the way to it are watched, too, so that the report shows "
+                "where time goes. It costs some of it.",
+                default=False,
+            ),
+            "parameters": values("Parameters of the component that watches, where there is one."),
         },
         required=["topic", "format"],
         examples=[{"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"}],

@@ -114,3 +114,4 @@ SHA256 = Form(
     "^[0-9a-f]{64}$", "SHA-256 digest", "a SHA-256 digest is 64 digits, 0 to 9 and a to f"
 )
 NOT_EMPTY = Form(r"\S", "path", "this must not be empty")
+SOME_TEXT = Form(r"\S", "text", "this must not be empty")

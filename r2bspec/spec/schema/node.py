@@ -7,19 +7,11 @@ The schema is flat: which kinds of node exclude each other is a rule of its own
 from __future__ import annotations
 
 from r2bspec.spec.schema import names
-from r2bspec.spec.schema.build import SCALAR_TYPES, Schema, listing, named, record, scalar, text
-
-_PARAMETERS = named(
-    "ROS parameters of the node. Nested ones are written with dots: camera.fx.",
-    names.PARAMETER,
-    {
-        "type": [*SCALAR_TYPES, "array"],
-        "description": "Text, a number, a truth value, or a list of one of these.",
-        "items": scalar("An item of the list.", examples=[0.5, "left"]),
-        "examples": [1280, "36h11", [0.1, 0.2]],
-    },
-    examples=[{"width": 1280, "height": 720}],
-)
+from r2bspec.spec.schema.build import Schema, listing, named, record, scalar, text, truth
+from r2bspec.spec.schema.parameters import PARAMETERS
+from r2bspec.spec.schema.process import ENV, RESOURCES
+from r2bspec.spec.schema.qos import qos
+from r2bspec.spec.schema.reuse import repeat, sibling
 
 _TYPE = text(
     "The message type, as ros2 topic list -t shows it.",
@@ -27,20 +19,60 @@ _TYPE = text(
     examples=["sensor_msgs/msg/Image"],
 )
 
-NODE: Schema = record(
-    "A node: exactly one of 'python', 'package' with 'executable', or 'command'.",
+_LAUNCH = record(
+    "A launch file: 'package' and 'file', or 'path'. Remappings and the namespace of the node apply "
+    "to all that it starts.",
     {
+        "package": text(
+            "The ROS package that holds the launch file.",
+            form=names.PACKAGE,
+            examples=["image_proc"],
+        ),
+        "file": text(
+            "The launch file below the package's share folder.",
+            form=names.SOME_TEXT,
+            examples=["launch/image_proc.launch.py"],
+        ),
+        "path": text(
+            "The launch file, relative to this file.",
+            form=names.NOT_EMPTY,
+            examples=["./detector.launch.py"],
+            path=True,
+        ),
+        "arguments": named(
+            "The arguments of the launch file.",
+            names.PARAMETER,
+            scalar("The argument's value.", examples=["false"]),
+            examples=[{"use_sim_time": "false"}],
+        ),
+    },
+    examples=[{"package": "image_proc", "file": "launch/image_proc.launch.py"}],
+)
+
+NODE: Schema = record(
+    "A node: exactly one of 'python', 'package' with 'plugin', 'package' with 'executable', "
+    "'command', 'launch', or 'external'.",
+    {
+        "extends": sibling("node"),
+        "repeat": repeat("node"),
+        "description": text("What it does.", examples=["Finds tags in the left image."]),
         "python": text(
             "A Python node: a class derived from rclpy's Node whose constructor takes **kwargs "
             "for Node, or a function that returns one. module.Class, or ./file.py:Class relative "
             "to this file.",
             form=names.PYTHON_NODE,
             examples=["r2bspec.nodes.ResizeNode", "./my_nodes.py:Detector"],
+            path=True,
         ),
         "package": text(
-            "The ROS package that holds the executable.",
+            "The ROS package that holds the plugin or the executable.",
             form=names.PACKAGE,
             examples=["image_proc"],
+        ),
+        "plugin": text(
+            "The C++ class of a composable node of the package.",
+            form=names.PLUGIN,
+            examples=["image_proc::ResizeNode"],
         ),
         "executable": text(
             "The executable of the package, as for ros2 run.",
@@ -54,6 +86,17 @@ NODE: Schema = record(
             at_least=1,
             examples=[["./build/detector", "--fast"]],
         ),
+        "launch": _LAUNCH,
+        "external": truth(
+            "Whether the node runs already, started by somebody else; it is waited for, and left "
+            "alone.",
+            default=False,
+        ),
+        "container": text(
+            "The container in which the node runs; else graph.placement says where.",
+            form=names.NODE_NAME,
+            examples=["vision"],
+        ),
         "arguments": listing(
             "Further words of the command line of an executable.",
             text("A word of the command line.", examples=["--fast"]),
@@ -64,7 +107,7 @@ NODE: Schema = record(
             form=names.NAMESPACE,
             examples=["left"],
         ),
-        "parameters": _PARAMETERS,
+        "parameters": PARAMETERS,
         "remappings": named(
             "Topics as the node's code names them, and the topics that are meant.",
             names.TOPIC,
@@ -87,12 +130,15 @@ NODE: Schema = record(
             topics=True,
             examples=[{"image": "sensor_msgs/msg/Image"}],
         ),
-        "env": named(
-            "Environment variables of the node's process.",
-            names.ENVIRONMENT,
-            text("The variable's value.", examples=["4"]),
-            examples=[{"OMP_NUM_THREADS": "4"}],
+        "qos": named(
+            "What is known of the profiles of its topics, as its code names them.",
+            names.TOPIC,
+            qos("The profile of the topic."),
+            topics=True,
+            examples=[{"image": "sensor_data"}],
         ),
+        "env": ENV,
+        **RESOURCES,
     },
     examples=[{"python": "r2bspec.nodes.RelayNode", "remappings": {"input": "image"}}],
     snippets=[
@@ -104,7 +150,12 @@ NODE: Schema = record(
             "label": "executable of a package",
             "body": {"package": "$1", "executable": "$2", "remappings": {"$3": "$4"}},
         },
+        {
+            "label": "composable C++ node",
+            "body": {"package": "$1", "plugin": "$2", "remappings": {"$3": "$4"}},
+        },
         {"label": "any command", "body": {"command": ["$1"]}},
+        {"label": "launch file", "body": {"launch": {"package": "$1", "file": "$2"}}},
     ],
 )
 

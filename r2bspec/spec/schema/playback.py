@@ -1,40 +1,20 @@
-"""`playback`: how the buffered messages are played; and quality of service."""
+"""`playback`: how the buffered messages are played."""
 
 from __future__ import annotations
 
+from r2bspec.spec.quantities import Duration, Share
 from r2bspec.spec.schema import names
-from r2bspec.spec.schema.build import Schema, choice, integer, named, record, text
-
-
-def qos(description: str, *, default: object = None) -> Schema:
-    """A quality-of-service profile."""
-    return record(
-        description,
-        {
-            "reliability": choice(
-                "Whether lost messages are sent again. A reliable reader gets nothing from a "
-                "best-effort writer.",
-                ["reliable", "best_effort"],
-                "reliable",
-            ),
-            "durability": choice(
-                "Whether a late reader gets the last messages, too.",
-                ["volatile", "transient_local"],
-                "volatile",
-            ),
-            "history": choice(
-                "Whether only the last 'depth' messages are kept.",
-                ["keep_last", "keep_all"],
-                "keep_last",
-            ),
-            "depth": integer(
-                "How many messages are kept with keep_last.", minimum=1, default=10, examples=[10]
-            ),
-        },
-        examples=[{"reliability": "best_effort", "depth": 5}],
-        default=default,
-        snippets=[{"label": "sensor data", "body": {"reliability": "best_effort", "depth": 5}}],
-    )
+from r2bspec.spec.schema.build import (
+    Schema,
+    choice,
+    integer,
+    named,
+    quantity,
+    record,
+    text,
+    truth,
+)
+from r2bspec.spec.schema.qos import qos
 
 
 _INPUT = record(
@@ -49,6 +29,12 @@ _INPUT = record(
             "The type of its messages.", form=names.MESSAGE_TYPE, examples=["sensor_msgs/msg/Image"]
         ),
         "qos": qos("The profile with which the player offers the topic.", default={}),
+        "timestamp": choice(
+            "header writes the time of play into the header of each message; none leaves the "
+            "message as it was recorded.",
+            ["header", "none"],
+            "header",
+        ),
     },
     required=["from", "format"],
     examples=[{"from": "buffer/image", "format": "sensor_msgs/msg/Image"}],
@@ -58,8 +44,10 @@ PLAYBACK: Schema = record(
     "How the buffered messages are played to the graph.",
     {
         "mode": choice(
-            "looping plays the buffered messages again and again at the asked rate.",
-            ["looping"],
+            "looping plays the buffered messages again and again at the asked rate, sweeping "
+            "forwards and backwards by turns, timeline in the time in which they were recorded; "
+            "live plays nothing, for graphs that have a source of their own.",
+            ["timeline", "looping", "sweeping", "live"],
             "looping",
         ),
         "buffer": integer(
@@ -88,8 +76,39 @@ PLAYBACK: Schema = record(
                 }
             ],
         ),
+        "timeline": record(
+            "With mode timeline: how recorded time becomes time of play.",
+            {
+                "speed": quantity(
+                    Share,
+                    "The speed of play, relative to the recording.",
+                    default="100 %",
+                    examples=["50 %", "200 %"],
+                    positive=True,
+                ),
+                "translations": named(
+                    "By how much an input is played, and stamped, later than it was recorded.",
+                    names.TOPIC,
+                    quantity(Duration, "The delay of one input.", examples=["20 ms"]),
+                    topics=True,
+                    examples=[{"image": "20 ms"}],
+                ),
+            },
+            examples=[{"speed": "50 %"}],
+            default={},
+        ),
+        "record_timeline": truth(
+            "Whether the timeline is that of the messages as they came out of the preprocessors, "
+            "instead of that of the recording.",
+            default=False,
+        ),
+        "tf": choice(
+            "Whether stamps inside /tf are shifted like all others, or kept.",
+            ["shift", "keep"],
+            "shift",
+        ),
     },
-    required=["inputs"],
+    unless_live=["inputs"],
     examples=[
         {
             "mode": "looping",

@@ -42,7 +42,7 @@ def sibling(what: str) -> Schema:
             f"The name of another {what} of the same map that this one builds on. Maps are "
             "merged, lists replaced, and null removes.",
             examples=["left"],
-            form=names.NOT_EMPTY,
+            form=names.SOME_TEXT,
         )
     )
 

@@ -80,7 +80,7 @@ READY: Schema = named(
                     ),
                     "pattern": text(
                         "A regular expression that is found in the line.",
-                        form=names.NOT_EMPTY,
+                        form=names.SOME_TEXT,
                         examples=["model loaded"],
                     ),
                 },

@@ -1,0 +1,106 @@
+"""``r2bspec init``: a spec to begin with, valid as it is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+
+from r2bspec.errors import UsageError
+
+_SCHEMA = "r2bspec-v1.schema.json"
+_DEFAULT = "my_benchmark"
+
+
+class _Template(click.ParamType):
+    """The name of a template; an unknown one is answered with the known ones."""
+
+    name = "template"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from r2bspec.diagnostics import did_you_mean
+        from r2bspec.spec.templates import templates
+
+        if value not in templates():
+            close = did_you_mean(value, templates())
+            known = f"known are {', '.join(templates())}"
+            hint = f"did you mean {close!r}? {known}" if close else known
+            self.fail(f"there is no template {value!r}; {hint}", param, ctx)
+        return value
+
+
+@click.command("init")
+@click.argument("name", default=_DEFAULT)
+@click.option(
+    "--template",
+    type=_Template(),
+    default="minimal",
+    show_default=True,
+    metavar="TEMPLATE",
+    help="What to begin with; see --list.",
+)
+@click.option("--list", "show_list", is_flag=True, help="List the templates.")
+def command(name: str, template: str, show_list: bool) -> int:
+    """Write a commented spec NAME.r2b.yaml that is valid as it is.
+
+    NAME may begin with a folder that exists, as in benchmarks/camera. The JSON Schema, by which
+    editors complete and explain every key, is written beside the spec. Nothing is overwritten.
+    """
+    from r2bspec.spec.templates import filled, purpose, templates
+
+    if show_list:
+        for known, text in templates().items():
+            click.echo(f"{known:<14}{purpose(text)}")
+        return 0
+    place = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
+    benchmark = _benchmark_name(place.name.removesuffix(".r2b.yaml"))
+    schema = place.with_name(_SCHEMA)
+    _write_new(place, filled(templates()[template], benchmark, f"./{_SCHEMA}"))
+    if not schema.exists():
+        _write_new(schema, _schema_text())
+    click.echo(f"wrote {place}, and {schema} for editors; now:")
+    click.echo(f"  r2bspec validate {place}    says what is wrong with it: nothing, yet")
+    click.echo(f"  r2bspec run {place}         runs it, and judges it by its 'slos:'")
+    return 0
+
+
+def _benchmark_name(name: str) -> str:
+    """The name, if it can be that of a benchmark.
+
+    Raises:
+        UsageError: it cannot.
+    """
+    from r2bspec.spec.schema.names import NAME
+
+    if not re.search(NAME.pattern, name):
+        better = re.sub(r"[^a-zA-Z0-9_]+", "_", name).strip("_")
+        hint = (
+            f"{NAME.message}; for example {better}"
+            if re.search(NAME.pattern, better)
+            else NAME.message
+        )
+        raise UsageError(f"{name!r} cannot name a benchmark", hint=hint)
+    return name
+
+
+def _schema_text() -> str:
+    from r2bspec.spec.schema import published_schema_text
+
+    return published_schema_text()
+
+
+def _write_new(file: Path, text: str) -> None:
+    """Write a file that is not there yet.
+
+    Raises:
+        UsageError: it is there, or cannot be written.
+    """
+    try:
+        with file.open("x", encoding="utf-8") as stream:
+            stream.write(text)
+    except FileExistsError as error:
+        hint = "give another name, or remove it first; nothing was written"
+        raise UsageError(f"{file} exists already", hint=hint) from error
+    except OSError as error:
+        raise UsageError(f"{file} cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,56 @@
+"""The JSON that github-action-benchmark reads: one list for what should shrink, one for the rest."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from r2bspec.measure.model import RateMetrics
+from r2bspec.measure.units import show_range
+from r2bspec.report.reported import Reported
+
+_SMALLER = (
+    ("latency.mean", "s", 1e3, "ms"),
+    ("latency.p50", "s", 1e3, "ms"),
+    ("latency.p90", "s", 1e3, "ms"),
+    ("latency.p99", "s", 1e3, "ms"),
+    ("drop_rate", "share", 100.0, "%"),
+)
+_BIGGER = (("throughput.mean", "Hz", 1.0, "Hz"),)
+
+
+def to_json(reported: Reported, *, bigger: bool) -> bytes:
+    """The list for ``customBiggerIsBetter`` or for ``customSmallerIsBetter``."""
+    result = reported.result
+    entries = [
+        entry
+        for rate in result.metrics.rates
+        for monitor in rate.pooled.monitors
+        for entry in _entries(result.name, rate, monitor, bigger=bigger)
+    ]
+    search = result.metrics.search
+    if bigger and search is not None and search.holds_hz is not None:
+        entries.append({"name": f"{result.name}: peak", "unit": "Hz", "value": search.holds_hz})
+    return (json.dumps(entries, indent=2, ensure_ascii=False) + "\n").encode()
+
+
+def _entries(
+    name: str, rate: RateMetrics, monitor: str, *, bigger: bool
+) -> Iterator[dict[str, Any]]:
+    seen, spread = rate.pooled.monitors[monitor], rate.spread[monitor]
+    for metric, unit, factor, shown in _BIGGER if bigger else _SMALLER:
+        family, _, part = metric.partition(".")
+        value = {"throughput": seen.throughput_hz, "drop_rate": seen.drop_rate}.get(family)
+        value = getattr(seen.latency, part) if family == "latency" else value
+        if value is None:
+            continue
+        entry: dict[str, Any] = {
+            "name": f"{name}: {monitor} {metric} at {rate.offered_hz:g} Hz",
+            "unit": shown,
+            "value": value * factor,
+            "extra": f"{len(rate.iterations)} iterations, {seen.sent} messages, {seen.missed} missed",
+        }
+        if metric in spread:
+            entry["range"] = show_range(spread[metric].low, spread[metric].high, unit)
+        yield entry

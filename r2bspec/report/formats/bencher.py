@@ -1,0 +1,60 @@
+"""Bencher Metric Format: a JSON object of benchmarks, each with its measures.
+
+A benchmark is a monitor at a rate. Times are nanoseconds, as Bencher's own measure ``latency`` is;
+lower and upper values are the smallest and the largest of the iterations.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from r2bspec.measure.model import RateMetrics
+from r2bspec.report.reported import Reported
+
+_MEASURES = (
+    ("latency", "latency.mean", 1e9),
+    ("latency-p50", "latency.p50", 1e9),
+    ("latency-p90", "latency.p90", 1e9),
+    ("latency-p99", "latency.p99", 1e9),
+    ("throughput", "throughput.mean", 1.0),
+    ("drop-rate", "drop_rate", 1.0),
+)
+
+
+def render(reported: Reported) -> bytes:
+    """The object, for ``bencher run --adapter json``."""
+    result = reported.result
+    found: dict[str, Any] = {}
+    for rate in result.metrics.rates:
+        for monitor in rate.pooled.monitors:
+            found[f"{result.name}/{monitor}@{rate.offered_hz:g}Hz"] = _measures(rate, monitor)
+    search = result.metrics.search
+    if search is not None and search.holds_hz is not None:
+        peak = {"value": search.holds_hz, "lower_value": search.holds_hz}
+        if search.fails_hz is not None:
+            peak["upper_value"] = search.fails_hz
+        found[f"{result.name}/peak"] = {"throughput": peak}
+    return (json.dumps(found, indent=2) + "\n").encode()
+
+
+def _measures(rate: RateMetrics, monitor: str) -> dict[str, Any]:
+    seen, spread = rate.pooled.monitors[monitor], rate.spread[monitor]
+    values = {
+        "throughput.mean": seen.throughput_hz,
+        "drop_rate": seen.drop_rate,
+        **{
+            f"latency.{part}": getattr(seen.latency, part) for part in ("mean", "p50", "p90", "p99")
+        },
+    }
+    found: dict[str, Any] = {}
+    for slug, metric, factor in _MEASURES:
+        value = values[metric]
+        if value is None:
+            continue
+        found[slug] = {"value": value * factor}
+        if metric in spread:
+            # Pooled percentiles may lie outside of what single iterations had.
+            found[slug]["lower_value"] = min(spread[metric].low, value) * factor
+            found[slug]["upper_value"] = max(spread[metric].high, value) * factor
+    return found

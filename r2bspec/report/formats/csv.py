@@ -1,0 +1,33 @@
+"""Every number as a line of CSV: tidy, so that spreadsheets and data frames can pivot it."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+from r2bspec.report.flat import rows
+from r2bspec.report.reported import Reported
+
+HEADER = ("run_id", "name", "offered_hz", "iteration", "monitor", "metric", "unit", "value")
+
+
+def render(reported: Reported) -> bytes:
+    """RFC 4180 with a header line; `iteration` is empty where all of them are pooled."""
+    result = reported.result
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\r\n")
+    writer.writerow(HEADER)
+    for row in rows(result):
+        writer.writerow(
+            (
+                result.run_id,
+                result.name,
+                "" if row.offered_hz is None else repr(row.offered_hz),
+                "" if row.iteration is None else row.iteration,
+                row.monitor,
+                row.metric,
+                row.unit,
+                repr(row.value),
+            )
+        )
+    return buffer.getvalue().encode()

@@ -1,0 +1,80 @@
+"""The latency of one monitor at one rate as HdrHistogram's percentile distribution.
+
+What plots and compares such files reads one distribution from each: where a run has several, the
+path of the report says which, ``--report 'hdrhistogram=latency-{monitor}-{rate}.hgrm'``. Values are
+milliseconds and exact, because all of them were kept. Messages that never came are in no line, as
+the format has no word for them; a comment at the end counts them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.measure.percentiles import rank
+from r2bspec.report.errors import ReportError
+from r2bspec.report.reported import Reported
+
+_TICKS_PER_HALF = 5
+"""Lines for each halving of the distance to 100 %, as HdrHistogram's own tools write."""
+
+
+def render(reported: Reported) -> bytes:
+    """The table with its two lines of summary.
+
+    Raises:
+        ReportError: there is not exactly one distribution, or no samples.
+    """
+    reported.need_run("the format hdrhistogram")
+    values, lost = _values(reported)
+    return "\n".join([*_lines(np.sort(values) * 1e3, lost), ""]).encode()
+
+
+def _values(reported: Reported) -> tuple[NDArray[np.float64], int]:
+    samples = reported.samples
+    found = [
+        (rate, monitor)
+        for rate in sorted(samples.iterations if samples else ())
+        for monitor in (samples.monitors if samples else ())
+        if reported.rate_hz in {None, rate} and reported.monitor in {None, monitor}
+    ]
+    if samples is None or len(found) != 1:
+        raise ReportError(
+            f"hdrhistogram holds one monitor at one rate, and this run has {len(found)} of them",
+            hint="Let the path tell them apart: "
+            "--report 'hdrhistogram=latency-{monitor}-{rate}.hgrm'",
+        )
+    ((rate, monitor),) = found
+    seen = [one.monitors[monitor] for one in samples.iterations[rate]]
+    return np.concatenate([one.times["latency"] for one in seen]), sum(one.missed for one in seen)
+
+
+def _lines(values: NDArray[np.float64], lost: int) -> Iterator[str]:
+    n = int(values.size)
+    yield "       Value     Percentile TotalCount 1/(1-Percentile)"
+    yield ""
+    for share in _shares(n):
+        k = rank(share, n) if share else 1
+        # Equal values fall into one line, whose count has all of them.
+        count = int(np.searchsorted(values, values[k - 1], side="right"))
+        inverse = f"{1 / (1 - share):14.2f}" if share < 1 else f"{'inf':>14}"
+        yield f"{values[k - 1]:12.6f} {share:2.12f} {count:10d} {inverse}"
+    mean, deviation = (float(values.mean()), float(values.std())) if n else (0.0, 0.0)
+    largest = float(values[-1]) if n else 0.0
+    yield f"#[Mean    = {mean:12.6f}, StdDeviation   = {deviation:12.6f}]"
+    yield f"#[Max     = {largest:12.6f}, Total count    = {n:12d}]"
+    yield f"#[Lost    = {lost:12d}]"
+
+
+def _shares(n: int) -> Iterator[float]:
+    """0, then five steps to one half, five more to three quarters, and so on; 1 at last."""
+    share = 0.0
+    while n and rank(share, n) < n:
+        yield share
+        halvings = math.floor(math.log2(1 / (1 - share)) + 1e-9) + 1
+        share += 1 / (_TICKS_PER_HALF * 2**halvings)
+    if n:
+        yield 1.0

@@ -1,0 +1,175 @@
+"""OpenMetrics text, as Prometheus and its relatives scrape it or read it from a file.
+
+All numbers are gauges or summaries over all iterations of a rate; times are seconds, shares ratios.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from r2bspec.measure.catalogue import quantile
+from r2bspec.measure.model import Distribution, MonitorMetrics, RateMetrics
+from r2bspec.report.reported import Reported
+from r2bspec.slo.model import EXIT_CODES
+
+_SUMMARIES = {
+    "latency": "Time from publication of the input to reception of the output.",
+    "latency_from_due": "Time from when the input was due to reception of the output.",
+    "interval": "Time between one output and the next.",
+    "jitter": "Change between two successive intervals, without its sign.",
+}
+
+_COUNTS = {
+    "sent": "Steps that were played.",
+    "answered": "Steps that a message answered.",
+    "missed": "Steps that no message answered.",
+    "received": "Messages that arrived, of any kind.",
+    "duplicates": "Answers to a step answered before.",
+    "reordered": "Answers overtaken by a later step's.",
+    "unmatched": "Messages that answer no step.",
+}
+
+_OUTCOMES = ("pass", "fail", "inconclusive")
+
+Labels = Mapping[str, str]
+
+
+@dataclass
+class _Family:
+    """One metric family with its samples."""
+
+    name: str
+    kind: str
+    about: str
+    unit: str = ""
+    samples: list[tuple[str, Labels, float]] = field(default_factory=list)
+
+    def lines(self) -> Iterator[str]:
+        if not self.samples:
+            return
+        yield f"# TYPE {self.name} {self.kind}"
+        if self.unit:
+            yield f"# UNIT {self.name} {self.unit}"
+        yield f"# HELP {self.name} {_escaped(self.about)}"
+        for suffix, labels, value in self.samples:
+            shown = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels.items())
+            yield f"{self.name}{suffix}{{{shown}}} {value!r}"
+
+
+def render(reported: Reported) -> bytes:
+    """The exposition, ended by ``# EOF`` as the format wants it."""
+    lines = [line for family in _families(reported) for line in family.lines()]
+    return "\n".join([*lines, "# EOF", ""]).encode()
+
+
+def _families(reported: Reported) -> Iterator[_Family]:
+    result = reported.result
+    named = {"benchmark": result.name}
+    yield _info(reported)
+    yield _states("r2bspec_verdict", "How the run was judged.", named, result.verdict.outcome)
+    yield _requirements(reported)
+    yield from _of_monitors(result.metrics.rates, named)
+    yield from _of_processes(result.metrics.rates, named)
+    peak = _Family("r2bspec_peak_hertz", "gauge", "Highest rate that held.", "hertz")
+    search = result.metrics.search
+    if search is not None and search.holds_hz is not None:
+        peak.samples.append(("", named, search.holds_hz))
+    yield peak
+
+
+def _info(reported: Reported) -> _Family:
+    result = reported.result
+    family = _Family("r2bspec_run", "info", "Which run this is, and of what.")
+    labels = {
+        "benchmark": result.name,
+        "run_id": result.run_id,
+        "plan_hash": result.plan_hash,
+        "started_at": result.started_at,
+        "cpu": str(result.machine.get("cpu", "")),
+        "r2bspec": result.versions.get("r2bspec", ""),
+    }
+    family.samples.append(("_info", labels, 1))
+    return family
+
+
+def _states(name: str, about: str, labels: Labels, outcome: str) -> _Family:
+    family = _Family(name, "stateset", about)
+    for each in EXIT_CODES:
+        family.samples.append(("", {**labels, name: each}, int(each == outcome)))
+    return family
+
+
+def _requirements(reported: Reported) -> _Family:
+    name = "r2bspec_requirement"
+    family = _Family(name, "stateset", "How each requirement was judged.")
+    for one in reported.result.verdict.requirements:
+        labels = {
+            "benchmark": reported.result.name,
+            "objective": one.objective,
+            "requirement": one.text.strip(),
+            "monitor": one.monitor or "",
+            "offered_hz": _rate(one.at_hz) if one.at_hz is not None else "",
+        }
+        for each in _OUTCOMES:
+            family.samples.append(("", {**labels, name: each}, int(each == one.outcome)))
+    return family
+
+
+def _of_monitors(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Family]:
+    seen = [
+        ({**named, "offered_hz": _rate(rate.offered_hz), "monitor": monitor}, metrics)
+        for rate in rates
+        for monitor, metrics in rate.pooled.monitors.items()
+    ]
+    for key, about in _SUMMARIES.items():
+        family = _Family(f"r2bspec_{key}_seconds", "summary", about, "seconds")
+        for labels, metrics in seen:
+            family.samples += _summary(getattr(metrics, key), labels)
+        yield family
+    gauge = _Family("r2bspec_throughput_hertz", "gauge", "Outputs per second.", "hertz")
+    gauge.samples += [("", labels, metrics.throughput_hz) for labels, metrics in seen]
+    yield gauge
+    gauge = _Family("r2bspec_drop_ratio", "gauge", "Missed of sent.", "ratio")
+    gauge.samples += [("", labels, _known(metrics)) for labels, metrics in seen if metrics.sent]
+    yield gauge
+    for key, about in _COUNTS.items():
+        gauge = _Family(f"r2bspec_{key}_messages", "gauge", about, "messages")
+        gauge.samples += [("", labels, getattr(metrics, key)) for labels, metrics in seen]
+        yield gauge
+
+
+def _known(metrics: MonitorMetrics) -> float:
+    return metrics.missed / metrics.sent
+
+
+def _summary(times: Distribution, labels: Labels) -> Iterator[tuple[str, Labels, float]]:
+    for part in ("p50", "p90", "p95", "p99", "p99_9"):
+        value, q = getattr(times, part), quantile(part)
+        if value is not None:
+            yield "", {**labels, "quantile": f"{q:g}"}, value
+    yield "_count", labels, times.n
+    yield "_sum", labels, (times.mean or 0.0) * times.n
+
+
+def _of_processes(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Family]:
+    cpu = _Family("r2bspec_cpu_ratio", "gauge", "Mean processor time; one core is 1.", "ratio")
+    memory = _Family("r2bspec_memory_bytes", "gauge", "Largest resident set.", "bytes")
+    for rate in rates:
+        machine = {"": rate.pooled.machine} if rate.pooled.machine is not None else {}
+        for process, use in {**rate.pooled.processes, **machine}.items():
+            labels = {**named, "offered_hz": _rate(rate.offered_hz), "process": process}
+            if use.cpu_mean is not None:
+                cpu.samples.append(("", labels, use.cpu_mean))
+            if use.memory_max_bytes is not None:
+                memory.samples.append(("", labels, use.memory_max_bytes))
+    yield cpu
+    yield memory
+
+
+def _rate(rate_hz: float) -> str:
+    return f"{rate_hz:g}"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", "\\\\").replace("\n", "\\n").replace('"', '\\"')

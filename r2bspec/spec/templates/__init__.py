@@ -1,0 +1,42 @@
+"""Specs to begin with: each is valid as it is, runs on a synthetic dataset, and explains itself.
+
+A template is a file ``NAME.r2b.yaml`` beside this module; its first comment says what it is for.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+
+SUFFIX = ".r2b.yaml"
+PLACEHOLDER = "my_benchmark"
+"""The name of the benchmark in every template."""
+
+
+@cache
+def templates() -> dict[str, str]:
+    """Every template's text by its name."""
+    found = sorted(files(__name__).iterdir(), key=lambda file: file.name)
+    return {
+        file.name.removesuffix(SUFFIX): file.read_text(encoding="utf-8")
+        for file in found
+        if file.name.endswith(SUFFIX)
+    }
+
+
+def purpose(text: str) -> str:
+    """What a template is for: the first sentence of its first comment."""
+    lines = [line.removeprefix("#").strip() for line in text.split("\n\n")[0].splitlines()]
+    return " ".join(lines).split(". ")[0].removesuffix(".")
+
+
+def filled(template: str, name: str, schema: str) -> str:
+    """A template as a file of its own.
+
+    Args:
+        template: the template's text.
+        name: the name of the benchmark.
+        schema: where its JSON Schema is, relative to the file, for editors.
+    """
+    line = f"# yaml-language-server: $schema={schema}\n\n"
+    return line + template.replace(PLACEHOLDER, name)

@@ -1,0 +1,194 @@
+"""Player and monitor of r2bspec with nothing between them, in one process or in two."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import msgspec
+from floor_figures import Figures, cpu_ns, figures
+from floor_workloads import COPIES, TOPIC, TYPE, Workload, write_buffer
+
+from r2bspec.execute.children import Child, Children
+from r2bspec.execute.domain import reserved_domain
+from r2bspec.execute.environment import RunEnvironment
+from r2bspec.execute.holding import Criterion, judge_finished_probe
+from r2bspec.execute.playing import PLAYBACK_ROWS, Observed, Stage
+from r2bspec.execute.search import Outcome, PeakSearch
+from r2bspec.harness import protocol
+from r2bspec.harness.buffers import largest_message_bytes
+from r2bspec.measure.delivery import delivery
+from r2bspec.plan.model import InputPlan, MonitorPlan, Plan
+from r2bspec.record.model import Probe
+from r2bspec.record.store import RunFolder
+from r2bspec.spec.model import QoS
+
+MONITOR = "floor"
+_WARM_UP_STEPS = 60
+_MATCH_S = 30.0
+
+
+class _Silent:
+    """A progress that tells nobody."""
+
+    def __getattr__(self, _name: str) -> Any:
+        return lambda *_arguments, **_named: None
+
+
+class Floor:
+    """A player and a monitor that stand ready for one workload."""
+
+    def __init__(self, stage: Stage, pids: list[int]) -> None:
+        self._stage = stage
+        self._pids = pids
+        self._count = 0
+
+    def measure(self, rate_hz: float, seconds: float) -> Figures:
+        """Play for a time and say how it went."""
+        before = cpu_ns(self._pids)
+        observed = self._play(rate_hz, seconds)
+        spent = cpu_ns(self._pids) - before
+        return figures(observed.playback, observed.monitors[MONITOR], spent)
+
+    def highest_rate(self, most_hz: float, seconds: float, precision: float) -> float | None:
+        """The highest rate that is delivered as offered."""
+        criterion = Criterion(precision=precision)
+
+        def probe(rate_hz: float) -> Outcome:
+            observed = self._play(rate_hz, seconds)
+            seen = delivery(
+                rate_hz,
+                observed.playback,
+                observed.monitors[MONITOR],
+                observed.matching(MONITOR),
+                observed.now_ns,
+            )
+            judged = judge_finished_probe(seen, criterion)
+            found = Probe(
+                segment="",
+                rate_hz=rate_hz,
+                delivered_hz=seen.delivered_hz,
+                holds=bool(judged.holds),
+                reason=judged.reason,
+            )
+            return Outcome(found, judged.by_player)
+
+        return PeakSearch(10.0, most_hz, precision, probe).run().holds_hz
+
+    def _play(self, rate_hz: float, seconds: float) -> Observed:
+        self._count += 1
+        steps = max(20, round(rate_hz * seconds))
+        return self._stage.play("iteration", f"{self._count:03d}", rate_hz, steps, title="")
+
+
+@contextlib.contextmanager
+def floor(
+    workload: Workload, transport: str, placement: str, changes: Mapping[str, str]
+) -> Iterator[Floor]:
+    """Bring player and monitor up, warm them up, and end them.
+
+    Args:
+        workload: what the buffers hold.
+        transport: as a spec names it.
+        placement: ``two processes`` or ``one process``.
+        changes: environment variables of both; an empty value removes one.
+    """
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        reserved_domain() as domain,
+        contextlib.ExitStack() as stack,
+    ):
+        folder = Path(scratch)
+        buffers, rows = folder / "buffers", folder / "rows"
+        buffers.mkdir()
+        rows.mkdir()
+        write_buffer(buffers, workload)
+        run_id = f"bench-{os.getpid()}-{time.monotonic_ns()}"
+        environment = RunEnvironment(
+            # The environment looks at no other part of a plan.
+            cast(Plan, SimpleNamespace(environment=(), transport=transport)),
+            run_id=run_id,
+            domain=domain,
+            scratch=folder,
+            largest_message_bytes=largest_message_bytes(buffers),
+        ).of_harness() | dict(changes)
+        environment = {name: value for name, value in environment.items() if value}
+        children = Children(run_id, folder, lambda: None)
+        stack.callback(children.close)
+        plans = (MonitorPlan(name=MONITOR, topic=TOPIC, type=TYPE, match="stamp", qos=QoS()),)
+        watch = protocol.ConfigureMonitor(monitors=plans, rows_dir=str(rows))
+        starter = _Starter(children, environment, folder)
+        together = placement == "one process"
+        program = (
+            (str(Path(__file__).with_name("floor_one_process.py")), msgspec.json.encode(watch))
+            if together
+            else ("-m", "r2bspec.harness.child")
+        )
+        player = starter.start("player", program)
+        children.ask(
+            player,
+            protocol.ConfigurePlayer(
+                inputs=(InputPlan(topic=TOPIC, type=TYPE, source=TOPIC, bag_topic="", qos=QoS()),),
+                buffer_dir=str(buffers),
+                steps=tuple((number,) for number in range(COPIES)),
+                rows=str(rows / PLAYBACK_ROWS),
+            ),
+            protocol.Ready,
+            60.0,
+        )
+        pids = [player.pid]
+        if not together:
+            monitor = starter.start("monitor", program)
+            children.ask(monitor, watch, protocol.Ready, 60.0)
+            children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+            pids.append(monitor.pid)
+        _wait_for_match(children, player)
+        stage = Stage(
+            children,
+            player,
+            plans,
+            rows,
+            RunFolder.create(folder / "run"),
+            cast(Any, _Silent()),
+            on_segment=lambda: None,
+        )
+        made = Floor(stage, pids)
+        made.measure(workload.rate_hz, _WARM_UP_STEPS / workload.rate_hz)
+        yield made
+
+
+class _Starter:
+    """Starts harness processes in one environment."""
+
+    def __init__(self, children: Children, environment: dict[str, str], folder: Path) -> None:
+        self._children = children
+        self._environment = environment
+        self._folder = folder
+
+    def start(self, role: str, program: tuple[str | bytes, ...]) -> Child:
+        words = [each.decode() if isinstance(each, bytes) else each for each in program]
+        return self._children.start(
+            role,
+            role,
+            [sys.executable, *words],
+            self._environment,
+            cwd=Path.cwd(),
+            log=self._folder / f"{role}.log",
+        )
+
+
+def _wait_for_match(children: Children, player: Child) -> None:
+    deadline = time.monotonic() + _MATCH_S
+    while time.monotonic() < deadline:
+        matched = children.ask(player, protocol.CountMatches(), protocol.Matched, 10.0)
+        if matched.counts[TOPIC] > 0:
+            return
+        children.pump(0.02)
+    raise RuntimeError("player and monitor do not see each other")
