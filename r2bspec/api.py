@@ -109,10 +109,12 @@ def prepare(
     diagnostics = check(loaded)
     if loaded.spec is None or any(each.severity == "error" for each in diagnostics):
         raise InvalidSpecError(loaded, diagnostics)
-    source = loaded.spec.data_loader.bag
-    location = locate(source.dataset or source.path, loaded.base_dir)
+    bags = [
+        index(locate(source.dataset or source.path, loaded.base_dir))
+        for source in loaded.spec.data_loader.sources
+    ]
     return Prepared(
-        plan=compile_plan(loaded.spec, index(location)),
+        plan=compile_plan(loaded.spec, bags),
         base_dir=loaded.base_dir.absolute(),
         spec_text=loaded.resolved_yaml(),
         diagnostics=tuple(diagnostics),

@@ -4,21 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
+from r2bspec.check.bag_cache import cached_index
 from r2bspec.check.requirements import Placed, placed_requirements
 from r2bspec.diagnostics.model import Path
 from r2bspec.plan.compile import bag_types
 from r2bspec.plan.processes import process_names
-from r2bspec.spec.model import Spec
-from r2bspec.spec.tree import lookup
+from r2bspec.spec.model import BagSource, Spec
+from r2bspec.spec.tree import ListNode, MapNode, TreeNode, child, lookup
+from r2bspec.wiring.beside import Beside, read_beside
 from r2bspec.wiring.build import build_wiring
 from r2bspec.wiring.model import NodeWiring, Wiring
+from r2bspec.wiring.recordings import merge_indexes
 
 if TYPE_CHECKING:
     from r2bspec.data.errors import DataError
     from r2bspec.data.model import BagIndex, BagLocation
     from r2bspec.spec.load import Loaded
+
+
+class Recording(NamedTuple):
+    """One bag of a spec: its place there, where it is, what is in it, or why it cannot be used."""
+
+    path: Path
+    location: BagLocation | None
+    content: BagIndex | None
+    error: DataError | None
 
 
 class Context:
@@ -36,50 +48,80 @@ class Context:
         self.offline = offline
 
     @cached_property
+    def beside(self) -> Beside:
+        """What was read beside the spec: recorded interfaces, parameter files, Python files."""
+        return read_beside(self.spec, self.loaded.base_dir)
+
+    @cached_property
     def wiring(self) -> Wiring:
         """Who writes and who reads which topic."""
-        return build_wiring(self.spec, bag_types=bag_types(self.spec, self.bag))
+        types = bag_types(self.spec, self.bag)
+        return build_wiring(self.spec, bag_types=types, beside=self.beside)
 
-    @property
+    @cached_property
     def bag(self) -> BagIndex | None:
-        """What is known of the bag; None offline, or if it cannot be used."""
-        return self._data[1]
+        """What is known of all recordings together; None offline, or if one cannot be used."""
+        found = [each.content for each in self.recordings if each.content is not None]
+        return merge_indexes(found) if len(found) == len(self.recordings) else None
 
     @property
     def bag_location(self) -> BagLocation | None:
-        """Where the bag is; None offline, or if it cannot be found."""
-        return self._data[0]
-
-    @property
-    def bag_error(self) -> DataError | None:
-        """Why the bag cannot be used, if it was looked at and cannot."""
-        return self._data[2]
+        """Where the bag is; None offline, if it cannot be found, or if there are several."""
+        return self.recordings[0].location if len(self.recordings) == 1 else None
 
     @cached_property
-    def _data(self) -> tuple[BagLocation | None, BagIndex | None, DataError | None]:
+    def recordings(self) -> tuple[Recording, ...]:
+        """Every bag of the spec, as far as it can be known; none offline, or if none is named."""
         if self.offline:
-            return None, None, None
-        from r2bspec.data import DataError, index_location, locate_bag
+            return ()
+        sources = self.spec.data_loader.sources
+        several = bool(self.spec.data_loader.bags)
+        return tuple(
+            self._recording(
+                source,
+                ("data_loader", "bags", position) if several else ("data_loader", "bag"),
+            )
+            for position, source in enumerate(sources)
+        )
 
-        source = self.spec.data_loader.bag
+    def _recording(self, source: BagSource, place: Path) -> Recording:
+        from r2bspec.data import DataError, locate_bag
+
         # A path that is one word is still a path if the spec says so.
         path = source.path if "/" in source.path or not source.path else f"./{source.path}"
+        place = self._named_in(place)
         location = None
         try:
             location = locate_bag(path or source.dataset, self.loaded.base_dir)
-            return location, index_location(location), None
+            return Recording(place, location, cached_index(location), None)
         except DataError as error:
-            return location, None, error
+            return Recording(place, location, None, error)
 
-    @property
-    def bag_path(self) -> Path:
-        """The place of the bag's name in the document: its own value, or below it."""
-        path: Path = ("data_loader", "bag")
-        tree = self.loaded.tree
+    def _named_in(self, place: Path) -> Path:
+        """The place of a bag's name: its own value, or below it."""
         for key in ("dataset", "path"):
-            if tree is not None and lookup(tree, (*path, key)) is not None:
-                return (*path, key)
-        return path
+            if self.value_at((*place, key)) is not None:
+                return (*place, key)
+        return place
+
+    def value_at(self, path: Path) -> TreeNode | None:
+        """The value at a path of the document, or None."""
+        return lookup(self.loaded.tree, path) if self.loaded.tree is not None else None
+
+    def parameter_path(self, node: NodeWiring, name: str) -> Path | None:
+        """Where the spec itself gives a node a parameter; None for one from a parameter file.
+
+        Of several maps that give it, the last counts.
+        """
+        place: Path = (*node.path, "parameters")
+        given = self.value_at(place)
+        if isinstance(given, MapNode) or given is None:
+            return (*place, name) if name in node.node.parameters else None
+        found = None
+        for index, part in enumerate(given.items if isinstance(given, ListNode) else ()):
+            if child(part, name) is not None:
+                found = (*place, index, name)
+        return found
 
     @property
     def nodes(self) -> Iterator[tuple[str, NodeWiring]]:

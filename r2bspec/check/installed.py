@@ -96,3 +96,11 @@ def package_executables(package: str) -> set[str]:
             continue
         found.update(each.name for each in entries if os.access(each.path, os.X_OK))
     return found
+
+
+def package_share(package: str) -> Path | None:
+    """The share folder of a ROS package, or None if it is not installed."""
+    for prefix in ament_prefixes():
+        if (prefix / _PACKAGES / package).exists():
+            return prefix / "share" / package
+    return None

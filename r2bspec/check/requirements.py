@@ -19,6 +19,8 @@ class Placed:
     Attributes:
         objective: the name of the objective; empty for a condition of the search.
         at: the rate of the objective.
+        needs_rate: whether the objective says neither a rate nor that the peak is meant.
+        confidence: that its verdicts are asked to have.
     """
 
     requirement: Requirement
@@ -26,6 +28,8 @@ class Placed:
     role: Literal["objective", "holds"]
     objective: str = ""
     at: Rate | None = None
+    needs_rate: bool = False
+    confidence: float = 0.95
 
     @property
     def metric_part(self) -> tuple[int, int]:
@@ -51,4 +55,12 @@ def placed_requirements(spec: Spec) -> Iterator[Placed]:
             yield Placed(each, ("benchmark", "search", "holds", index), "holds")
     for name, objective in spec.slos.items():
         for index, each in enumerate(objective.require):
-            yield Placed(each, ("slos", name, "require", index), "objective", name, objective.at)
+            yield Placed(
+                each,
+                ("slos", name, "require", index),
+                "objective",
+                name,
+                objective.at,
+                needs_rate=objective.at is None and not objective.at_peak,
+                confidence=(objective.confidence or spec.benchmark.gate.confidence).fraction,
+            )

@@ -13,7 +13,7 @@ _SCHEMA = "r2bspec-v1.schema.json"
 _DEFAULT = "my_benchmark"
 
 
-class _Template(click.ParamType):
+class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     """The name of a template; an unknown one is answered with the known ones."""
 
     name = "template"
@@ -47,6 +47,7 @@ def command(name: str, template: str, show_list: bool) -> int:
     NAME may begin with a folder that exists, as in benchmarks/camera. The JSON Schema, by which
     editors complete and explain every key, is written beside the spec. Nothing is overwritten.
     """
+    from r2bspec.spec.schema import published_schema_text
     from r2bspec.spec.templates import filled, purpose, templates
 
     if show_list:
@@ -55,10 +56,11 @@ def command(name: str, template: str, show_list: bool) -> int:
         return 0
     place = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
     benchmark = _benchmark_name(place.name.removesuffix(".r2b.yaml"))
-    schema = place.with_name(_SCHEMA)
-    _write_new(place, filled(templates()[template], benchmark, f"./{_SCHEMA}"))
+    text = filled(templates()[template], benchmark, f"./{_SCHEMA}")
+    schema, schema_text = place.with_name(_SCHEMA), published_schema_text()
+    _write_new(place, text)
     if not schema.exists():
-        _write_new(schema, _schema_text())
+        _write_new(schema, schema_text)
     click.echo(f"wrote {place}, and {schema} for editors; now:")
     click.echo(f"  r2bspec validate {place}    says what is wrong with it: nothing, yet")
     click.echo(f"  r2bspec run {place}         runs it, and judges it by its 'slos:'")
@@ -82,12 +84,6 @@ def _benchmark_name(name: str) -> str:
         )
         raise UsageError(f"{name!r} cannot name a benchmark", hint=hint)
     return name
-
-
-def _schema_text() -> str:
-    from r2bspec.spec.schema import published_schema_text
-
-    return published_schema_text()
 
 
 def _write_new(file: Path, text: str) -> None:

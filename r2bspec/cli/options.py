@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -24,6 +25,22 @@ variables_option = click.option(
     multiple=True,
     metavar="NAME=VALUE",
     help="Give a declared variable another value; may be repeated.",
+)
+
+case_option = click.option(
+    "--case",
+    default="",
+    metavar="CASE",
+    help="The case of the matrix that is meant, such as threads=2.",
+)
+
+allow_path_option = click.option(
+    "--allow-path",
+    "allow_paths",
+    multiple=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="PATH",
+    help="A folder from which files may be extended, beside that of the spec; may be repeated.",
 )
 
 

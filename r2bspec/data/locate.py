@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 from pathlib import Path
 
 from r2bspec.data.errors import BAG_NOT_FOUND, DataError
@@ -61,7 +62,12 @@ def index(location: BagLocation) -> BagIndex:
     """
     if location.path is not None:
         return index_bag(location.path)
-    return describe(location.dataset or "")
+    return _described(location.dataset or "")
+
+
+@cache
+def _described(name: str) -> BagIndex:
+    return describe(name)
 
 
 def known_datasets() -> tuple[str, ...]:

@@ -7,7 +7,9 @@ nothing to run. Several codes stand in one pair of brackets, separated by commas
 
 from __future__ import annotations
 
+import contextlib
 import re
+from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -22,8 +24,11 @@ UNKNOWN_CODE = "R2B041"
 UNUSED = "R2B042"
 NOT_WAIVABLE = "R2B043"
 
+MOST = 1000
+"""Findings beyond which none about waivers are added: more help nobody."""
+
 _FORM = "# r2bspec: ignore[CODE] reason"
-_COMMENT = re.compile(r"(?:^|(?<=[ \t]))#\s*r2bspec\s*:\s*ignore\b")
+_COMMENT = re.compile(r"(?<![^\s\ufeff])#[ \t]*r2bspec[ \t]*:[ \t]*ignore\b")
 _REST = re.compile(r"\s*\[([^\]]*)\]:?\s*(.*)")
 _ELSEWHERE = re.compile(r"R2B(?:202|[36]\d\d)$")
 """Findings that depend on the machine or its data: a waiver without one here may have one there."""
@@ -81,6 +86,8 @@ def apply_waivers(
         left += [one, _not_waivable(usable[key])]
     codes = known()
     for waiver in waivers:
+        if len(left) >= MOST:
+            break
         key = (waiver.span.file, waiver.line, waiver.code)
         left += _judge(waiver, codes, unused=complete and key not in used)
     return left
@@ -88,17 +95,18 @@ def apply_waivers(
 
 def waivers_in(text: str, file: str) -> Iterator[Waiver]:
     """Every waiver in the comments of a text."""
-    if "r2bspec" not in text or not _COMMENT.search(text.replace("\n", " \n")):
+    if not _COMMENT.search(text):
         return
     lines = split_lines(text)
     hidden = _inside_values(text)
+    below = _next_content(lines)
     for number, line in enumerate(lines, start=1):
         comment = _COMMENT.search(line)
         if comment is None or (number, comment.start() + 1) in hidden:
             continue
         start, end = comment.start() + 1, len(line.rstrip()) + 1
         whole = Span(file, number, start, number, end)
-        meant = number if line[: comment.start()].strip() else _next_content(lines, number)
+        meant = number if line[: comment.start()].strip() else below[number]
         yield from _waivers(line, comment.end(), whole, meant)
 
 
@@ -113,12 +121,35 @@ def _waivers(line: str, offset: int, whole: Span, meant: int) -> Iterator[Waiver
         yield Waiver(word[0].upper(), match[2].strip(), span, meant)
 
 
-def _next_content(lines: list[str], number: int) -> int:
-    """The line below that a comment on a line of its own speaks of: the first that is none."""
-    for below in range(number, len(lines)):
-        if not lines[below].lstrip().startswith("#"):
-            return below + 1
-    return number
+def _next_content(lines: list[str]) -> list[int]:
+    """For the line of each number the line of which its comment speaks.
+
+    That is the first line below that holds more than a comment, or the last line of all.
+    """
+    below = [0] * (len(lines) + 1)
+    following = len(lines)
+    for number in range(len(lines), 0, -1):
+        below[number] = following
+        if not lines[number - 1].lstrip().startswith("#"):
+            following = number
+    return below
+
+
+class _Places:
+    """A set of places in a text, given by the beginnings and ends of its stretches, in order."""
+
+    def __init__(self) -> None:
+        self._starts: list[tuple[int, int]] = []
+        self._ends: list[tuple[int, int]] = []
+
+    def add(self, start: Any, end: Any) -> None:
+        """Add the stretch between two marks of the parser."""
+        self._starts.append((start.line + 1, start.column + 1))
+        self._ends.append((end.line + 1, end.column + 1))
+
+    def __contains__(self, place: tuple[int, int]) -> bool:
+        before = bisect_right(self._starts, place)
+        return before > 0 and place < self._ends[before - 1]
 
 
 def _inside_values(text: str) -> _Places:
@@ -126,25 +157,13 @@ def _inside_values(text: str) -> _Places:
     import yaml
 
     loader: Any = getattr(yaml, "CLoader", yaml.Loader)
-    spans: list[tuple[tuple[int, int], tuple[int, int]]] = []
-    try:
+    places = _Places()
+    # What cannot be scanned is reported where the document is read.
+    with contextlib.suppress(yaml.YAMLError):
         for token in yaml.scan(text, Loader=loader):
             if isinstance(token, yaml.ScalarToken) and not token.plain:
-                start, end = token.start_mark, token.end_mark
-                spans.append(((start.line + 1, start.column + 1), (end.line + 1, end.column + 1)))
-    except yaml.YAMLError:
-        pass  # reported where the document is read; what was scanned until there is known
-    return _Places(spans)
-
-
-class _Places:
-    """A set of places given by its stretches."""
-
-    def __init__(self, spans: list[tuple[tuple[int, int], tuple[int, int]]]) -> None:
-        self._spans = spans
-
-    def __contains__(self, place: tuple[int, int]) -> bool:
-        return any(start < place < end for start, end in self._spans)
+                places.add(token.start_mark, token.end_mark)
+    return places
 
 
 def _waivable(found: Diagnostic) -> bool:

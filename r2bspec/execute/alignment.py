@@ -78,3 +78,13 @@ def align(inputs: list[BufferIndex], limit: int) -> Aligned:
             if each.has_header and len(each.sizes) > len(common)
         },
     )
+
+
+def in_order(steps: tuple[tuple[int, ...], ...], mode: str) -> tuple[tuple[int, ...], ...]:
+    """The steps of one round of playing.
+
+    Looping begins again after the last step. Sweeping goes back to the first one step by step,
+    so that no two steps that follow each other are far apart in the recording; the ends are
+    played once each.
+    """
+    return steps + steps[-2:0:-1] if mode == "sweeping" else steps

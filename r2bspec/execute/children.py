@@ -55,6 +55,7 @@ class Child:
         self.connection = connection
         self.inbox: deque[Any] = deque()
         self.ending = False
+        self.answered = False
         self._pending = bytearray()
 
     @property
@@ -88,6 +89,7 @@ class Child:
             # Whatever else a node may write to this socket by mistake is not for the controller.
             with contextlib.suppress(msgspec.DecodeError):
                 self.inbox.append(protocol.decode_reply(bytes(line)))
+                self.answered = True
         return bool(received)
 
     def log_tail(self) -> str:
@@ -105,9 +107,16 @@ class Child:
 class Children:
     """All processes of a run, and the watchdog that ends them should the controller be killed."""
 
-    def __init__(self, run_id: str, scratch: Path, check_interrupt: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        run_id: str,
+        scratch: Path,
+        check_interrupt: Callable[[], None],
+        on_start: Callable[[Child], None] | None = None,
+    ) -> None:
         self._run_id = run_id
         self._check_interrupt = check_interrupt
+        self._on_start = on_start
         self._selector = selectors.DefaultSelector()
         self._living: dict[str, Child] = {}
         self._all: list[Child] = []
@@ -173,6 +182,8 @@ class Children:
             self._selector.register(ours, selectors.EVENT_READ, child)
         self._living[name] = child
         self._all.append(child)
+        if self._on_start is not None:
+            self._on_start(child)
         return child
 
     def pump(self, timeout_s: float = _POLL_S) -> None:
@@ -254,6 +265,10 @@ class Children:
             child.send(protocol.Shutdown())
             if child.connection is None:
                 _signal_group(child, signal.SIGINT)
+            elif not child.answered:
+                # It is still being made, or hangs in that: it hears nothing, and has nothing yet
+                # that it must put in order.
+                _signal_group(child, signal.SIGTERM)
         for step, patience_s in (
             (None, _SHUTDOWN_S),
             (signal.SIGTERM, _GRACE_S),

@@ -6,35 +6,49 @@ what was observed until then, and its record says whether that is all.
 
 from __future__ import annotations
 
+import contextlib
 import datetime
+import os
 import tempfile
 import time
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.alignment import align
-from r2bspec.execute.buffering import buffer_bag
+from r2bspec.execute.alignment import align, in_order
+from r2bspec.execute.buffering import buffer_bags
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.dataset import Dataset, obtain
 from r2bspec.execute.domain import reserved_domain
 from r2bspec.execute.environment import RunEnvironment
-from r2bspec.execute.errors import InterruptedRunError, NoOutputError, RunError
+from r2bspec.execute.errors import (
+    InterruptedRunError,
+    MemoryLimitError,
+    NoOutputError,
+    RunError,
+    UnsupportedError,
+)
+from r2bspec.execute.external import wait_for_external
+from r2bspec.execute.floor import measure_floor, usual_rate_hz
 from r2bspec.execute.graph import Launcher, diagnose_silence, readers_wanted, wait_until_matched
 from r2bspec.execute.interrupts import Interrupts
 from r2bspec.execute.machine import describe_machine, describe_versions
 from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
 from r2bspec.execute.preprocess import preprocess
+from r2bspec.execute.probes import wait_for_probe
 from r2bspec.execute.probing import Prober
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.search import PeakSearch
+from r2bspec.execute.steps import run_setup
 from r2bspec.harness import protocol
 from r2bspec.harness.buffers import largest_message_bytes, read_index
 from r2bspec.plan.canonical import canonical_json, plan_hash
 from r2bspec.plan.model import Plan
-from r2bspec.record.model import Probe, RunRecord
+from r2bspec.plan.unsupported import unsupported
+from r2bspec.record.model import FloorRecord, Probe, RunRecord
 from r2bspec.record.store import RunFolder
+from r2bspec.spec.quantities import Size
 
 _PHASE = "measure"
 _WARM_UP_HZ = 10.0
@@ -105,12 +119,15 @@ class _Controller:
         self._machine = describe_machine()
         self._versions = describe_versions()
         self._events: list[tuple[int, str]] = []
-        self._dataset: Dataset | None = None
-        self._children = Children(run_id, scratch, interrupts.check)
+        self._datasets: tuple[Dataset, ...] = ()
+        self._resources = ResourceSampler()
+        self._children = Children(
+            run_id, scratch, self._check, lambda child: self._resources.add(child.pid)
+        )
         self._stage: Stage | None = None
         self._search: PeakSearch | None = None
         self._sustained: list[Probe] = []
-        self._resources = ResourceSampler()
+        self._floor: tuple[FloorRecord, ...] = ()
 
     def run(self) -> RunRecord:
         """Carry the plan out, clean up, and write the record, in that order, whatever happens."""
@@ -131,9 +148,11 @@ class _Controller:
         return record
 
     def _carry_out(self) -> None:
-        self._load()
-        with reserved_domain() as domain:
-            self._resources.start()
+        self._refuse_unsupported()
+        self._resources.start()
+        with self._domain() as domain:
+            self._set_up(domain)
+            self._load()
             if "preprocess" in self._plan.phases:
                 self._phase("preprocess", "running the preprocessors")
                 preprocess(
@@ -143,19 +162,76 @@ class _Controller:
                     self._buffer_dir,
                     self._note,
                 )
-            self._stage, monitor = self._start(self._children, self._launcher(domain))
+            launcher = self._launcher(domain)
+            self._stage, monitor = self._start(self._children, launcher)
+            self._get_ready(launcher, monitor)
             self._warm_up(self._stage, self._children, monitor)
             self._measure(self._stage)
             self._phase("collect", "collecting")
             # Inside the reservation: the domain is free for others only when all are gone.
             self._children.end(list(self._children))
 
+    def _refuse_unsupported(self) -> None:
+        missing = unsupported(self._plan)
+        if missing:
+            raise UnsupportedError(
+                "this version does not carry out "
+                + "; ".join(f"{each.what} ({each.path})" for each in missing),
+                hint="The spec is right, and can be validated and planned; it cannot be run yet.",
+            )
+
+    def _domain(self) -> contextlib.AbstractContextManager[int]:
+        """A domain of the run's own; the user's where nodes of theirs take part."""
+        if self._plan.external:
+            return contextlib.nullcontext(int(os.environ.get("ROS_DOMAIN_ID", "0")))
+        return reserved_domain()
+
+    def _check(self) -> None:
+        """Called whenever the controller waits: signals, and limits of memory.
+
+        Raises:
+            InterruptedRunError: a signal has asked for an end.
+            MemoryLimitError: a process uses more than the spec allows.
+        """
+        self._interrupts.check()
+        limits = {each.name: each.memory_limit_bytes for each in self._plan.processes}
+        for child in self._children:
+            limit = limits.get(child.name, 0)
+            resident = self._resources.resident(child.pid) if limit else 0
+            if limit and resident > limit and not child.ending:
+                raise MemoryLimitError(
+                    f"process {child.name} uses {Size(resident)}; its limit is {Size(limit)}",
+                    hint="Raise memory_limit, or find out what grows.",
+                )
+
+    def _set_up(self, domain: int) -> None:
+        if not self._plan.setup:
+            return
+        self._phase("setup", "setting up")
+        environment = self._environment(domain)
+        for step in self._plan.setup:
+            run_setup(step, self._children, environment, self._folder, self._base_dir, self._note)
+
+    def _get_ready(self, launcher: Launcher, monitor: Child) -> None:
+        """What the spec says must be so, and be done, before anything is played."""
+        if self._plan.ready:
+            self._phase("ready", "waiting for what the spec says must be ready")
+            for probe in self._plan.ready:
+                wait_for_probe(probe, self._children, monitor, self._folder, self._base_dir)
+        if self._plan.after_ready:
+            self._phase("after_ready", "doing what the spec says once the graph stands")
+            for step in self._plan.after_ready:
+                launcher.do(step)
+
     def _load(self) -> None:
         self._phase("load", f"reading {self._plan.dataset.source}")
-        self._dataset = obtain(self._plan.dataset, self._base_dir, self._progress)
-        counts = buffer_bag(
-            self._dataset.path, self._plan.dataset, self._buffer_dir, self._progress
-        )
+        with self._interrupts.at_once():
+            plans = self._plan.datasets or (self._plan.dataset,)
+            datasets = [obtain(each, self._base_dir, self._progress) for each in plans]
+            self._datasets = tuple(datasets)
+            counts = buffer_bags(
+                [each.path for each in datasets], plans, self._buffer_dir, self._progress
+            )
         self._note(", ".join(f"{topic}: {count} messages" for topic, count in counts.items()))
         self._interrupts.check()
 
@@ -164,7 +240,10 @@ class _Controller:
 
         Preprocessors may publish larger messages than the bag holds, so each phase gets its own.
         """
-        environment = RunEnvironment(
+        return Launcher(self._children, self._environment(domain), self._folder, self._base_dir)
+
+    def _environment(self, domain: int) -> RunEnvironment:
+        return RunEnvironment(
             self._plan,
             run_id=self._run_id,
             domain=domain,
@@ -172,13 +251,6 @@ class _Controller:
             largest_message_bytes=max(
                 self._plan.largest_message_bytes, largest_message_bytes(self._buffer_dir)
             ),
-        )
-        return Launcher(
-            self._children,
-            environment,
-            self._folder,
-            self._base_dir,
-            lambda child: self._resources.add(child.pid),
         )
 
     def _start(self, children: Children, launcher: Launcher) -> tuple[Stage, Child]:
@@ -197,20 +269,30 @@ class _Controller:
             protocol.ConfigurePlayer(
                 inputs=plan.inputs,
                 buffer_dir=str(self._buffer_dir),
-                steps=aligned.steps,
+                steps=in_order(aligned.steps, plan.playback_mode),
                 rows=str(self._rows_dir / PLAYBACK_ROWS),
             ),
-        )
-        launcher.start_nodes(
-            (each for each in processes if each.role in {"host", "command"}),
-            plan.start_timeout_ns / 1e9,
         )
         monitor = launcher.start(next(each for each in processes if each.role == "monitor"))
         launcher.configure(
             monitor,
             protocol.ConfigureMonitor(monitors=plan.monitors, rows_dir=str(self._rows_dir)),
         )
+        self._floor = measure_floor(
+            children,
+            player,
+            monitor,
+            plan.inputs,
+            self._rows_dir,
+            PLAYBACK_ROWS,
+            usual_rate_hz(plan),
+        )
+        launcher.start_nodes(
+            (each for each in processes if each.role in {"host", "command"}),
+            plan.start_timeout_ns / 1e9,
+        )
         children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+        wait_for_external(plan, children, monitor)
         wait_until_matched(
             children,
             launcher,
@@ -313,6 +395,13 @@ class _Controller:
         self._events.append((time.monotonic_ns(), text))
         self._progress.note(text)
 
+    def _provenance(self) -> dict[str, Any]:
+        """Which recordings were read; those after the first under ``also``."""
+        if not self._datasets:
+            return {}
+        first, *others = (each.provenance for each in self._datasets)
+        return first | ({"also": others} if others else {})
+
     def _record(self, failure: BaseException | None) -> RunRecord:
         status: Literal["complete", "incomplete"] = "incomplete" if failure else "complete"
         return RunRecord(
@@ -322,7 +411,7 @@ class _Controller:
             ended_at=_now(),
             status=status,
             reason=_reason(failure),
-            dataset=self._dataset.provenance if self._dataset else {},
+            dataset=self._provenance(),
             machine=self._machine,
             versions=self._versions,
             processes=self._children.records(),
@@ -330,6 +419,7 @@ class _Controller:
             search=self._search.record() if self._search else None,
             sustained=tuple(self._sustained),
             events=tuple(self._events),
+            floor=self._floor,
         )
 
 

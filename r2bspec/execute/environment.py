@@ -92,16 +92,21 @@ def segment_bytes(largest_message_bytes: int) -> int:
     return min(max(_SEGMENT_MINIMUM, wanted), _SEGMENT_MAXIMUM)
 
 
-def transport_profile(transport: str, largest_message_bytes: int) -> str:
+def transport_profile(transport: str, largest_message_bytes: int, segment: int = 0) -> str:
     """The Fast DDS profile of a transport, as XML.
 
     Discovery needs UDP; messages between processes of one host then take shared memory where
     both sides have it. With the default segment of 512 KiB an image would travel in fragments
     over UDP, at ten times the latency.
+
+    Args:
+        transport: ``shared_memory`` or ``udp``.
+        largest_message_bytes: what a segment is sized by.
+        segment: its size in bytes, where the spec asks for one; 0 otherwise.
     """
     if transport == "udp":
         return _PROFILE.format(transports=_UDP, names="<transport_id>udp</transport_id>")
-    segment = segment_bytes(largest_message_bytes)
+    segment = segment or segment_bytes(largest_message_bytes)
     shared = _SHARED_MEMORY.format(segment=segment, message=segment // 2)
     return _PROFILE.format(
         transports=f"{shared}\n{_UDP}",
@@ -125,7 +130,9 @@ class RunEnvironment:
         self._common.pop("ROS_LOCALHOST_ONLY", None)
         if plan.transport != "inherit":
             profile = scratch / "transport.xml"
-            profile.write_text(transport_profile(plan.transport, largest_message_bytes))
+            profile.write_text(
+                transport_profile(plan.transport, largest_message_bytes, plan.segment_bytes)
+            )
             self._common["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
             self._common["FASTDDS_DEFAULT_PROFILES_FILE"] = str(profile)
 

@@ -55,3 +55,22 @@ class InterruptedRunError(RunError):
 
     code = "R2B670"
     exit_code = 130
+
+
+class StepFailedError(RunError):
+    """A setup step, or a step once the graph stood, did not do what it should."""
+
+    code = "R2B648"
+
+
+class UnsupportedError(RunError):
+    """The plan asks for something that this version does not carry out."""
+
+    code = "R2B619"
+    exit_code = 2
+
+
+class MemoryLimitError(RunError):
+    """A process uses more memory than the spec allows it."""
+
+    code = "R2B635"

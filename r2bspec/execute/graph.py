@@ -15,9 +15,12 @@ from typing import Any
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.environment import RunEnvironment
 from r2bspec.execute.errors import NotReadyError
-from r2bspec.execute.programs import resolve_argv
+from r2bspec.execute.machine import interpreter
+from r2bspec.execute.placing import place
+from r2bspec.execute.programs import resolve_argv, resolve_words
+from r2bspec.execute.steps import wait_for_end
 from r2bspec.harness import protocol
-from r2bspec.plan.model import Plan, ProcessPlan
+from r2bspec.plan.model import AfterReadyPlan, Plan, ProcessPlan
 from r2bspec.record.store import RunFolder
 
 _CONFIGURE_S = 60.0
@@ -37,13 +40,11 @@ class Launcher:
         environment: RunEnvironment,
         folder: RunFolder,
         base_dir: Path,
-        on_start: Any,
     ) -> None:
         self._children = children
         self._environment = environment
         self._folder = folder
         self._base_dir = base_dir
-        self._on_start = on_start
         self.endpoints: list[tuple[str, str, str, str]] = []
 
     def start(self, plan: ProcessPlan) -> Child:
@@ -61,7 +62,7 @@ class Launcher:
             cwd=self._base_dir,
             log=self._folder.log_path(plan.name),
         )
-        self._on_start(child)
+        place(plan, child.pid)
         return child
 
     def start_nodes(self, plans: Iterable[ProcessPlan], timeout_s: float) -> list[Child]:
@@ -79,12 +80,49 @@ class Launcher:
             if plan.role == "host"
         ]
         for child, plan in hosts:
-            child.send(protocol.ConfigureHost(nodes=plan.nodes, base_dir=str(self._base_dir)))
+            child.send(
+                protocol.ConfigureHost(
+                    nodes=plan.nodes,
+                    base_dir=str(self._base_dir),
+                    executor=plan.executor,
+                    threads=plan.threads,
+                )
+            )
         for child, _ in hosts:
             ready = self._children.answer(child, protocol.Ready, timeout_s)
             _refuse_undeclared(ready)
             self.endpoints += ready.endpoints
         return children
+
+    def do(self, step: AfterReadyPlan) -> None:
+        """Do what the spec says once the graph stands, and wait until it is done.
+
+        Raises:
+            StepFailedError: a command failed or took too long.
+            ProcessFailedError: a service is not there, or does not answer.
+        """
+        name = f"after_ready.{step.name}"
+        timeout_s = step.timeout_ns / 1e9
+        log = self._folder.log_path(name)
+        if step.argv:
+            argv, env = resolve_words(step.argv, name), self._environment.of_node({})
+            child = self._children.start(name, "command", argv, env, cwd=self._base_dir, log=log)
+            wait_for_end(child, self._children, timeout_s)
+            return
+        argv = [interpreter(), "-P", "-m", "r2bspec.harness.child"]
+        env = self._environment.of_harness()
+        child = self._children.start(name, "caller", argv, env, cwd=self._base_dir, log=log)
+        self.configure(
+            child,
+            protocol.ConfigureCaller(
+                service=step.service,
+                type=step.service_type,
+                request=step.request,
+                timeout_ns=step.timeout_ns,
+            ),
+        )
+        self._children.answer(child, protocol.Called, timeout_s + _ASK_S)
+        self._children.end([child])
 
     def configure(self, child: Child, command: Any) -> None:
         """Give a harness process its role and wait until it has taken it."""

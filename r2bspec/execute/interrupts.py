@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import threading
 import time
+from collections.abc import Iterator
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -29,6 +31,7 @@ class Interrupts:
         self._received: signal.Signals | None = None
         self._received_s = 0.0
         self._reported = False
+        self._at_once = False
         self._previous: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Interrupts:
@@ -51,8 +54,26 @@ class Interrupts:
         now_s = time.monotonic()
         if self._received is None:
             self._received, self._received_s = signal.Signals(number), now_s
+            if self._at_once:
+                self.check()
         elif now_s - self._received_s >= _SAME_ACT_S:
             os._exit(128 + number)
+
+    @contextlib.contextmanager
+    def at_once(self) -> Iterator[None]:
+        """While active, a signal raises wherever the program is, instead of waiting for `check`.
+
+        For long work that needs no cleaning up in order, such as reading a bag.
+
+        Raises:
+            InterruptedRunError: a signal has arrived, or arrives.
+        """
+        self.check()
+        self._at_once = True
+        try:
+            yield
+        finally:
+            self._at_once = False
 
     def check(self) -> None:
         """Raise once after a signal; cleaning up afterwards is not disturbed again.

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import re
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
+from r2bspec import harness
 from r2bspec.execute.errors import NotInstalledError
 from r2bspec.execute.machine import interpreter
 from r2bspec.plan.model import ProcessPlan
@@ -15,17 +17,26 @@ _EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
 
 
 def resolve_argv(plan: ProcessPlan) -> list[str]:
-    """Put the interpreter, the executables of packages, and full paths in.
+    """The command line of a process, with the interpreter, executables and full paths put in.
 
     Raises:
         NotInstalledError: a package, executable or program is not on this machine.
     """
-    argv = [_resolve(word) for word in plan.argv]
+    return resolve_words(plan.argv, f"process {plan.name}")
+
+
+def resolve_words(words: Sequence[str], what: str) -> list[str]:
+    """The same for any command; `what` is whose it is, for the error.
+
+    Raises:
+        NotInstalledError: a package, executable or program is not on this machine.
+    """
+    argv = [_resolve(word) for word in words]
     if "/" not in argv[0]:
         found = shutil.which(argv[0])
         if found is None:
             raise NotInstalledError(
-                f"process {plan.name}: there is no program {argv[0]!r} on PATH",
+                f"{what}: there is no program {argv[0]!r} on PATH",
                 hint="Install it, or correct the command in the spec.",
                 code="R2B621",
             )
@@ -36,6 +47,8 @@ def resolve_argv(plan: ProcessPlan) -> list[str]:
 def _resolve(word: str) -> str:
     if word == "$(python)":
         return interpreter()
+    if word == "$(included_launch)":
+        return str(Path(harness.__file__).with_name("included_launch.py"))
     found = _EXECUTABLE.fullmatch(word)
     return str(find_executable(found["package"], found["name"])) if found else word
 

@@ -29,6 +29,7 @@ class ResourceSampler:
     def __init__(self) -> None:
         self._processes: list[psutil.Process | None] = []
         self._rows: list[tuple[int, int, float, int]] = []
+        self._resident: dict[int, int] = {}
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="resources", daemon=True)
@@ -44,6 +45,10 @@ class ResourceSampler:
             process = psutil.Process(pid)
         with self._lock:
             self._processes.append(process)
+
+    def resident(self, pid: int) -> int:
+        """The resident memory of a process and its descendants when last sampled, in bytes."""
+        return self._resident.get(pid, 0)
 
     def stop(self) -> Rows:
         """End sampling; returns rows of `r2bspec.record.arrays.RESOURCES` in order of time."""
@@ -81,6 +86,7 @@ class ResourceSampler:
                 with self._lock:
                     self._processes[number] = None
                 continue
+            self._resident[process.pid] = resident
             self._rows.append((now_ns, number, cpu_s, resident))
 
 

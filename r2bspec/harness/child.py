@@ -61,6 +61,10 @@ def _take_role(channel: Channel, command: protocol.Command) -> _Role:
             from r2bspec.harness.host import Host
 
             return Host(channel, command)
+        case protocol.ConfigureCaller():
+            from r2bspec.harness.caller import Caller
+
+            return Caller(channel, command)
     raise RuntimeError(f"a process is configured first, not told to {type(command).__name__}")
 
 

@@ -16,7 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    MultiThreadedExecutor,
+    SingleThreadedExecutor,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
@@ -123,13 +128,20 @@ def _type_name(message_class: Any) -> str:
     return f"{package}/msg/{message_class.__name__}"
 
 
+def _executor(settings: protocol.ConfigureHost) -> Executor:
+    """The executor that the plan asks for; threads are as many as cores where it says 0."""
+    if settings.executor == "multi_threaded":
+        return MultiThreadedExecutor(num_threads=settings.threads or None)
+    return SingleThreadedExecutor()
+
+
 class Host:
     """Makes the nodes and spins them until told to shut down."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureHost) -> None:
         self._channel = channel
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self._executor = SingleThreadedExecutor()
+        self._executor = _executor(settings)
         base_dir = Path(settings.base_dir)
         self._found: list[protocol.Ready] = []
         self._nodes: list[Node] = []

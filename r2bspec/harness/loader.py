@@ -10,8 +10,6 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from rclpy.node import Node
-
 from r2bspec.harness import buffers, protocol, ros
 from r2bspec.harness.channel import Channel
 from r2bspec.harness.monitor import discover

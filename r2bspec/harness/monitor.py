@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from r2bspec.harness import protocol, ros
@@ -33,21 +34,26 @@ class _Watch:
     def __init__(self, plan: MonitorPlan, rows: RowWriter, reader: ros.RawReader) -> None:
         self.plan = plan
         self._rows = rows
-        self._reader = reader
+        self.reader = reader
         self._stamped = ros.begins_with_header(plan.type)
 
     def matches(self) -> int:
-        return self._reader.matches()
+        return self.reader.matches()
+
+    def close(self) -> None:
+        """Stop reading; the rows stay in their file."""
+        self.reader.destroy()
+        self._rows.close()
 
     def drain(self) -> None:
         """Record every message that has arrived."""
-        while (taken := self._reader.take()) is not None:
+        while (taken := self.reader.take_head()) is not None:
             taken_ns = time.monotonic_ns()
             system_ns = time.time_ns()
-            data, received_system_ns = taken
+            head, size, received_system_ns = taken
             received_ns = received_system_ns - (system_ns - taken_ns)
-            stamp_ns = read_stamp(data) if self._stamped else 0
-            self._rows.append(stamp_ns, received_ns, taken_ns, len(data))
+            stamp_ns = read_stamp(head) if self._stamped else 0
+            self._rows.append(stamp_ns, received_ns, taken_ns, size)
 
 
 class Monitor:
@@ -66,6 +72,8 @@ class Monitor:
         }
         self._topics = [plan.topic for plan in settings.monitors]
         self._watches: list[_Watch] = []
+        self._watched: list[_Watch] = []
+        self._rows_dir = Path(settings.rows_dir)
         self._commands: queue.SimpleQueue[protocol.Command] = queue.SimpleQueue()
 
     def serve(self) -> None:
@@ -88,10 +96,18 @@ class Monitor:
                             subscribing = True
                             self._subscribe()
                             self._channel.send(protocol.Matched(counts=self._matches()))
+                        case protocol.Watch(monitors=plans):
+                            self._watch(plans)
+                            self._channel.send(protocol.Matched(counts=self._matches()))
+                        case protocol.Unwatch():
+                            self._unwatch()
+                            self._channel.send(protocol.Matched(counts=self._matches()))
                         case protocol.CountMatches():
                             self._channel.send(protocol.Matched(counts=self._matches()))
                         case protocol.Discover(topics=topics):
                             self._channel.send(discover(self._node, topics))
+                        case protocol.Survey():
+                            self._channel.send(survey(self._node))
                         case protocol.Shutdown():
                             return
                         case _:
@@ -118,10 +134,28 @@ class Monitor:
             if qos is None:
                 still_waiting.append(plan)
                 continue
-            reader = ros.RawReader(self._node, plan.topic, plan.type, qos)
-            self._watches.append(_Watch(plan, self._rows[plan.name], reader))
-            self._loop.add(reader)
+            self._add(plan, self._rows[plan.name], qos)
         self._waiting = still_waiting
+
+    def _add(self, plan: MonitorPlan, rows: RowWriter, qos: QoSProfile) -> None:
+        reader = ros.RawReader(self._node, plan.topic, plan.type, qos)
+        self._watches.append(_Watch(plan, rows, reader))
+        self._loop.add(reader)
+
+    def _watch(self, plans: tuple[MonitorPlan, ...]) -> None:
+        """Read topics that are no monitors', for a while."""
+        for plan in plans:
+            if plan.qos is not None:
+                rows = RowWriter(self._rows_dir / f"{plan.name}.rows", width=4)
+                self._add(plan, rows, ros.profile(plan.qos))
+                self._watched.append(self._watches[-1])
+
+    def _unwatch(self) -> None:
+        for watch in self._watched:
+            self._watches.remove(watch)
+            self._loop.remove(watch.reader)
+            watch.close()
+        self._watched.clear()
 
     def _matches(self) -> dict[str, int]:
         counts = dict.fromkeys(self._topics, 0)
@@ -147,4 +181,15 @@ def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
     return protocol.Discovered(
         writers={each: described(node.get_publishers_info_by_topic(each)) for each in topics},
         readers={each: described(node.get_subscriptions_info_by_topic(each)) for each in topics},
+    )
+
+
+def survey(node: Node) -> protocol.Surveyed:
+    """The full names of the nodes and services that discovery shows."""
+    return protocol.Surveyed(
+        nodes=tuple(
+            f"{namespace.rstrip('/')}/{name}"
+            for name, namespace in node.get_node_names_and_namespaces()
+        ),
+        services=tuple(name for name, _ in node.get_service_names_and_types()),
     )

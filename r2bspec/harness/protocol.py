@@ -7,7 +7,7 @@ Samples do not travel here: they are rows in files that both sides map (`r2bspec
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
@@ -53,6 +53,17 @@ class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
 
     nodes: tuple[NodePlan, ...]
     base_dir: str
+    executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
+    threads: int = 0
+
+
+class ConfigureCaller(_Message, frozen=True, kw_only=True, tag=True):
+    """Call a service once with a request; `Called` follows `Ready`."""
+
+    service: str
+    type: str
+    request: dict[str, Any]
+    timeout_ns: int
 
 
 class Subscribe(_Message, frozen=True, kw_only=True, tag=True):
@@ -60,6 +71,16 @@ class Subscribe(_Message, frozen=True, kw_only=True, tag=True):
 
     The answer, `Matched`, comes at once; a topic that still waits counts 0.
     """
+
+
+class Watch(_Message, frozen=True, kw_only=True, tag=True):
+    """Read these topics, too, until `Unwatch`; their QoS must be given. `Matched` answers it."""
+
+    monitors: tuple[MonitorPlan, ...]
+
+
+class Unwatch(_Message, frozen=True, kw_only=True, tag=True):
+    """Stop reading what `Watch` named; its rows stay. `Matched` answers it."""
 
 
 class CountMatches(_Message, frozen=True, kw_only=True, tag=True):
@@ -70,6 +91,10 @@ class Discover(_Message, frozen=True, kw_only=True, tag=True):
     """Ask which endpoints exist on these topics."""
 
     topics: tuple[str, ...]
+
+
+class Survey(_Message, frozen=True, kw_only=True, tag=True):
+    """Ask which nodes and services exist."""
 
 
 class Load(_Message, frozen=True, kw_only=True, tag=True):
@@ -101,9 +126,13 @@ Command = (
     | ConfigurePlayer
     | ConfigureMonitor
     | ConfigureHost
+    | ConfigureCaller
     | Subscribe
+    | Watch
+    | Unwatch
     | CountMatches
     | Discover
+    | Survey
     | Load
     | Play
     | Stop
@@ -146,6 +175,19 @@ class Discovered(_Message, frozen=True, kw_only=True, tag=True):
     readers: dict[str, tuple[Endpoint, ...]]
 
 
+class Surveyed(_Message, frozen=True, kw_only=True, tag=True):
+    """The full names of all nodes and services that are seen."""
+
+    nodes: tuple[str, ...]
+    services: tuple[str, ...]
+
+
+class Called(_Message, frozen=True, kw_only=True, tag=True):
+    """The service answered, with this."""
+
+    response: str
+
+
 class Loaded(_Message, frozen=True, kw_only=True, tag=True):
     """How many messages went out and came in, by topic."""
 
@@ -168,7 +210,7 @@ class Failed(_Message, frozen=True, kw_only=True, tag=True):
     detail: str = ""
 
 
-Reply = Ready | Matched | Discovered | Loaded | Played | Failed
+Reply = Ready | Matched | Discovered | Surveyed | Called | Loaded | Played | Failed
 
 _COMMANDS: msgspec.json.Decoder[Command] = msgspec.json.Decoder(Command)
 _REPLIES: msgspec.json.Decoder[Reply] = msgspec.json.Decoder(Reply)

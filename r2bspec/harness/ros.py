@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
+from collections.abc import Callable
 from typing import Any
 
 import rclpy
@@ -11,8 +13,9 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _impleme
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
+from rclpy.utilities import ok, try_shutdown
 
+from r2bspec.harness import rcl
 from r2bspec.spec.model import QoS
 
 _started: list[Node] = []
@@ -82,12 +85,16 @@ class RawReader:
     """A subscription that is read by `take`, as serialised bytes, without an executor."""
 
     def __init__(self, node: Node, topic: str, type_name: str, qos: QoSProfile) -> None:
+        self._node = node
         self._class = message_class(type_name)
         # The callback is never called: no executor knows this node.
         self._subscription = node.create_subscription(
             self._class, topic, lambda _message: None, qos, raw=True
         )
         self.handle = self._subscription.handle
+        self._taker: rcl.Taker | None = None
+        with contextlib.suppress(rcl.RclError):
+            self._taker = rcl.Taker(self.handle)
 
     def take(self) -> tuple[bytes, int] | None:
         """The next message and its time of arrival (system clock, ns), or None if there is none."""
@@ -97,9 +104,24 @@ class RawReader:
         data, info = taken
         return data, int(info["received_timestamp"])
 
+    def take_head(self) -> tuple[bytes, int, int] | None:
+        """As `take`, but of the message only the first bytes, and its size.
+
+        Whoever only counts and times messages is spared a copy of each.
+        """
+        if self._taker is not None:
+            return self._taker.take()
+        taken = self.take()
+        return None if taken is None else (taken[0][: rcl.HEAD_BYTES], len(taken[0]), taken[1])
+
     def matches(self) -> int:
         """How many writers this reader is matched with."""
         return int(self.handle.get_publisher_count())
+
+    def destroy(self) -> None:
+        """Stop reading; nothing may be taken any more."""
+        self._taker = None
+        self._node.destroy_subscription(self._subscription)
 
 
 class RawWriter:
@@ -116,6 +138,14 @@ class RawWriter:
         with it a copy of every message whose stamp is patched in place.
         """
         self._handle.publish_raw(message)
+
+    def publication(self, message: bytearray) -> Callable[[], None]:
+        """A function that publishes what is in `message` at the time it is called.
+
+        The message is handed over where it is; only where that is impossible it is copied.
+        """
+        made = rcl.publication(self._handle, message)
+        return made or functools.partial(self._handle.publish_raw, message)
 
     def matches(self) -> int:
         """How many readers this writer is matched with."""
@@ -138,6 +168,11 @@ class WaitLoop:
     def add(self, reader: RawReader) -> None:
         """Wait on one more reader, from the next `wait` on."""
         self._readers.append(reader)
+        self._set = None
+
+    def remove(self, reader: RawReader) -> None:
+        """Wait on a reader no more; the positions of those after it move up."""
+        self._readers.remove(reader)
         self._set = None
 
     def wake(self) -> None:
@@ -167,7 +202,7 @@ def start_node(name: str) -> Node:
     The node has no parameter services, no /rosout and no clock subscription: what does not exist
     takes no time and does not show in the graph under test.
     """
-    if not rclpy.ok():
+    if not ok():
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = Node(
         name,

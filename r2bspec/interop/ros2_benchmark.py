@@ -131,13 +131,15 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
             hint="Name the JSON file that the tool wrote at the end of a benchmark.",
         )
     plain = _without_prefix(metadata) if isinstance(metadata, dict) else {}
+    # r2bspec writes these reports, too, and divides by the intervals there are.
+    exact = str(plain.get("GENERATOR", "")).startswith("r2bspec")
     custom = report.get("custom")
     return ReferenceReport(
         name=str(plain.get("NAME", "")),
         peak_hz=_number(plain.get("PEAK_THROUGHPUT_PREDICTION")),
-        peak=_by_monitor(report),
+        peak=_by_monitor(report, exact=exact),
         rates={
-            found[1]: _by_monitor(value)
+            found[1]: _by_monitor(value, exact=exact)
             for key, value in report.items()
             if (found := _RATE_KEY.fullmatch(key)) and isinstance(value, dict)
         },
@@ -160,21 +162,21 @@ def _without_prefix(metadata: dict[str, Any]) -> dict[str, Any]:
     return {key.removeprefix(f"{METADATA}."): value for key, value in metadata.items()}
 
 
-def _by_monitor(level: dict[str, Any]) -> dict[str, Figures]:
+def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, Figures]:
     """The figures of one level: those without a prefix, and one object for each prefix."""
     found: dict[str, Figures] = {}
     if any(key.startswith(f"{BASIC}.") for key in level):
-        found[""] = _figures(level)
+        found[""] = _figures(level, exact=exact)
     for key, value in level.items():
         if isinstance(value, dict) and not _RATE_KEY.fullmatch(key):
             # The processor time is the machine's, not a monitor's: it stands one level up.
             shared = {each: level[each] for each in level if each.startswith(_KNOWN_PREFIXES[1:])}
             if any(str(each).startswith(f"{BASIC}.") for each in value):
-                found[key] = _figures({**shared, **value})
+                found[key] = _figures({**shared, **value}, exact=exact)
     return found
 
 
-def _figures(level: dict[str, Any]) -> Figures:
+def _figures(level: dict[str, Any], *, exact: bool) -> Figures:
     def milliseconds(key: str) -> float | None:
         value = _number(level.get(f"{BASIC}.{key}"))
         return None if value is None else value / 1e3
@@ -194,7 +196,7 @@ def _figures(level: dict[str, Any]) -> Figures:
     return Figures(
         received_duration=duration,
         playback_hz=plain("MEAN_PLAYBACK_FRAME_RATE"),
-        throughput_hz=_throughput(reported, duration),
+        throughput_hz=reported if exact else _throughput(reported, duration),
         reported_hz=reported,
         sent=sent,
         missed=missed,

@@ -66,9 +66,15 @@ class MetricInfo:
         return self.name.rpartition(".")[2] if "." in self.name else ""
 
     def accepts(self, bound: Bound) -> bool:
-        """Whether a bound has this metric's dimension; only rates can be 'of offered'."""
+        """Whether a bound has this metric's dimension.
+
+        Only rates can be 'of offered'; 'of baseline' can be whatever has a value in each
+        iteration that is not a count.
+        """
         if bound.of_offered:
             return self.dimension == "rate"
+        if bound.of_baseline:
+            return self.dimension not in {"count", "none"}
         return bound.dimension == self.dimension
 
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.matching import Matching
+from r2bspec.measure.matching import UNKNOWN, Matching
 from r2bspec.measure.percentiles import percentile
-from r2bspec.record.arrays import Rows
+from r2bspec.measure.samples import StepTimes
+from r2bspec.record.arrays import MONITOR, PLAYBACK, Rows
 
 _BATCHES = 10
 """Few, so that each is long against the correlation of what it averages over."""
@@ -125,6 +126,31 @@ def delivery(
         answered=int(steps.size),
         lateness_p99_s=lateness,
     )
+
+
+def delivery_of_steps(offered_hz: float, steps: StepTimes) -> Delivery:
+    """Estimate what a graph delivered in a segment that has been played to its end.
+
+    Args:
+        offered_hz: the rate that was asked for.
+        steps: the steps of the segment.
+    """
+    playback = np.zeros(steps.due_ns.size, PLAYBACK)
+    playback["due_ns"], playback["published_ns"] = steps.due_ns, steps.published_ns
+    monitor = np.zeros(steps.due_ns.size, MONITOR)
+    monitor["received_ns"] = steps.received_ns
+    answered = steps.answered
+    number = np.arange(answered.size)
+    matched = Matching(
+        step=number,
+        first_row=np.where(answered, number, UNKNOWN),
+        duplicates=0,
+        reordered=0,
+        unmatched=0,
+    )
+    # Everything that was going to come has come: no answer takes as long as this.
+    ended_ns = int(max(steps.received_ns.max(), steps.published_ns.max())) if number.size else 0
+    return delivery(offered_hz, playback, monitor, matched, 2 * ended_ns)
 
 
 def _player_rate(published: NDArray[np.int64], offered_hz: float) -> float:

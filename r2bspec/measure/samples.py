@@ -25,6 +25,9 @@ from r2bspec.record.arrays import Rows
 from r2bspec.record.model import ProcessRecord, RunRecord, Segment
 from r2bspec.record.store import Run
 
+PRECISION = 0.02
+"""Of a sequential probe, where the plan has no search that says otherwise."""
+
 LOSSES_COUNT = ("latency", "latency_from_due")
 """Families in which a step without an answer counts as later than every other."""
 
@@ -115,6 +118,8 @@ class RunSamples:
     Attributes:
         iterations: offered rate in Hz to the iterations at it, in the order they were played.
         sustained: offered rate to the samples of its sequential probe.
+        precision: of the probes, as a fraction: a rate is kept up if no more than half of it
+            piles up.
         incomplete: ids of the iterations that were cut short; they are not among the samples.
     """
 
@@ -123,6 +128,7 @@ class RunSamples:
     iterations: Mapping[float, tuple[SegmentSamples, ...]]
     sustained: Mapping[float, SegmentSamples]
     incomplete: tuple[str, ...]
+    precision: float = PRECISION
 
     @property
     def processes(self) -> tuple[str, ...]:
@@ -243,4 +249,5 @@ def read_samples(run: Run) -> RunSamples:
         iterations={rate: tuple(found) for rate, found in iterations.items()},
         sustained=sustained,
         incomplete=tuple(incomplete),
+        precision=run.plan.search.precision if run.plan.search else PRECISION,
     )

@@ -2,30 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from r2bspec._version import __version__
 from r2bspec.plan.model import (
     BagTopicPlan,
     DatasetPlan,
-    MonitorPlan,
+    GatePlan,
+    HarnessPlan,
     Plan,
     PlayPlan,
+    PluginPlan,
     SearchPlan,
+    TimelinePlan,
 )
-from r2bspec.plan.processes import plan_processes
+from r2bspec.plan.monitors import plan_monitors
+from r2bspec.plan.processes import harness_plugins, plan_external, plan_processes
+from r2bspec.plan.steps import plan_after_ready, plan_ready, plan_setup
 from r2bspec.plan.topics import plan_inputs, plan_topics
-from r2bspec.spec.model import Spec
+from r2bspec.spec.model import BagSource, Objective, Spec
+from r2bspec.wiring.beside import NOTHING, Beside
 from r2bspec.wiring.build import build_wiring, harness_topic
 from r2bspec.wiring.interfaces import Table
 from r2bspec.wiring.model import Wiring
+from r2bspec.wiring.recordings import merge_indexes
 
 if TYPE_CHECKING:
     from r2bspec.data.model import BagIndex
 
 
-def compile_plan(spec: Spec, bag: BagIndex | None, *, table: Table | None = None) -> Plan:
+def compile_plan(
+    spec: Spec,
+    bag: BagIndex | Sequence[BagIndex | None] | None,
+    *,
+    table: Table | None = None,
+    beside: Beside = NOTHING,
+) -> Plan:
     """Work out everything that a run of a spec will do.
 
     A pure function: the same spec, bag metadata and version of r2bspec give the same plan on every
@@ -34,13 +47,18 @@ def compile_plan(spec: Spec, bag: BagIndex | None, *, table: Table | None = None
     Args:
         spec: a spec in which `r2bspec.check` finds no error; otherwise the plan is as good as it
             can be, and running it makes no sense.
-        bag: what is known of the bag; None leaves types of bag topics empty and counts zero.
+        bag: what is known of the bag, or of each of several; None leaves types of bag topics
+            empty and counts zero.
         table: interfaces of Python nodes; by default those of the reference nodes.
+        beside: what was read beside the spec, parameter files among it; by default nothing.
     """
-    wiring = build_wiring(spec, bag_types=bag_types(spec, bag), table=table)
-    dataset = _dataset(spec, bag, wiring)
+    bags = list(bag) if isinstance(bag, Sequence) else [bag]
+    together = merge_indexes([each for each in bags if each is not None])
+    wiring = build_wiring(spec, bag_types=bag_types(spec, together), table=table, beside=beside)
+    datasets = tuple(_datasets(spec, bags, wiring))
     play = tuple(_play(spec))
-    sustained_hz = _sustained_hz(spec)
+    objectives = active_objectives(spec)
+    sustained_hz = _sustained_hz(objectives)
     return Plan(
         generator=f"r2bspec {__version__}",
         name=spec.name,
@@ -50,22 +68,42 @@ def compile_plan(spec: Spec, bag: BagIndex | None, *, table: Table | None = None
         namespace=wiring.namespace,
         environment=spec.environment,
         transport=spec.transport,
-        largest_message_bytes=_largest_message_bytes(spec, bag),
-        dataset=dataset,
+        largest_message_bytes=_largest_message_bytes(spec, together),
+        dataset=datasets[0],
         processes=plan_processes(spec, wiring),
         topics=plan_topics(spec, wiring),
         playback_mode=spec.playback.mode,
         buffer=spec.playback.buffer,
         inputs=plan_inputs(spec, wiring),
-        monitors=_monitors(spec, wiring),
+        monitors=plan_monitors(spec, wiring),
         phases=tuple(_phases(spec, sustained_hz, play)),
         warm_up_ns=spec.benchmark.warm_up.ns,
         start_timeout_ns=spec.benchmark.start_timeout.ns,
         search=_search(spec),
         sustained_hz=sustained_hz,
         play=play,
-        objectives=spec.slos,
+        objectives=objectives,
+        datasets=datasets if len(datasets) > 1 else (),
+        timeline=_timeline(spec),
+        harness=_harness(spec),
+        external=plan_external(wiring),
+        setup=plan_setup(spec),
+        ready=plan_ready(spec, wiring.namespace),
+        after_ready=plan_after_ready(spec, wiring.namespace),
+        gate=_gate(spec),
+        drain_timeout_ns=spec.benchmark.drain_timeout.ns,
+        segment_bytes=0 if spec.segment is None else spec.segment.bytes,
     )
+
+
+def active_objectives(spec: Spec) -> dict[str, Objective]:
+    """The objectives that count: not switched off, and their `when` is so."""
+    return {
+        name: each
+        for name, each in spec.slos.items()
+        if each.level != "off"
+        and all(str(spec.variables.get(key)) == str(value) for key, value in each.when.items())
+    }
 
 
 def bag_types(spec: Spec, bag: BagIndex | None) -> dict[str, str]:
@@ -76,11 +114,23 @@ def bag_types(spec: Spec, bag: BagIndex | None) -> dict[str, str]:
     return {name: info.type for name, info in found.items() if info is not None}
 
 
-def _dataset(spec: Spec, bag: BagIndex | None, wiring: Wiring) -> DatasetPlan:
-    source, window = spec.data_loader.bag, spec.data_loader.window
+def _datasets(spec: Spec, bags: Sequence[BagIndex | None], wiring: Wiring) -> Iterator[DatasetPlan]:
+    """Each recording with the topics that it holds; one that nobody knows is taken to hold all."""
+    sources = spec.data_loader.sources or (BagSource(),)
+    for position, source in enumerate(sources):
+        bag = bags[position] if position < len(bags) else None
+        yield _dataset(spec, source, bag, wiring, only_held=len(sources) > 1 and bag is not None)
+
+
+def _dataset(
+    spec: Spec, source: BagSource, bag: BagIndex | None, wiring: Wiring, *, only_held: bool
+) -> DatasetPlan:
+    loader = spec.data_loader
     topics = []
-    for name, target in spec.data_loader.topics.items():
+    for name, target in loader.topics.items():
         info = None if bag is None else bag.find(name)
+        if info is None and only_held:
+            continue
         topics.append(
             BagTopicPlan(
                 bag_topic=name if info is None else info.name,
@@ -94,9 +144,12 @@ def _dataset(spec: Spec, bag: BagIndex | None, wiring: Wiring) -> DatasetPlan:
         source=source.dataset or source.path,
         kind="synthetic" if bag is not None and bag.synthetic else "recorded",
         sha256=source.sha256,
-        start_ns=window.start.ns,
-        end_ns=None if window.end is None else window.end.ns,
+        start_ns=loader.window.start.ns,
+        end_ns=None if loader.window.end is None else loader.window.end.ns,
         topics=tuple(topics),
+        publish_tf=loader.publish_tf,
+        publish_tf_static=loader.publish_tf_static,
+        real_time=loader.real_time,
     )
 
 
@@ -110,19 +163,6 @@ def _largest_message_bytes(spec: Spec, bag: BagIndex | None) -> int:
     return max(known, default=0) if len(known) == len(sizes) else 0
 
 
-def _monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
-    return tuple(
-        MonitorPlan(
-            name=name,
-            topic=harness_topic(each.topic, wiring.namespace),
-            type=each.format,
-            match=each.match,
-            qos=each.qos,
-        )
-        for name, each in spec.monitors.items()
-    )
-
-
 def _search(spec: Spec) -> SearchPlan | None:
     search = spec.benchmark.search
     if search is None:
@@ -133,13 +173,42 @@ def _search(spec: Spec) -> SearchPlan | None:
         precision=search.precision.fraction,
         probe_ns=search.probe.ns,
         holds=search.holds,
+        confidence=search.confidence.fraction,
     )
 
 
-def _sustained_hz(spec: Spec) -> tuple[float, ...]:
+def _timeline(spec: Spec) -> TimelinePlan | None:
+    if spec.playback.mode != "timeline":
+        return None
+    return TimelinePlan(
+        speed=spec.playback.timeline.speed.fraction,
+        recorded=spec.playback.record_timeline,
+        shift_tf=spec.playback.tf == "shift",
+    )
+
+
+def _harness(spec: Spec) -> HarnessPlan:
+    parts = {
+        part: PluginPlan(package=each.package, plugin=each.plugin, parameters=each.parameters)
+        for part, each in harness_plugins(spec.harness).items()
+    }
+    return HarnessPlan(kind=spec.harness.kind, placement=spec.harness.placement, **parts)
+
+
+def _gate(spec: Spec) -> GatePlan:
+    gate = spec.benchmark.gate
+    return GatePlan(
+        confidence=gate.confidence.fraction,
+        inconclusive=gate.inconclusive,
+        confirm=gate.confirm,
+        time_budget_ns=0 if gate.time_budget is None else gate.time_budget.ns,
+    )
+
+
+def _sustained_hz(objectives: dict[str, Objective]) -> tuple[float, ...]:
     rates = {
         objective.at.hz
-        for objective in spec.slos.values()
+        for objective in objectives.values()
         if objective.at is not None
         and any(each.metric == "sustained" for each in objective.require)
     }
@@ -147,21 +216,37 @@ def _sustained_hz(spec: Spec) -> tuple[float, ...]:
 
 
 def _play(spec: Spec) -> Iterator[PlayPlan]:
-    for rate in dict.fromkeys(spec.benchmark.rates):
+    rates = [rate.hz for rate in dict.fromkeys(spec.benchmark.rates)]
+    if has_own_rate(spec):
+        rates = [0.0]
+    for rate_hz in rates:
         yield PlayPlan(
-            rate_hz=rate.hz,
+            rate_hz=rate_hz,
             duration_ns=spec.benchmark.duration.ns,
             iterations=spec.benchmark.iterations,
+            max_iterations=spec.benchmark.max_iterations,
         )
+
+
+def has_own_rate(spec: Spec) -> bool:
+    """Whether the recording, or the graph's own source, decides how fast messages come."""
+    return spec.playback.mode in {"timeline", "live"}
 
 
 def _phases(
     spec: Spec, sustained_hz: tuple[float, ...], play: tuple[PlayPlan, ...]
 ) -> Iterator[str]:
-    yield "load"
+    if spec.setup:
+        yield "setup"
+    if not spec.live:
+        yield "load"
     if spec.preprocessors:
         yield "preprocess"
     yield "start"
+    if spec.ready:
+        yield "ready"
+    if spec.after_ready:
+        yield "after_ready"
     if spec.benchmark.warm_up.ns:
         yield "warm_up"
     if spec.benchmark.search is not None:

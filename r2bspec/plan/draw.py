@@ -71,15 +71,19 @@ class _Sketch:
 def figure(plan: Plan) -> Figure:
     """The figure of a plan: both phases, and how the messages get from one to the other."""
     sketch = _Sketch(plan)
-    bag = Box(sketch.id_of("", "bag", ""), "bag", (plan.dataset.source,))
+    sources = tuple(each.source for each in plan.datasets) or (plan.dataset.source,)
+    played = any(sources)
+    bag = Box(sketch.id_of("", "bag", ""), "bag", sources)
     phases = [
         phase
         for phase in ("preprocess", "measure")
         if any(each.phase == phase for each in plan.processes)
     ]
     groups = tuple(_group(sketch, phase) for phase in phases)
-    _join_phases(sketch, bag.id)
-    return Figure(plan.title or plan.name, (bag,), groups, tuple(sketch.arrows))
+    if played:
+        _join_phases(sketch, bag.id)
+    boxes = (bag,) if played else ()
+    return Figure(plan.title or plan.name, boxes, groups, tuple(sketch.arrows))
 
 
 def _group(sketch: _Sketch, phase: str) -> Group:
@@ -90,8 +94,13 @@ def _group(sketch: _Sketch, phase: str) -> Group:
     for process in plan.processes:
         for node in process.nodes if process.phase == phase else ():
             kind: BoxKind = "node" if node.name in seen else "opaque"
-            what = node.target or _program(process.argv[0])
+            what = node.target or node.plugin or _program(process.argv[0])
             boxes.append(Box(sketch.id_of(phase, "owner", node.name), kind, (node.name, what)))
+    for external in plan.external:
+        if external.phase == phase:
+            kind = "node" if external.name in seen else "opaque"
+            place = sketch.id_of(phase, "owner", external.name)
+            boxes.append(Box(place, kind, (external.name, "already runs")))
     for topic in topics:
         box = Box(sketch.id_of(phase, "topic", topic.name), "topic", (topic.name, topic.type))
         boxes.append(box)
@@ -111,7 +120,8 @@ def _harness_boxes(sketch: _Sketch, phase: str, seen: set[str]) -> list[Box]:
         if any(not each.bag_topic for each in plan.inputs):
             names.append("recorder")
     else:
-        names = ["player", *(f"monitor {each.name}" for each in plan.monitors)]
+        player = ["player"] if plan.inputs or "player" in seen else []
+        names = [*player, *(f"monitor {each.name}" for each in plan.monitors)]
     return [Box(sketch.id_of(phase, "owner", name), "harness", (name,)) for name in names]
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from r2bspec.plan.model import InputPlan, TopicPlan
-from r2bspec.spec.model import Spec
+from r2bspec.spec.model import QoS, Spec
 from r2bspec.wiring.build import harness_topic
 from r2bspec.wiring.model import Endpoint, PhaseWiring, Wiring
 
 
 def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
     """The playback inputs, in the order of the spec."""
+    translations = spec.playback.timeline.translations
     return tuple(
         InputPlan(
             topic=harness_topic(name, wiring.namespace),
@@ -19,6 +20,8 @@ def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
             source=(source := harness_topic(each.source, wiring.namespace)),
             bag_topic=straight_from(source, spec, wiring),
             qos=each.qos,
+            timestamp=each.timestamp,
+            later_ns=later.ns if (later := translations.get(name)) is not None else 0,
         )
         for name, each in spec.playback.inputs.items()
     )
@@ -65,7 +68,13 @@ def _topic(phase: PhaseWiring, name: str, readers: tuple[Endpoint, ...] | None =
         phase=phase.phase,
         writers=_owners(writers),
         readers=_owners(readers),
+        qos=_profiles((*writers, *readers)),
     )
+
+
+def _profiles(endpoints: tuple[Endpoint, ...]) -> dict[str, QoS]:
+    """The profiles of nodes that are known; those of the harness stand at inputs and monitors."""
+    return {each.owner: each.qos for each in endpoints if each.is_node and each.qos is not None}
 
 
 def _owners(endpoints: tuple[Endpoint, ...]) -> tuple[str, ...]:

@@ -98,12 +98,32 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     exit_code: int | None
 
 
+class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What harness and transport take with nothing under test, for one input.
+
+    Measured before the nodes were started, from the player to a reader on the input `topic` itself;
+    `received` of `sent` messages of at most `bytes` bytes arrived. Latency is from publication to
+    the arrival in the middleware, lateness from the due time to publication; None without samples.
+    """
+
+    topic: str
+    bytes: int
+    rate_hz: float
+    sent: int
+    received: int
+    latency_p50_ns: int | None
+    latency_p99_ns: int | None
+    lateness_p50_ns: int | None
+    lateness_p99_ns: int | None
+
+
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A run, complete or not.
 
     `sustained` has one probe for each rate of the plan's `sustained_hz`. `dataset` says which
     bag was read, with its hash; `machine` and `versions` where and with what.
-    `events` are (monotonic time, text): phases entered and everything notable.
+    `events` are (monotonic time, text): phases entered and everything notable. `floor` has one
+    entry per input; it is empty where nothing is played, or where measuring would have disturbed.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -121,3 +141,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     search: SearchRecord | None
     sustained: tuple[Probe, ...]
     events: tuple[tuple[int, str], ...]
+    floor: tuple[FloorRecord, ...] = ()

@@ -1,4 +1,4 @@
-"""The JSON that github-action-benchmark reads: one list for what should shrink, one for the rest."""
+"""The JSON of github-action-benchmark: lists of what should shrink, and of what should grow."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _entries(
             "name": f"{name}: {monitor} {metric} at {rate.offered_hz:g} Hz",
             "unit": shown,
             "value": value * factor,
-            "extra": f"{len(rate.iterations)} iterations, {seen.sent} messages, {seen.missed} missed",
+            "extra": f"{len(rate.iterations)} iterations, {seen.missed} of {seen.sent} missed",
         }
         if metric in spread:
             entry["range"] = show_range(spread[metric].low, spread[metric].high, unit)

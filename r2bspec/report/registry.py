@@ -50,12 +50,8 @@ FORMATS: Final[dict[str, Format]] = {
     ),
     "markdown": Format(f"{_FORMATS}.markdown", "a comment or a step summary, details folded"),
     "github": Format(f"{_FORMATS}.github", "annotations on the spec's lines"),
-    "junit": Format(
-        f"{_FORMATS}.junit", "JUnit XML, a case for each requirement", ("junitparser",)
-    ),
-    "junit_lenient": Format(
-        f"{_FORMATS}.junit_lenient", "the same, with inconclusive as skipped", ("junitparser",)
-    ),
+    "junit": Format(f"{_FORMATS}.junit", "JUnit XML, a case for each requirement"),
+    "junit_lenient": Format(f"{_FORMATS}.junit_lenient", "the same, with inconclusive as skipped"),
     "csv": Format(f"{_FORMATS}.csv", "every metric of every iteration, a line each"),
     "openmetrics": Format(f"{_FORMATS}.openmetrics", "OpenMetrics text for Prometheus"),
     "hdrhistogram": Format(

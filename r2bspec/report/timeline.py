@@ -1,4 +1,4 @@
-"""What happened when: phases, segments, single messages and loads, for the formats with a time axis.
+"""What happened when: phases, messages and loads, for the formats with a time axis.
 
 All times are CLOCK_MONOTONIC nanoseconds, as in the run folder.
 """
@@ -49,8 +49,9 @@ def phases(run: Run) -> list[tuple[str, int, int]]:
         [each.ended_ns for each in run.record.segments] + [at_ns for at_ns, _ in run.record.events],
         default=0,
     )
-    ends = [at_ns for _, at_ns in begun[1:]] + [last]
-    return [(name, at_ns, max(end, at_ns)) for (name, at_ns), end in zip(begun, ends, strict=True)]
+    ends = [*(at_ns for _, at_ns in begun[1:]), last]
+    # The last end is left over where no phase was recorded at all.
+    return [(name, at_ns, max(end, at_ns)) for (name, at_ns), end in zip(begun, ends, strict=False)]
 
 
 def messages(run: Run, monitor: str) -> Iterator[Message]:

@@ -19,6 +19,19 @@ OUTCOME_WORDS: dict[OverallOutcome, str] = {
 """Each outcome with its mark: never told by colour alone."""
 
 
+def verdict_word(one: RequirementVerdict) -> str:
+    """The outcome of a requirement, and that it does not fail the run where it does not."""
+    word = OUTCOME_WORDS[one.outcome]
+    if one.outcome == "pass" or one.level == "error":
+        return word
+    return f"{word} ({'warning' if one.level == 'warn' else 'information'})"
+
+
+def sentences(one: RequirementVerdict) -> list[str]:
+    """Why it was decided so, what else had a part in that, and what would settle it."""
+    return [text for text in (one.reason, *one.notes, one.settle) if text]
+
+
 def several_monitors(verdict: Verdict) -> bool:
     """Whether a reader needs the monitor's name to tell requirements apart."""
     return len({one.monitor for one in verdict.requirements} - {None}) > 1

@@ -47,7 +47,6 @@ class Looks:
     """When a run is looked at: after so many iterations in all, ascending; at least one look."""
 
     iterations: tuple[int, ...]
-    confidence: float = CONFIDENCE
 
     def __post_init__(self) -> None:
         ends = (0, *self.iterations)
@@ -55,35 +54,28 @@ class Looks:
             raise ValueError("looks are planned at one or more ascending numbers of iterations")
 
     @classmethod
-    def planned(
-        cls,
-        iterations: int,
-        most: int | None = None,
-        confidence: float = CONFIDENCE,
-    ) -> Looks:
-        """Looks at 1, 2 and 4 times the declared iterations, but at most at `most`.
+    def planned(cls, iterations: int, most: int) -> Looks:
+        """Looks at 1, 2 and 4 times the declared iterations, as far as `most`, and there.
 
         Args:
             iterations: the declared number.
-            most: the largest number of iterations; only the declared ones if None.
-            confidence: of the decision as a whole, one-sided each way.
+            most: the largest number of iterations.
         """
-        most = max(iterations, iterations if most is None else most)
-        ends = {min(iterations * factor, most) for factor in FACTORS}
-        return cls(tuple(sorted(ends)), confidence)
+        most = max(iterations, most)
+        ends = {min(iterations * factor, most) for factor in FACTORS} | {most}
+        return cls(tuple(sorted(ends)))
 
     def __len__(self) -> int:
         return len(self.iterations)
 
-    def alpha(self, look: int) -> float:
-        """The error that a look may make, each way; looks are counted from 1."""
+    def share(self, look: int) -> float:
+        """The part of the error that a look may make; looks are counted from 1."""
         before = self.iterations[look - 2] if look > 1 else 0
-        share = (self.iterations[look - 1] - before) / self.iterations[-1]
-        return (1 - self.confidence) * share
+        return (self.iterations[look - 1] - before) / self.iterations[-1]
 
-    def confidence_at(self, look: int) -> float:
-        """The confidence at which a look decides."""
-        return 1 - self.alpha(look)
+    def confidence_at(self, look: int, confidence: float = CONFIDENCE) -> float:
+        """The confidence at which a look decides, for decisions of a given confidence."""
+        return 1 - (1 - confidence) * self.share(look)
 
     def reached(self, iterations: int) -> int:
         """How many looks so many complete iterations allow; 0 before the first."""

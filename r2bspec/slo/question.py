@@ -22,10 +22,9 @@ class Windows:
 
 def windows_of(requirement: Requirement) -> Windows | None:
     """The windows that a requirement speaks of, or None if it speaks of the whole run."""
-    share: float | None = getattr(requirement, "windows_share", None)
-    if share is None:
+    if requirement.windows_share is None:
         return None
-    return Windows(share=share, window_ns=int(getattr(requirement, "window_ns", 0)))
+    return Windows(share=requirement.windows_share, window_ns=requirement.window_ns)
 
 
 @dataclass(frozen=True)

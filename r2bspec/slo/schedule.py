@@ -16,11 +16,14 @@ take to wake a process; at rates above 100 Hz half a period would be finer than 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
+from r2bspec.measure.catalogue import Statistic
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.pooling import pool_playback
-from r2bspec.measure.samples import SegmentSamples
+from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
 
 LEAST_RATE = 0.98
@@ -53,3 +56,35 @@ def off_schedule(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str
             f"were due (p99 {show(late_s, 's')})."
         )
     return ""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The offered rates at which the playback missed its schedule, and how.
+
+    A sequential probe ends when its player cannot go on; one that held proves its rate.
+    """
+
+    iterations: Mapping[float, str]
+    probes: Mapping[float, str]
+
+    @classmethod
+    def of(cls, samples: RunSamples) -> Schedule:
+        """Look at the playback of all complete iterations and of the probes that did not hold."""
+        played = {rate: off_schedule(rate, found) for rate, found in samples.iterations.items()}
+        probed = {
+            probe.rate_hz: off_schedule(probe.rate_hz, [samples.sustained[probe.rate_hz]])
+            for probe in samples.record.sustained
+            if not probe.holds and probe.rate_hz in samples.sustained
+        }
+        return cls(
+            {rate: reason for rate, reason in played.items() if reason},
+            {rate: reason for rate, reason in probed.items() if reason},
+        )
+
+    def missed(self, statistic: Statistic, at_hz: float | None) -> str:
+        """Why what was measured for such a metric at a rate is unusable, or empty."""
+        if statistic == "search" or at_hz is None:
+            return ""
+        found = self.probes if statistic == "sequential" else self.iterations
+        return next((reason for rate, reason in found.items() if math.isclose(rate, at_hz)), "")

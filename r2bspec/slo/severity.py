@@ -6,7 +6,7 @@
     info     is shown          is shown
     off      is not judged     is not judged
 
-The policy is ``inconclusive`` (the run is inconclusive, exit code 3), ``fail`` (as if it had
+The policy is ``report`` (the run is inconclusive, exit code 3), ``fail`` (as if it had
 failed) or ``pass`` (a warning; for pipelines that must not stop for lack of evidence).
 """
 
@@ -17,11 +17,11 @@ from typing import Literal
 
 from r2bspec.slo.model import Outcome, OverallOutcome, RequirementVerdict
 
-Policy = Literal["inconclusive", "fail", "pass"]
+Policy = Literal["report", "fail", "pass"]
 
 
 def outcome_of(
-    requirements: Sequence[RequirementVerdict], policy: Policy = "inconclusive"
+    requirements: Sequence[RequirementVerdict], policy: Policy = "report"
 ) -> tuple[OverallOutcome, str]:
     """The outcome of a run that is usable, and one sentence for it."""
     counted = [one for one in requirements if one.level == "error"]
@@ -29,11 +29,13 @@ def outcome_of(
     return outcome, f"{_sentence(counted, outcome)}{_warnings(requirements, policy)}"
 
 
-def worst(outcomes: Sequence[Outcome], policy: Policy = "inconclusive") -> Outcome:
+def worst(outcomes: Sequence[Outcome], policy: Policy = "report") -> Outcome:
     """The worst of some outcomes, the inconclusive taken as the policy says."""
     if "fail" in outcomes:
         return "fail"
-    return policy if "inconclusive" in outcomes else "pass"
+    if "inconclusive" not in outcomes:
+        return "pass"
+    return "inconclusive" if policy == "report" else policy
 
 
 def _sentence(counted: Sequence[RequirementVerdict], outcome: Outcome) -> str:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from r2bspec.plan.model import Plan
 from r2bspec.slo.looks import Looks
-from r2bspec.slo.model import CONFIDENCE, Level
+from r2bspec.slo.model import CONFIDENCE
 from r2bspec.slo.severity import Policy
 
 
@@ -28,15 +29,31 @@ class Terms:
     """Everything that a verdict depends on besides objectives and samples.
 
     Attributes:
-        confidence: of every decision, one-sided each way; the looks have their own.
+        confidence: of every decision, one-sided each way, where the objective has none of its
+            own.
         looks: when the run was to be looked at; None for a run of a fixed length.
-        levels: of objectives, by name; ``error`` where an objective is not among them.
         inconclusive: what an inconclusive requirement does to the run.
         disturbed: the disturbed iterations, by the id of their segment.
     """
 
     confidence: float = CONFIDENCE
     looks: Looks | None = None
-    levels: Mapping[str, Level] = field(default_factory=dict)
-    inconclusive: Policy = "inconclusive"
+    inconclusive: Policy = "report"
     disturbed: Mapping[str, Disturbed] = field(default_factory=dict)
+
+
+def terms_of(plan: Plan, disturbed: Mapping[str, Disturbed] | None = None) -> Terms:
+    """The terms that a plan states.
+
+    Args:
+        plan: the plan of the run.
+        disturbed: the disturbed iterations, by the id of their segment.
+    """
+    growing = [one for one in plan.play if one.max_iterations > one.iterations]
+    looks = Looks.planned(growing[0].iterations, growing[0].max_iterations) if growing else None
+    return Terms(
+        confidence=plan.gate.confidence,
+        looks=looks,
+        inconclusive=plan.gate.inconclusive,
+        disturbed=disturbed or {},
+    )

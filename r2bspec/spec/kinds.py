@@ -8,7 +8,7 @@ from typing import Any
 
 from r2bspec.spec.quantities import Quantity, QuantityError, Share
 from r2bspec.spec.requirement import RequirementError, parse_requirement
-from r2bspec.spec.schema.build import KIND, POSITIVE, QUANTITIES
+from r2bspec.spec.schema.build import KIND, POSITIVE, QUANTITIES, WORDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +32,8 @@ def judge(value: object, schema: dict[str, Any]) -> Problem | None:
     kind = schema[KIND]
     if kind == "requirement":
         return _requirement(value)
+    if value in schema.get(WORDS, ()):
+        return None
     return _quantity(value, QUANTITIES[kind], positive=schema.get(POSITIVE, False))
 
 

@@ -1,84 +1,33 @@
 """The way in: a file, with options, becomes a `Spec`, or diagnostics that say why not.
 
-The order: parse, ``--set``, ``--var``, substitute, schema, types. Each step reports all that it
-finds; what depends on a value that is not known is left unsaid.
+The order: parse, ``extends``, ``--set``, ``--var``, the case of the matrix, substitute, schema,
+types. Each step reports all that it finds; what depends on a value that is not known is left
+unsaid.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path as FilePath
 
-from r2bspec.diagnostics import Diagnostic, Path, Severity, Span
-from r2bspec.spec.columns import inner_span
-from r2bspec.spec.compose import compose
+from r2bspec.diagnostics import Diagnostic, Severity, Span, did_you_mean
+from r2bspec.diagnostics.quote import quote
 from r2bspec.spec.exclusive import exclusive_errors
-from r2bspec.spec.extensions import without_extensions
+from r2bspec.spec.loaded import Loaded
+from r2bspec.spec.matrix import KEY as MATRIX
+from r2bspec.spec.matrix import Choice, Matrix, chosen, matrix_of
 from r2bspec.spec.model import Spec
-from r2bspec.spec.overrides import apply_overrides
+from r2bspec.spec.opened import Opened, Variables, open_document
 from r2bspec.spec.problems import MOST
-from r2bspec.spec.source import Read, Source, accept, decode, read_file
-from r2bspec.spec.tree import MapNode, ScalarNode, TreeNode, UnknownNode, lookup, span_at, to_plain
+from r2bspec.spec.routes import Routes
+from r2bspec.spec.tree import MapNode, TreeNode, UnknownNode, child, to_plain, without
 from r2bspec.spec.typed import to_spec
 from r2bspec.spec.validator import schema
 from r2bspec.spec.variables import substitute
 from r2bspec.spec.violations import explain_violations
 
-
-@dataclass(frozen=True, slots=True)
-class Loaded:
-    """What a file turned out to be.
-
-    Attributes:
-        file: the name of the file as the user gave it; every span uses it.
-        base_dir: the folder to which paths in the document are relative.
-        spec: the typed document; None if and only if there are errors.
-        tree: the located document after substitution; None where the text is not YAML.
-        diagnostics: all that was found, sorted by place.
-        sources: the texts that spans point into, by file name; options are among them.
-        used_variables: names of the variables that were substituted somewhere.
-    """
-
-    file: str
-    base_dir: FilePath
-    spec: Spec | None
-    tree: TreeNode | None
-    diagnostics: tuple[Diagnostic, ...]
-    sources: Mapping[str, Source] = field(repr=False)
-    used_variables: frozenset[str] = frozenset()
-
-    def span(self, path: Path, key: bool = False) -> Span:
-        """Where the value at a path stands, or its key.
-
-        Where there is no such value (a default, a key that is missing), the place is the key of
-        the nearest ancestor that exists.
-        """
-        if self.tree is None:
-            return Span.of_file(self.file)
-        return span_at(self.tree, path, key=key)
-
-    def span_inside(self, path: Path, offset: int, length: int = 1) -> Span:
-        """The place of a piece of the text at a path, such as a metric in a requirement."""
-        node = lookup(self.tree, path) if self.tree is not None else None
-        if not isinstance(node, ScalarNode):
-            return self.span(path)
-        if node.origin is not None:
-            return node.span
-        source = self.sources.get(node.span.file)
-        return inner_span(source, node.span, node.text, offset, length)
-
-    @property
-    def texts(self) -> dict[str, str]:
-        """The texts of `sources`, as renderers of diagnostics want them."""
-        return {name: source.text for name, source in self.sources.items()}
-
-    def resolved_yaml(self) -> str:
-        """The document as YAML, with options, variables and merge keys written out."""
-        from r2bspec.spec.dump import to_yaml
-
-        return to_yaml(to_plain(self.tree)) if self.tree is not None else ""
+__all__ = ["Loaded", "load_cases", "load_spec"]
 
 
 def load_spec(
@@ -86,10 +35,15 @@ def load_spec(
     *,
     file: str = "<text>",
     sets: Sequence[str] = (),
-    variables: Mapping[str, bool | int | float | str] | None = None,
+    variables: Variables | None = None,
     environ: Mapping[str, str] | None = None,
+    case: str = "",
+    allow_paths: Iterable[FilePath] = (),
 ) -> Loaded:
     """Load one spec. Never raises for any content: whatever is wrong is in `diagnostics`.
+
+    Of a document with a matrix, this is one case; if there are several, it is an error not to say
+    which.
 
     Args:
         source: the path of a file (``Path("-")`` is standard input), or the text itself.
@@ -97,44 +51,115 @@ def load_spec(
         sets: values to replace, each as ``path=value``.
         variables: values for declared variables. A string is read as an unquoted YAML scalar.
         environ: where ``$(env X)`` looks; the environment of this process by default.
+        case: the case that is meant, as ``threads=2`` or as ``name[threads=2]``.
+        allow_paths: folders beside that of the file, from which files may be extended.
     """
-    read = _read(source, file)
-    base_dir = FilePath(read.source.file).parent
-    found = list(read.diagnostics)
-    sources: dict[str, Source] = {read.source.file: read.source}
-    tree: TreeNode | None = None
-    if read.usable:
-        composed = compose(read.source)
-        found += composed.diagnostics
-        tree = composed.tree
-    if tree is None:
-        return Loaded(read.source.file, base_dir, None, None, _sorted(found), sources)
+    opened = open_document(source, file, sets, variables or {}, allow_paths)
+    matrix = matrix_of(opened.tree) if opened.tree is not None else None
+    choices = _chosen(opened, matrix, case)
+    if len(choices) > 1 and matrix is not None:
+        known = ", ".join(each.name for each in choices[:12])
+        message = f"the matrix has {len(choices)} cases"
+        help_text = f"choose one with --case, of {known}"
+        opened.found.append(
+            Diagnostic("R2B140", Severity.ERROR, message, matrix.span, help=help_text)
+        )
+        choices = ()
+    return _finish(opened, choices[0] if choices else None, environ)
 
-    overridden = apply_overrides(tree, sets, variables or {})
-    found += overridden.problems.found
-    sources |= overridden.sources
-    tree = without_extensions(overridden.tree, schema())
+
+def load_cases(
+    source: FilePath | str | bytes,
+    *,
+    file: str = "<text>",
+    sets: Sequence[str] = (),
+    variables: Variables | None = None,
+    environ: Mapping[str, str] | None = None,
+    case: str = "",
+    allow_paths: Iterable[FilePath] = (),
+) -> tuple[Loaded, ...]:
+    """Load every case of a spec, or the one that is named; without a matrix, the spec itself.
+
+    The arguments are those of `load_spec`. There is always at least one result; where the matrix
+    itself is wrong, it is the document without any case.
+    """
+    opened = open_document(source, file, sets, variables or {}, allow_paths)
+    matrix = matrix_of(opened.tree) if opened.tree is not None else None
+    choices = _chosen(opened, matrix, case)
+    return tuple(_finish(opened, each, environ) for each in choices or (None,))
+
+
+def _chosen(opened: Opened, matrix: Matrix | None, case: str) -> tuple[Choice, ...]:
+    """The cases that are meant; what is wrong with the matrix is added to the findings."""
+    if matrix is not None:
+        opened.found += matrix.problems.found
+    wanted = case.partition("[")[2].removesuffix("]") if case.endswith("]") else case
+    choices = matrix.choices if matrix is not None else ()
+    if not wanted or opened.tree is None or (matrix is not None and not choices):
+        return choices
+    found = tuple(each for each in choices if each.name == wanted)
+    if not found:
+        names = [each.name for each in choices]
+        close = did_you_mean(wanted, names)
+        known = "there are " + ", ".join(names[:12]) if names else "it has no matrix"
+        opened.found.append(
+            Diagnostic(
+                "R2B140",
+                Severity.ERROR,
+                f"the document has no case {quote(wanted)}",
+                matrix.span if matrix is not None else Span.of_file(opened.file),
+                help=f"did you mean '{close}'? {known}" if close else known,
+            )
+        )
+    return found
+
+
+def _finish(opened: Opened, choice: Choice | None, environ: Mapping[str, str] | None) -> Loaded:
+    """One case of a document, from its values to its types."""
+    found, tree = list(opened.found), opened.tree
+    entries = dict(opened.entries)
     used: frozenset[str] = frozenset()
+    spec: Spec | None = None
+    if tree is not None and choice is not None:
+        tree = chosen(tree, choice)
     if isinstance(tree, MapNode):
         environment = os.environ if environ is None else environ
-        substituted = substitute(tree, schema(), sources, environment)
+        substituted = substitute(tree, schema(), opened.sources, environment)
         found += substituted.diagnostics
-        tree, used = substituted.tree, substituted.used
-    spec: Spec | None = None
-    if not isinstance(tree, UnknownNode):
-        violations = explain_violations(tree, sources)
+        tree = substituted.tree
+        used = substituted.used | _named_in_conditions(tree)
+        entries |= substituted.ways
+    if tree is not None and not isinstance(tree, UnknownNode):
+        violations = explain_violations(tree, opened.sources)
         found += [*violations, *exclusive_errors(tree, violations)]
-    if all(one.severity is not Severity.ERROR for one in found):
+        if isinstance(tree, MapNode) and MATRIX in tree.entries:
+            tree = without(tree, MATRIX)
+    if tree is not None and all(one.severity is not Severity.ERROR for one in found):
         spec = to_spec(to_plain(tree))
-    return Loaded(read.source.file, base_dir, spec, tree, _sorted(found), sources, used)
+    routes = Routes(opened.files, entries)
+    return Loaded(
+        opened.file,
+        opened.base_dir,
+        spec,
+        tree,
+        _sorted(routes.told(found)),
+        opened.sources,
+        used,
+        choice=choice,
+        routes=routes,
+    )
 
 
-def _read(source: FilePath | str | bytes, file: str) -> Read:
-    if isinstance(source, FilePath):
-        return read_file(source)
-    if isinstance(source, bytes):
-        return decode(source, file)
-    return accept(source, file)
+def _named_in_conditions(root: TreeNode) -> frozenset[str]:
+    """The variables on which an objective depends by its `when`."""
+    slos = child(root, "slos")
+    conditions = (
+        child(entry.value, "when")
+        for entry in (slos.entries.values() if isinstance(slos, MapNode) else ())
+    )
+    return frozenset(
+        name for each in conditions if isinstance(each, MapNode) for name in each.entries
+    )
 
 
 def _sorted(found: list[Diagnostic]) -> tuple[Diagnostic, ...]:

@@ -14,9 +14,19 @@ from dataclasses import dataclass, field, replace
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
 from r2bspec.spec.compose import compose
+from r2bspec.spec.declared import assigned, is_declared_text
 from r2bspec.spec.problems import Problems
 from r2bspec.spec.source import Source, accept
-from r2bspec.spec.tree import Entry, ListNode, MapNode, ScalarNode, TreeNode, UnknownNode, child
+from r2bspec.spec.tree import (
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    UnknownNode,
+    child,
+    lookup,
+    replaced,
+)
 from r2bspec.spec.variables import as_unquoted
 
 _PART = re.compile(r"\[(\d{1,9})\]|\['([^']*)'\]|(?:^|\.)([^.\[\]'=]+)")
@@ -57,6 +67,11 @@ def apply_overrides(
     return result
 
 
+def parse_path(text: str) -> Path:
+    """The path that a text such as ``data_loader.topics['/a']`` names; empty if it names none."""
+    return _parse(f"{text}=").path
+
+
 def _apply_set(result: Overridden, text: str) -> None:
     option = _parse(text)
     result.sources[option.source.file] = option.source
@@ -80,13 +95,22 @@ def _apply_set(result: Overridden, text: str) -> None:
             return
         node = below
     value = _value(result, option)
-    result.tree = _replaced(result.tree, option.path, value)
+    result.tree = replaced(result.tree, option.path, value)
 
 
 def _apply_variable(result: Overridden, name: str, text: str) -> None:
     source = Source(f"--var {name}", f"{name}={text}")
     option = _Option(source, ("variables", name), (0, 0), len(name) + 1)
     result.sources[source.file] = source
+    if lookup(result.tree, ("matrix", "axes", name)) is not None:
+        result.problems.error(
+            "R2B128",
+            f"{quote(name)} is an axis of the matrix: each case has a value of its own",
+            option.span(0, len(name)),
+            "choose a case with --case, or replace the axis: "
+            + quote(f"--set matrix.axes.{name}=[{text}]"),
+        )
+        return
     declared = child(result.tree, "variables")
     known = declared.entries if isinstance(declared, MapNode) else {}
     if name not in known:
@@ -99,7 +123,10 @@ def _apply_variable(result: Overridden, name: str, text: str) -> None:
             f"did you mean '{close}'? {listed}" if close else listed,
         )
         return
-    result.tree = _replaced(result.tree, option.path, _value(result, option))
+    value = _value(result, option)
+    if is_declared_text(known[name].value) and isinstance(value, ScalarNode):
+        value = ScalarNode(text, text, value.span, '"')
+    result.tree = assigned(result.tree, name, value)
 
 
 def _parse(text: str) -> _Option:
@@ -137,23 +164,6 @@ def _value(result: Overridden, option: _Option) -> TreeNode:
     composed = compose(padded.source)
     result.problems.found += composed.diagnostics
     return composed.tree or UnknownNode(span)
-
-
-def _replaced(root: TreeNode, path: Path, value: TreeNode) -> TreeNode:
-    """The tree with the value at an existing path replaced; everything else is shared."""
-    if not path:
-        return value
-    part, rest = path[0], path[1:]
-    if isinstance(root, MapNode):
-        old = root.entries[str(part)]
-        new = Entry(old.key_span, _replaced(old.value, rest, value), old.known)
-        return MapNode({**root.entries, str(part): new}, root.span)
-    if isinstance(root, ListNode):
-        index = int(part)
-        items = list(root.items)
-        items[index] = _replaced(items[index], rest, value)
-        return ListNode(tuple(items), root.span)
-    return root
 
 
 def _alternatives(node: TreeNode, part: str | int) -> str:

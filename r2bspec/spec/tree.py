@@ -85,6 +85,29 @@ def lookup(root: TreeNode, path: Path) -> TreeNode | None:
     return node
 
 
+def replaced(root: TreeNode, path: Path, value: TreeNode) -> TreeNode:
+    """The tree with the value at an existing path replaced; everything else is shared."""
+    if not path:
+        return value
+    part, rest = path[0], path[1:]
+    if isinstance(root, MapNode):
+        old = root.entries[str(part)]
+        new = Entry(old.key_span, replaced(old.value, rest, value), old.known)
+        return MapNode({**root.entries, str(part): new}, root.span)
+    if isinstance(root, ListNode):
+        index = int(part)
+        items = list(root.items)
+        items[index] = replaced(items[index], rest, value)
+        return ListNode(tuple(items), root.span)
+    return root
+
+
+def without(node: MapNode, key: str) -> MapNode:
+    """The map without one of its keys."""
+    entries = {name: entry for name, entry in node.entries.items() if name != key}
+    return MapNode(entries, node.span)
+
+
 def span_at(root: TreeNode, path: Path, *, key: bool = False) -> Span:
     """Where the value at a path stands, or, with `key`, where its key stands.
 

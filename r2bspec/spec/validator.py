@@ -1,4 +1,4 @@
-"""The strict schema, applied by jsonschema."""
+"""The strict schema, applied: quickly where nothing is wrong, else by jsonschema."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from r2bspec.diagnostics.model import Path
 from r2bspec.spec.kinds import judge
+from r2bspec.spec.obeys import Judge, judge_of
 from r2bspec.spec.schema import strict_schema
-from r2bspec.spec.schema.build import KIND
+from r2bspec.spec.schema.build import KIND, WORDS
 
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
@@ -17,9 +18,20 @@ if TYPE_CHECKING:
 
 
 @cache
-def schema() -> dict[str, Any]:
-    """The strict schema, made once."""
-    return strict_schema()
+def schema(*, live: bool = False) -> dict[str, Any]:
+    """The strict schema, made once; for `live`, that of a document in which nothing is played."""
+    return strict_schema(live=live)
+
+
+def obeys(plain: Any) -> bool:
+    """Whether the document violates nothing."""
+    return _judge(live=is_live(plain))(plain)
+
+
+def is_live(plain: Any) -> bool:
+    """Whether the document says that nothing is played."""
+    playback = plain.get("playback") if isinstance(plain, dict) else None
+    return isinstance(playback, dict) and playback.get("mode") == "live"
 
 
 def schema_at(path: Path) -> dict[str, Any] | None:
@@ -38,11 +50,16 @@ def schema_at(path: Path) -> dict[str, Any] | None:
 
 def schema_errors(plain: Any) -> Iterator[ValidationError]:
     """Every violation of the strict schema."""
-    yield from _validator().iter_errors(plain)
+    yield from _validator(live=is_live(plain)).iter_errors(plain)
 
 
 @cache
-def _validator() -> Validator:
+def _judge(*, live: bool) -> Judge:
+    return judge_of(schema(live=live))
+
+
+@cache
+def _validator(*, live: bool) -> Validator:
     from jsonschema import Draft7Validator, validators
     from jsonschema.exceptions import ValidationError
 
@@ -67,12 +84,23 @@ def _validator() -> Validator:
         elif others:
             yield ValidationError("unknown keys")
 
+    def check_words(
+        validator: Any, words: list[str], instance: object, schema: dict[str, Any]
+    ) -> Iterator[ValidationError]:
+        del validator
+        if KIND not in schema and isinstance(instance, str) and instance not in words:
+            yield ValidationError("not a known word")
+
     # To JSON Schema 1.0 is an integer; to a ROS parameter and to YAML it is not.
     types = Draft7Validator.TYPE_CHECKER.redefine(
         "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
     )
     # jsonschema's own additionalProperties goes through a set: another order in each process.
-    changed = {KIND: check_kind, "additionalProperties": check_other_keys}
+    changed = {
+        KIND: check_kind,
+        WORDS: check_words,
+        "additionalProperties": check_other_keys,
+    }
     extend: Any = validators.extend
-    made: Validator = extend(Draft7Validator, changed, type_checker=types)(schema())
+    made: Validator = extend(Draft7Validator, changed, type_checker=types)(schema(live=live))
     return made

@@ -7,6 +7,8 @@ The rules:
   other text, the variable's own text is inserted.
 - Values of `variables:` may refer to the environment, not to other variables: order would begin
   to matter, and cycles would be possible.
+- Inside an entry with `repeat`, the variables of the instance come before all others; the entry
+  is written out once for each.
 - ``$(env X)`` reads only what `environment:` lists, so that a reader of the file knows what it
   depends on. What it reads is understood as an unquoted value, as with ``--var``.
 """
@@ -18,10 +20,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from r2bspec.diagnostics import Certainty, Diagnostic, Related, Span, did_you_mean
+from r2bspec.diagnostics import Path as TreePath
 from r2bspec.diagnostics.quote import quote
 from r2bspec.spec.columns import inner_span
+from r2bspec.spec.compose import MOST_SHARED
+from r2bspec.spec.declared import declared_value, judge_declared, with_value
 from r2bspec.spec.problems import Problems
 from r2bspec.spec.references import OPENING, Malformed, Reference, references
+from r2bspec.spec.repeat import repeated
 from r2bspec.spec.scalars import ScalarError, ScalarValue, resolve
 from r2bspec.spec.schema.build import TOPIC_KEYS
 from r2bspec.spec.source import LARGEST_BYTES, Source
@@ -32,11 +38,16 @@ _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
 
 @dataclass(frozen=True, slots=True)
 class Substituted:
-    """The tree after substitution, what was wrong, and which variables were used."""
+    """The tree after substitution, what was wrong, and which variables were used.
+
+    Attributes:
+        ways: for each entry that `repeat` made, the place that names the instance.
+    """
 
     tree: TreeNode
     diagnostics: tuple[Diagnostic, ...]
     used: frozenset[str]
+    ways: Mapping[TreePath, tuple[Related, ...]]
 
 
 def substitute(
@@ -46,8 +57,8 @@ def substitute(
     environ: Mapping[str, str],
 ) -> Substituted:
     """Replace every reference in a document; `schema` tells which keys are known."""
-    work = _Substitution(root, sources, environ)
     known = schema["properties"]
+    work = _Substitution(root, sources, environ, _sections(known))
     entries = dict(root.entries)
     if work.variables is not None:
         entries["variables"] = replace(entries["variables"], value=work.variables)
@@ -55,12 +66,25 @@ def substitute(
         if key not in _DECLARATIONS:
             entries[key] = replace(entry, value=work.walk(entry.value, known.get(key)))
     tree = MapNode(entries, root.span)
-    return Substituted(tree, tuple(work.problems.found), frozenset(work.used))
+    return Substituted(tree, tuple(work.problems.found), frozenset(work.used), work.ways)
+
+
+def _sections(known: dict[str, Any]) -> dict[int, TreePath]:
+    """Where entries may be repeated, by the schema of the map that holds them."""
+    return {
+        id(known["preprocessors"]): ("preprocessors",),
+        id(known["graph"]["properties"]["nodes"]): ("graph", "nodes"),
+        id(known["monitors"]): ("monitors",),
+    }
 
 
 class _Substitution:
     def __init__(
-        self, root: MapNode, sources: Mapping[str, Source], environ: Mapping[str, str]
+        self,
+        root: MapNode,
+        sources: Mapping[str, Source],
+        environ: Mapping[str, str],
+        sections: Mapping[int, TreePath],
     ) -> None:
         self.problems = Problems()
         self.used: set[str] = set()
@@ -68,7 +92,13 @@ class _Substitution:
         self._sources = sources
         self._environ = environ
         self._allowed = _listed(root)
-        self._done: dict[tuple[int, int], TreeNode] = {}
+        self.ways: dict[TreePath, tuple[Related, ...]] = {}
+        self._sections = sections
+        self._local: Mapping[str, TreeNode] = {}
+        self._scope: object = None
+        self._repeated = 0
+        self._done: dict[tuple[int, int, int], TreeNode] = {}
+        self._alive: list[object] = []  # so that no id is used twice
         self._inserted = 0
         self._overflown = False
         self._in_declarations = True
@@ -76,15 +106,21 @@ class _Substitution:
         if isinstance(declared, MapNode):
             self.variables = MapNode(
                 {
-                    key: replace(entry, value=self._declared(entry.value))
+                    key: replace(entry, value=self._declared(key, entry))
                     for key, entry in declared.entries.items()
                 },
                 declared.span,
             )
         self._in_declarations = False
 
-    def _declared(self, node: TreeNode) -> TreeNode:
-        return self._scalar(node) if isinstance(node, ScalarNode) else node
+    def _declared(self, name: str, entry: Entry) -> TreeNode:
+        node = entry.value
+        value = declared_value(node)
+        if isinstance(value, ScalarNode):
+            node = with_value(node, self._scalar(value)) if OPENING in value.text else node
+        if isinstance(node, MapNode):
+            judge_declared(name, node, entry.key_span, self.problems)
+        return node
 
     def walk(self, node: TreeNode, rule: Any) -> TreeNode:
         """Substitute below a node of which the schema says `rule`; None is an unknown key."""
@@ -94,8 +130,10 @@ class _Substitution:
             return self._scalar(node)
         if isinstance(node, UnknownNode):
             return node
-        name = (id(node), id(rule))
+        name = (id(node), id(rule), id(self._scope))
         if name not in self._done:
+            if self._scope is not None:
+                self._count(node)
             if isinstance(node, MapNode):
                 self._done[name] = self._map(node, rule)
             else:
@@ -107,7 +145,15 @@ class _Substitution:
         known = rule.get("properties")
         below = rule.get("additionalProperties")
         entries: dict[str, Entry] = {}
+        section = self._sections.get(id(rule))
         for key, entry in node.entries.items():
+            made = self._instances(section, key, entry, below) if section is not None else None
+            if made is not None:
+                for name, instance in made.items():
+                    if name in entries:
+                        self._clash(name, instance.key_span, entries[name].key_span)
+                    entries.setdefault(name, instance)
+                continue
             value = self.walk(entry.value, known.get(key) if known is not None else below)
             new, sure = (key, True)
             if OPENING in key:
@@ -117,6 +163,35 @@ class _Substitution:
                 continue
             entries[new] = Entry(entry.key_span, value, known=sure and entry.known)
         return MapNode(entries, node.span)
+
+    def _instances(
+        self, section: TreePath, key: str, entry: Entry, rule: Any
+    ) -> dict[str, Entry] | None:
+        """The entries that `repeat` makes of one, or None if it does not."""
+        found = repeated(entry.value) if isinstance(entry.value, MapNode) else None
+        if found is None:
+            return None
+        made: dict[str, Entry] = {}
+        self._alive.append(found)
+        for name, instance in found.instances.items():
+            if self._repeated > MOST_SHARED:
+                break
+            local = {name: self._scalar(value) for name, value in instance.variables.items()}
+            self._local, self._scope = local, instance
+            whole = f"{key}_{name}"
+            made[whole] = Entry(instance.span, self.walk(found.entry, rule), entry.known)
+            self._local, self._scope = {}, None
+            message = f"the instance '{name}' of '{key}'"
+            self.ways[(*section, whole)] = (Related(message, instance.span),)
+        return made
+
+    def _count(self, node: TreeNode) -> None:
+        """Bound what repeating makes of a document."""
+        before = self._repeated
+        self._repeated += 1 + len(node.entries if isinstance(node, MapNode) else ())
+        if before <= MOST_SHARED < self._repeated:
+            message = f"written out, 'repeat' makes more than {MOST_SHARED:,} values"
+            self.problems.error("R2B129", message, node.span, "use fewer instances")
 
     def _key(self, key: str, span: Span, *, topics: bool) -> tuple[str, bool]:
         if not topics:
@@ -196,15 +271,29 @@ class _Substitution:
 
     def _variable(self, found: Reference, node: ScalarNode) -> ScalarNode | None:
         name = found.name
+        if name in self._local:
+            local = self._local[name]
+            if not isinstance(local, ScalarNode):
+                return None
+            return replace(local, origin=Related(f"'{name}' gets its value here", local.span))
         declared = self.variables.entries if self.variables is not None else {}
         if name not in declared:
             if not self.problems.full:
                 span = self._inner(node, found.name_start, len(name))
-                way_out = _known_variables(name, declared)
-                self.problems.error("R2B120", f"there is no variable '{name}'", span, way_out)
+                way_out = _known_variables(name, {**declared, **self._local})
+                close = did_you_mean(name, declared)
+                self.problems.error(
+                    "R2B120",
+                    f"there is no variable '{name}'",
+                    span,
+                    way_out,
+                    related=(Related(f"'{close}' is declared here", declared[close].key_span),)
+                    if close
+                    else (),
+                )
             return None
         self.used.add(name)
-        value = declared[name].value
+        value = declared_value(declared[name].value)
         # A list, a map or nothing: the schema says so at the declaration, once.
         if not isinstance(value, ScalarNode) or value.value is None:
             return None
@@ -265,7 +354,7 @@ def _listed(root: MapNode) -> dict[str, Span]:
     }
 
 
-def _known_variables(name: str, declared: Mapping[str, Entry]) -> str:
+def _known_variables(name: str, declared: Mapping[str, object]) -> str:
     if not declared:
         return f"declare it: 'variables: {{{name}: ...}}' at the top of the document"
     close = did_you_mean(name, declared)

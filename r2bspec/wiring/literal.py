@@ -11,6 +11,7 @@ import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from r2bspec.spec.model import QoS
 from r2bspec.wiring.interfaces import ParameterInfo, ParameterType, TableEntry
@@ -185,7 +186,7 @@ def _parameter(call: ast.Call) -> tuple[str, ParameterInfo] | None:
         default = None if value is None else ast.literal_eval(value)
     except ValueError:
         return name.value, ParameterInfo("")
-    kind = _TYPES.get(type(default), "")
+    kind: ParameterType | Literal[""] = _TYPES.get(type(default), "")
     if any(keyword.arg == "descriptor" for keyword in call.keywords) or len(call.args) > 2:
         # It may allow other types.
         return name.value, ParameterInfo("", default if kind else None)

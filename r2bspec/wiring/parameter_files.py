@@ -7,8 +7,8 @@ Grammar, as rcl reads it::
 
 Nested node keys are joined by ``/`` and nested parameter names by ``.``. A key is the full name of
 a node; without a leading ``/`` it stands in the root namespace, so that `relay` is not
-``/r2b/relay``. ``*`` stands for one token of a name, ``**`` for any number. Where several keys match
-a node, later ones win.
+``/r2b/relay``. ``*`` stands for one token of a name, ``**`` for any number. Where several keys
+match a node, later ones win.
 """
 
 from __future__ import annotations

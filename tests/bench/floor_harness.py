@@ -7,12 +7,13 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType
 from typing import Any, cast
 
 import msgspec
+from floor_child import WITHOUT_VARIABLE
 from floor_figures import Figures, cpu_ns, figures
 from floor_workloads import COPIES, TOPIC, TYPE, Workload, write_buffer
 
@@ -33,6 +34,18 @@ from r2bspec.spec.model import QoS
 MONITOR = "floor"
 _WARM_UP_STEPS = 60
 _MATCH_S = 30.0
+
+
+class _TransportPlan:
+    """The part of a plan that the environment looks at; whatever else it asks for is not set."""
+
+    environment = ()
+
+    def __init__(self, transport: str) -> None:
+        self.transport = transport
+
+    def __getattr__(self, _name: str) -> None:
+        return None
 
 
 class _Silent:
@@ -90,7 +103,11 @@ class Floor:
 
 @contextlib.contextmanager
 def floor(
-    workload: Workload, transport: str, placement: str, changes: Mapping[str, str]
+    workload: Workload,
+    transport: str,
+    placement: str,
+    changes: Mapping[str, str] = MappingProxyType({}),
+    without: Sequence[str] = (),
 ) -> Iterator[Floor]:
     """Bring player and monitor up, warm them up, and end them.
 
@@ -99,6 +116,7 @@ def floor(
         transport: as a spec names it.
         placement: ``two processes`` or ``one process``.
         changes: environment variables of both; an empty value removes one.
+        without: techniques of the harness to leave out, as `floor_child` names them.
     """
     with (
         tempfile.TemporaryDirectory() as scratch,
@@ -111,25 +129,28 @@ def floor(
         rows.mkdir()
         write_buffer(buffers, workload)
         run_id = f"bench-{os.getpid()}-{time.monotonic_ns()}"
-        environment = RunEnvironment(
-            # The environment looks at no other part of a plan.
-            cast(Plan, SimpleNamespace(environment=(), transport=transport)),
-            run_id=run_id,
-            domain=domain,
-            scratch=folder,
-            largest_message_bytes=largest_message_bytes(buffers),
-        ).of_harness() | dict(changes)
+        environment = (
+            RunEnvironment(
+                cast("Plan", _TransportPlan(transport)),
+                run_id=run_id,
+                domain=domain,
+                scratch=folder,
+                largest_message_bytes=largest_message_bytes(buffers),
+            ).of_harness()
+            | dict(changes)
+            | {WITHOUT_VARIABLE: ",".join(without)}
+        )
         environment = {name: value for name, value in environment.items() if value}
         children = Children(run_id, folder, lambda: None)
         stack.callback(children.close)
-        plans = (MonitorPlan(name=MONITOR, topic=TOPIC, type=TYPE, match="stamp", qos=QoS()),)
+        plans = (MonitorPlan(name=MONITOR, topic=TOPIC, type=TYPE, match="stamp", qos=None),)
         watch = protocol.ConfigureMonitor(monitors=plans, rows_dir=str(rows))
         starter = _Starter(children, environment, folder)
         together = placement == "one process"
         program = (
             (str(Path(__file__).with_name("floor_one_process.py")), msgspec.json.encode(watch))
             if together
-            else ("-m", "r2bspec.harness.child")
+            else (str(Path(__file__).with_name("floor_child.py")),)
         )
         player = starter.start("player", program)
         children.ask(
@@ -156,7 +177,7 @@ def floor(
             plans,
             rows,
             RunFolder.create(folder / "run"),
-            cast(Any, _Silent()),
+            cast("Any", _Silent()),
             on_segment=lambda: None,
         )
         made = Floor(stage, pids)

@@ -33,11 +33,11 @@ def measure_peer(workload: Workload, seconds: float) -> Figures:
             "ROS_DOMAIN_ID": str(domain),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
+        arguments = [str(workload.size), str(workload.rate_hz), str(seconds)]
         files = [Path(scratch) / name for name in ("published", "received")]
         pair = [
             subprocess.Popen(
-                [sys.executable, __file__, role, str(file), str(workload.size)]
-                + [str(workload.rate_hz), str(seconds)],
+                [sys.executable, __file__, role, str(file), *arguments],
                 env=environment,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -59,9 +59,7 @@ def measure_peer(workload: Workload, seconds: float) -> Figures:
                 each.kill()
                 each.wait()
         published, received = (np.fromfile(file, np.int64).reshape(-1, _ROW) for file in files)
-    return figures(
-        _rows(published, PLAYBACK_FIELDS), _rows(received, MONITOR_FIELDS), spent
-    )
+    return figures(_rows(published, PLAYBACK_FIELDS), _rows(received, MONITOR_FIELDS), spent)
 
 
 def _line(process: subprocess.Popen[bytes]) -> None:
@@ -118,7 +116,7 @@ def _subscribe(file: Path) -> None:
     from sensor_msgs.msg import Image
 
     rclpy.init()
-    node = rclpy.create_node("peer_subscriber")
+    node: Any = rclpy.create_node("peer_subscriber")
     rows: list[tuple[int, int, int, int]] = []
 
     def receive(image: Any, info: Any) -> None:

@@ -1,6 +1,6 @@
 """How fast the harness is with nothing under test: what every reported latency contains.
 
-    python tests/bench/harness_floor.py [--seconds 5] [--repeats 3] [--rates] [--only TEXT]
+    python tests/bench/harness_floor.py [--seconds 5] [--repeats 3] [--rates] [--ablate]
 
 Player to monitor, for each workload, transport and placement, beside a plain rclpy publisher and
 subscriber in the same run. Repetitions are interleaved, and each figure is the median of them, so
@@ -17,6 +17,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from floor_child import TECHNIQUES
 from floor_figures import Figures, medians
 from floor_harness import floor
 from floor_peer import measure_peer
@@ -35,18 +36,23 @@ class Case:
     name: str
     measure: Callable[[float], Figures]
 
+    @property
+    def title(self) -> str:
+        return f"{self.workload.name}, {self.name}"
+
 
 def main() -> int:
     options = _options()
     changes = dict(each.partition("=")[::2] for each in options.env)
-    cases = [each for each in _cases(changes) if options.only in f"{each.workload.name}, {each.name}"]
+    made = _ablations(changes) if options.ablate else _cases(changes, options.without)
+    cases = [each for each in made if options.only in each.title]
     found: dict[Case, list[Figures]] = {case: [] for case in cases}
     loads = []
     for repeat in range(1, options.repeats + 1):
         for case in cases:
             loads.append(os.getloadavg()[0])
             found[case].append(case.measure(options.seconds))
-            _tell(f"{repeat}/{options.repeats} {case.workload.name}, {case.name}")
+            _tell(f"{repeat}/{options.repeats} {case.title}")
     _print(
         f"{len(os.sched_getaffinity(0))} cores, {platform.machine()}, Linux {platform.release()}, "
         f"Python {platform.python_version()}; load average while measuring "
@@ -61,11 +67,25 @@ def main() -> int:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--seconds", type=float, default=5.0, help="how long each run plays")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each case")
     parser.add_argument("--rates", action="store_true", help="search the highest rates, too")
     parser.add_argument("--only", default="", help="only cases whose name contains this")
+    parser.add_argument(
+        "--ablate",
+        action="store_true",
+        help="shared memory between two processes only, with each technique left out in turn",
+    )
+    parser.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        choices=TECHNIQUES,
+        help="leave a technique of the harness out; may be repeated",
+    )
     parser.add_argument(
         "--env",
         action="append",
@@ -76,7 +96,7 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _cases(changes: dict[str, str]) -> list[Case]:
+def _cases(changes: dict[str, str], without: list[str]) -> list[Case]:
     cases = []
     for workload in WORKLOADS:
         for transport in TRANSPORTS:
@@ -88,7 +108,7 @@ def _cases(changes: dict[str, str]) -> list[Case]:
                     transport: str = transport,
                     placement: str = placement,
                 ) -> Figures:
-                    with floor(workload, transport, placement, changes) as ready:
+                    with floor(workload, transport, placement, changes, without) as ready:
                         return ready.measure(workload.rate_hz, seconds)
 
                 cases.append(Case(workload, f"{transport}, {placement}", measure))
@@ -97,6 +117,23 @@ def _cases(changes: dict[str, str]) -> list[Case]:
             return measure_peer(workload, seconds)
 
         cases.append(Case(workload, "plain rclpy, two processes", peer))
+    return cases
+
+
+def _ablations(changes: dict[str, str]) -> list[Case]:
+    cases = []
+    for workload in WORKLOADS:
+        for left_out in ("", *TECHNIQUES):
+
+            def measure(
+                seconds: float, workload: Workload = workload, left_out: str = left_out
+            ) -> Figures:
+                without = [left_out] if left_out else []
+                transport, placement = TRANSPORTS[0], PLACEMENTS[0]
+                with floor(workload, transport, placement, changes, without) as ready:
+                    return ready.measure(workload.rate_hz, seconds)
+
+            cases.append(Case(workload, f"without {left_out}" if left_out else "all", measure))
     return cases
 
 
@@ -122,7 +159,7 @@ def _print_rates(options: argparse.Namespace) -> None:
         for transport in TRANSPORTS:
             rates = []
             for _ in range(options.repeats):
-                with floor(workload, transport, "two processes", {}) as ready:
+                with floor(workload, transport, "two processes") as ready:
                     rates.append(ready.highest_rate(MOST_HZ[workload.size], 2.0, 0.05) or 0.0)
             cells.append(f"{statistics.median(rates):,.0f} Hz")
             _tell(f"highest rate: {workload.name}, {transport}: {rates}")

@@ -52,7 +52,7 @@ class Chromium:
 
         self._process = subprocess.Popen(
             [program, *_FLAGS, f"--user-data-dir={self._profile.name}", "about:blank"],
-            preexec_fn=pipes,  # noqa: PLW1509
+            preexec_fn=pipes,
             close_fds=False,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,

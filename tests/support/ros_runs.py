@@ -183,6 +183,7 @@ class Bench:
         return [each for each in psutil.process_iter() if _belongs(each, self.folder, ids)]
 
 
+_BEGAN_S = time.time()
 _benches: list[Bench] = []
 _seen_segments: set[str] = set()
 _NODE_IMPORTS = "from rclpy.node import Node\nfrom sensor_msgs.msg import Image\n"
@@ -249,6 +250,7 @@ class Running:
                 with contextlib.suppress(psutil.Error, OSError):
                     if os.readlink(f"/proc/{each.pid}/fd/1") == log:
                         return each
+            assert self.process.poll() is None, f"ended without {name}:\n{self.stderr()}"
             assert time.monotonic() < deadline, f"process {name} was never seen"
             time.sleep(0.02)
 
@@ -302,9 +304,16 @@ def _maps(pid: int) -> set[str]:
 
 def segments_left() -> list[str]:
     """Segments that a run of these tests has used, that are still there, and that nobody uses."""
-    there = [name for name in sorted(_seen_segments) if (_SHARED_MEMORY / name).exists()]
+    there = [name for name in sorted(_seen_segments) if _is_of_these_tests(name)]
     used = {name for each in psutil.process_iter() for name in _maps(each.pid)} if there else set()
     return [name for name in there if name not in used]
+
+
+def _is_of_these_tests(name: str) -> bool:
+    """Whether a segment is there and was not there before: runs also use what others have left."""
+    with contextlib.suppress(OSError):
+        return (_SHARED_MEMORY / name).stat().st_mtime >= _BEGAN_S
+    return False
 
 
 def left_behind() -> list[str]:

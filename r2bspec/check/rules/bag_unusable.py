@@ -12,9 +12,10 @@ from r2bspec.diagnostics.model import Severity
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    error = context.bag_error
-    if error is not None:
-        yield Finding(message=str(error), path=context.bag_path, help=error.hint, code=error.code)
+    for recording in context.recordings:
+        error = recording.error
+        if error is not None:
+            yield Finding(message=str(error), path=recording.path, help=error.hint, code=error.code)
 
 
 RULE = Rule(

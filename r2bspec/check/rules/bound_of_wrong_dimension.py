@@ -25,7 +25,13 @@ def _find(context: Context) -> Iterator[Finding]:
     for each in known_metrics(context):
         bound = each.placed.requirement.bound
         if bound is not None and not each.info.accepts(bound):
-            given = "a rate" if bound.of_offered else _EXAMPLES[bound.dimension].partition(",")[0]
+            given = (
+                "relative"
+                if bound.of_baseline
+                else "a rate"
+                if bound.of_offered
+                else _EXAMPLES[bound.dimension].partition(",")[0]
+            )
             yield Finding(
                 message=f"{quote(each.info.name)} is not {given}",
                 path=each.placed.path,

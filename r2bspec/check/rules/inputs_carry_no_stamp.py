@@ -15,21 +15,29 @@ from r2bspec.diagnostics.model import Severity
 
 def _find(context: Context) -> Iterator[Finding]:
     inputs = context.spec.playback.inputs
-    if any(begins_with_header(each.format) is not False for each in inputs.values()):
+    if not inputs or any(
+        each.timestamp == "header" and begins_with_header(each.format) is not False
+        for each in inputs.values()
+    ):
         return
     first = next(iter(inputs))
     for name, monitor in context.spec.monitors.items():
         if monitor.match == "stamp":
             yield Finding(
-                message=f"monitor {name} matches by stamp, but no playback input has a header to "
-                "carry one",
+                message=f"monitor {name} matches by stamp, but no playback input has a header that "
+                "carries one",
                 path=("monitors", name),
                 key=True,
                 help="write 'match: order', if each input has one output",
                 related=(
                     Pointer(
-                        f"{inputs[first].format} has no header",
-                        ("playback", "inputs", first, "format"),
+                        f"{inputs[first].format} has no header"
+                        if inputs[first].timestamp == "header"
+                        else "it keeps the stamp that it was recorded with",
+                        (
+                            *("playback", "inputs", first),
+                            "format" if inputs[first].timestamp == "header" else "timestamp",
+                        ),
                     ),
                 ),
                 about=frozenset({subjects.value(("monitors", name, "match"))}),

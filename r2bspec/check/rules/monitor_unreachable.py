@@ -15,7 +15,7 @@ from r2bspec.diagnostics.quote import quote
 
 def _find(context: Context) -> Iterator[Finding]:
     phase = context.wiring.measure
-    if phase.may_read or phase.may_write:
+    if context.spec.live or phase.may_read or phase.may_write:
         return
     reached = phase.reached_from(each.topic for each in phase.owned_by("player"))
     for monitor in phase.owned_by("monitor"):

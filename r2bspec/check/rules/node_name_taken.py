@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from r2bspec.check.context import Context
 from r2bspec.check.example import example
-from r2bspec.check.finding import Finding
+from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
 from r2bspec.check.words import listed
 from r2bspec.diagnostics.model import Severity
@@ -22,6 +22,23 @@ def _find(context: Context) -> Iterator[Finding]:
                 message=f"a node cannot be called {quote(node.key)}, which has a meaning of its "
                 "own among processes",
                 path=node.path,
+                key=True,
+                help=f"reserved: {listed(reserved)}",
+            )
+        elif node.key in context.spec.containers:
+            yield Finding(
+                message=f"{quote(node.key)} is a container, too",
+                path=node.path,
+                key=True,
+                help="call one of the two otherwise",
+                related=(Pointer("the container", ("containers", node.key), key=True),),
+            )
+    for name in context.spec.containers:
+        if name in reserved:
+            yield Finding(
+                message=f"a container cannot be called {quote(name)}, which has a meaning of its "
+                "own among processes",
+                path=("containers", name),
                 key=True,
                 help=f"reserved: {listed(reserved)}",
             )

@@ -10,12 +10,14 @@ from r2bspec.check.example import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.model import Severity
+from r2bspec.plan.compile import has_own_rate
 
 
 def _find(context: Context) -> Iterator[Finding]:
     benchmark = context.spec.benchmark
     sustained = any(each.requirement.metric == "sustained" for each in context.requirements)
-    if not benchmark.rates and benchmark.search is None and not sustained:
+    own = has_own_rate(context.spec)
+    if not own and not benchmark.rates and benchmark.search is None and not sustained:
         at = {subjects.value(("slos", name, "at")) for name in context.spec.slos}
         yield Finding(
             message="nothing is played: there are neither rates nor a search",

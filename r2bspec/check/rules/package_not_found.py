@@ -12,18 +12,17 @@ from r2bspec.check.installed import ament_packages, ament_prefixes
 from r2bspec.check.rule import Rule
 from r2bspec.check.words import counted
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.model import Certainty, Severity
+from r2bspec.diagnostics.model import Certainty, Path, Severity
 from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.wellknown import packages
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    nodes = [node for _, node in context.nodes if node.node.kind == "executable"]
-    installed = ament_packages() if nodes else set()
-    for node in nodes:
-        package = node.node.package
+    named = list(_packages(context))
+    installed = ament_packages() if named else set()
+    for path, package in named:
         if package not in installed:
-            close = did_you_mean(package, installed)
-            path = (*node.path, "package")
+            close = did_you_mean(package, installed | packages())
             yield Finding(
                 message=f"there is no ROS package {quote(package)} on this machine",
                 path=path,
@@ -34,6 +33,22 @@ def _find(context: Context) -> Iterator[Finding]:
                 certainty=Certainty.ENVIRONMENT,
                 explains=frozenset({subjects.value(path)}),
             )
+
+
+def _packages(context: Context) -> Iterator[tuple[Path, str]]:
+    """Every ROS package that the spec names, with its place."""
+    for _, node in context.nodes:
+        if node.node.package:
+            yield (*node.path, "package"), node.node.package
+        elif node.node.launch is not None and node.node.launch.package:
+            yield (*node.path, "launch", "package"), node.node.launch.package
+    harness = context.spec.harness
+    for part in ("data_loader", "playback", "monitor"):
+        plugin = getattr(harness, part)
+        if plugin is not None:
+            yield ("harness", part, "package"), plugin.package
+    if harness.kind == "ros2_benchmark" and not harness.playback:
+        yield ("harness",), "ros2_benchmark"
 
 
 RULE = Rule(

@@ -8,40 +8,42 @@ from r2bspec.check import subjects
 from r2bspec.check.context import Context
 from r2bspec.check.example import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.parameters import parameter_type
+from r2bspec.check.parameters import Given, given_parameters, parameter_type
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Path, Severity
+from r2bspec.check.sources import as_of
+from r2bspec.diagnostics.model import Severity
 from r2bspec.diagnostics.quote import clip, quote
-from r2bspec.spec.model import ParameterValue
 from r2bspec.wiring.interfaces import ParameterInfo
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
-        for name, value in node.node.parameters.items():
-            declared = (node.interface.parameters or {}).get(name)
-            given = parameter_type(value)
-            if declared is not None and given is not None and given != declared.type:
-                path = (*node.path, "parameters", name)
-                yield _finding(node.key, path, value, given, declared)
+        for each in given_parameters(context, node):
+            declared = (node.interface.parameters or {}).get(each.name)
+            given = parameter_type(each.value)
+            if declared is None or given is None or declared.type in {"", given}:
+                continue
+            finding = _finding(node.key, each, given, declared)
+            if node.interface.parameters_from == "catalogue":
+                finding = as_of(node.interface, finding)
+            yield finding
 
 
-def _finding(
-    node: str, path: Path, value: ParameterValue, given: str, declared: ParameterInfo
-) -> Finding:
+def _finding(node: str, each: Given, given: str, declared: ParameterInfo) -> Finding:
+    path, value = each.path, each.value
     article = "an" if declared.type[0] in "aeiou" else "a"
     also = "an" if given[0] in "aeiou" else "a"
     fixed = f"{value}.0" if given == "integer" and declared.type == "double" else None
     return Finding(
-        message=f"{quote(str(path[-1]))} of {node} is {article} {declared.type}, but "
-        f"{clip(str(value))} is {also} {given}",
+        message=f"{quote(each.name)} of {node} is {article} {declared.type}, but "
+        f"{clip(str(value))} is {also} {given}" + (f" in {quote(each.file)}" if each.file else ""),
         path=path,
         help=f"write {fixed}; to ROS, an integer is no double"
         if fixed
         else "remove the quotes"
         if given == "string" and declared.type in {"integer", "double", "bool"}
         else "",
-        replacement=fixed,
+        replacement=None if each.file else fixed,
         explains=frozenset({subjects.value(path)}),
     )
 

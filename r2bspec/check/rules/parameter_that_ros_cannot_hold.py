@@ -9,7 +9,7 @@ from r2bspec.check import subjects
 from r2bspec.check.context import Context
 from r2bspec.check.example import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.parameters import parameter_type
+from r2bspec.check.parameters import given_parameters, parameter_type
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.model import Severity
 from r2bspec.diagnostics.quote import quote
@@ -18,12 +18,12 @@ from r2bspec.spec.model import ParameterValue
 
 def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
-        for name, value in node.node.parameters.items():
-            problem = _problem(value)
+        for each in given_parameters(context, node):
+            problem = _problem(each.value)
             if problem:
-                path = (*node.path, "parameters", name)
+                path = each.path
                 yield Finding(
-                    message=f"{quote(name)} of {node.key} {problem[0]}",
+                    message=f"{quote(each.name)} of {node.key} {problem[0]}",
                     path=path,
                     help=problem[1],
                     explains=frozenset({subjects.value(path)}),

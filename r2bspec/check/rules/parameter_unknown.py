@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from r2bspec.check.context import Context
 from r2bspec.check.example import example
 from r2bspec.check.finding import Finding
+from r2bspec.check.parameters import given_parameters
 from r2bspec.check.rule import Rule
+from r2bspec.check.sources import as_of
 from r2bspec.check.words import suggestion
 from r2bspec.diagnostics.model import Severity
 from r2bspec.diagnostics.quote import quote
@@ -21,18 +23,22 @@ def _find(context: Context) -> Iterator[Finding]:
         declared = node.interface.parameters
         if declared is None:
             continue
-        for name in node.node.parameters:
-            if (
-                name not in declared
-                and name not in _OF_EVERY_NODE
-                and not name.startswith("qos_overrides.")
-            ):
-                yield Finding(
-                    message=f"{node.key} declares no parameter {quote(name)}",
-                    path=(*node.path, "parameters", name),
-                    key=True,
-                    help=suggestion(name, declared, "its parameters"),
-                )
+        for each in given_parameters(context, node):
+            # A file may well hold parameters of other nodes.
+            if each.name in declared or each.file or _is_of_every_node(each.name):
+                continue
+            finding = Finding(
+                message=f"{node.key} declares no parameter {quote(each.name)}",
+                path=each.path,
+                key=True,
+                help=suggestion(each.name, declared, "its parameters"),
+            )
+            catalogue = node.interface.parameters_from == "catalogue"
+            yield as_of(node.interface, finding) if catalogue else finding
+
+
+def _is_of_every_node(name: str) -> bool:
+    return name in _OF_EVERY_NODE or name.startswith("qos_overrides.")
 
 
 RULE = Rule(

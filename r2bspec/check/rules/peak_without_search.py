@@ -16,6 +16,13 @@ from r2bspec.diagnostics.quote import quote
 def _find(context: Context) -> Iterator[Finding]:
     if context.spec.benchmark.search is not None:
         return
+    for name, objective in context.spec.slos.items():
+        if objective.at_peak:
+            yield Finding(
+                message=f"{quote(name)} is to hold at the peak, but no search is asked for",
+                path=("slos", name, "at"),
+                help="add one under 'benchmark': 'search: {min: 5 Hz, max: 200 Hz}'",
+            )
     for each in known_metrics(context):
         if each.info.statistic == "search":
             yield Finding(

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from r2bspec.check import subjects
 from r2bspec.check.context import Context
 from r2bspec.check.example import example
-from r2bspec.check.finding import Finding
+from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
 from r2bspec.check.words import listed, suggestion
 from r2bspec.diagnostics import did_you_mean
@@ -31,13 +31,20 @@ def _finding(context: Context, phase: PhaseWiring, each: Endpoint) -> Finding:
     if unknown:
         advice += f"; or state what {listed(unknown)} publishes under 'publishes:' there"
     unread = (topic for topic in written if not phase.readers(topic))
-    instead = (topic for topic in unread if did_you_mean(shown, [context.shown(topic)]))
+    instead = [topic for topic in unread if did_you_mean(shown, [context.shown(topic)])]
     return Finding(
         message=f"neither the data loader nor a preprocessor publishes {quote(shown)}"
         if not unknown
         else f"nobody is known to publish {quote(shown)}",
         path=each.path,
         help=advice,
+        related=tuple(
+            Pointer(
+                f"{quote(context.shown(topic))} is written here, and read by nobody", writer.path
+            )
+            for topic in instead
+            for writer in phase.writers(topic)[:1]
+        ),
         severity=Severity.WARNING if unknown else None,
         about=frozenset({subjects.topic(phase.phase, each.topic)})
         | {subjects.value(node.path) for node in phase.may_write},

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from pathlib import Path as FilePath
 
 from r2bspec.check.context import Context
 from r2bspec.check.example import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Certainty, Severity
+from r2bspec.diagnostics.model import Certainty, Path, Severity
 from r2bspec.diagnostics.quote import quote
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    for _, node in context.nodes:
-        if node.node.kind != "command" or not node.node.command:
-            continue
-        program = node.node.command[0]
+    for path, program, folder in _programs(context):
         if "/" in program:
-            there = (context.loaded.base_dir / program).is_file()
+            there = (folder / program).is_file()
             message = f"there is no file {quote(program)}"
-            advice = f"it is looked for in {context.loaded.base_dir}; build it before running"
+            advice = f"it is looked for in {folder}; build it before running"
         else:
             there = shutil.which(program) is not None
             message = f"there is no program {quote(program)} on this machine's PATH"
@@ -29,10 +27,27 @@ def _find(context: Context) -> Iterator[Finding]:
         if not there:
             yield Finding(
                 message=message,
-                path=(*node.path, "command", 0),
+                path=path,
                 help=advice,
                 certainty=Certainty.ENVIRONMENT,
             )
+
+
+def _programs(context: Context) -> Iterator[tuple[Path, str, FilePath]]:
+    """Every program that the spec names, with its place, and the folder in which it is run."""
+    spec, base_dir = context.spec, context.loaded.base_dir
+    for _, node in context.nodes:
+        for key, words in (("command", node.node.command), ("prefix", node.node.prefix)):
+            if words:
+                yield (*node.path, key, 0), words[0], base_dir
+    for name, container in spec.containers.items():
+        if container.prefix:
+            yield ("containers", name, "prefix", 0), container.prefix[0], base_dir
+    for name, setup in spec.setup.items():
+        yield ("setup", name, "command", 0), setup.command[0], base_dir / setup.directory
+    for name, step in spec.after_ready.items():
+        if step.command:
+            yield ("after_ready", name, "command", 0), step.command[0], base_dir
 
 
 RULE = Rule(

@@ -11,10 +11,13 @@ from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.model import Severity
 from r2bspec.measure.catalogue import METRICS
+from r2bspec.plan.compile import has_own_rate
 from r2bspec.spec.model import Objective
 
 
 def _find(context: Context) -> Iterator[Finding]:
+    if has_own_rate(context.spec):
+        return
     played = context.spec.benchmark.rates
     for name, objective in context.spec.slos.items():
         if objective.at is not None and objective.at not in played and _needs_playing(objective):

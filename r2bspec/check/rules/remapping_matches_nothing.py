@@ -9,6 +9,7 @@ from r2bspec.check.context import Context
 from r2bspec.check.example import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
+from r2bspec.check.sources import CERTAIN, as_of
 from r2bspec.check.words import listed
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.model import Severity
@@ -32,10 +33,12 @@ def _find(context: Context) -> Iterator[Finding]:
 
 def _matches_nothing(node: NodeWiring, left: str) -> bool:
     own = node.interface.topics
-    if own is None:
+    if own is None or node.node.kind == "launch":
         return False
     full = expand(left, node.key, node.namespace)
-    known = {expand(name, node.key, node.namespace) for name in own}
+    known = {
+        expand(name, node.key, node.namespace) for name in (*own, *node.interface.also_remapped)
+    }
     return full not in known and full not in _OF_EVERY_NODE
 
 
@@ -43,15 +46,16 @@ def _finding(phase: str, node: NodeWiring, left: str, right: str) -> Finding:
     own = node.interface.topics or ()
     close = did_you_mean(left, own)
     # What the spec states may leave out services, which are remapped in the same way.
-    certain = node.interface.subscribes_from == node.interface.publishes_from == "table"
-    return Finding(
+    sources = {node.interface.subscribes_from, node.interface.publishes_from}
+    finding = Finding(
         message=f"{node.key} has no topic {quote(left)} that could be remapped",
         path=(*node.path, "remappings", left),
         key=True,
         help=_help(left, right, close, own),
-        severity=None if certain else Severity.WARNING,
+        severity=None if sources <= CERTAIN else Severity.WARNING,
         explains=_consequences(phase, node, (left, right), close),
     )
+    return as_of(node.interface, finding) if "catalogue" in sources else finding
 
 
 def _help(left: str, right: str, close: str, own: tuple[str, ...]) -> str:

@@ -11,13 +11,16 @@ from r2bspec.check.metrics import known_metrics
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.model import Severity
 from r2bspec.diagnostics.quote import quote
+from r2bspec.plan.compile import has_own_rate
 
 
 def _find(context: Context) -> Iterator[Finding]:
+    if has_own_rate(context.spec):
+        return
     rates = ", ".join(str(rate) for rate in context.spec.benchmark.rates)
     for each in known_metrics(context):
         placed = each.placed
-        if placed.role == "objective" and placed.at is None and each.info.statistic != "search":
+        if placed.needs_rate and each.info.statistic != "search":
             yield Finding(
                 message=f"{quote(each.info.name)} is required, but not at which rate",
                 path=placed.path,

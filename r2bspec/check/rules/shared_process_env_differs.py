@@ -9,31 +9,39 @@ from r2bspec.check.example import example
 from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.model import Path, Severity
+from r2bspec.wiring.model import NodeWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    if context.spec.graph.placement != "shared":
-        return
-    first: dict[str, tuple[str, Path]] = {}
-    for node in context.wiring.measure.nodes:
-        for name, value in node.node.env.items() if node.node.kind == "python" else ():
+    first: dict[tuple[str, str], tuple[str, Path]] = {}
+    for _, node in context.nodes:
+        process = _process(context, node)
+        for name, value in node.node.env.items() if process else ():
             path = (*node.path, "env", name)
-            wanted, before = first.setdefault(name, (value, path))
+            wanted, before = first.setdefault((process, name), (value, path))
             if wanted != value:
                 yield Finding(
                     message=f"two nodes of one process want different values of {name}",
                     path=path,
-                    help="write 'placement: separate', or the same value for both",
+                    help="give each a process of its own, or the same value to both",
                     related=(Pointer("the other value", before),),
                 )
+
+
+def _process(context: Context, node: NodeWiring) -> str:
+    """The process that a node shares with others; empty if it has one of its own."""
+    if node.node.container:
+        return f"{node.path[0]}.{node.node.container}"
+    shared = context.spec.graph.placement != "separate" and node.path[0] == "graph"
+    return f" {node.node.kind}" if shared and node.node.kind in {"python", "plugin"} else ""
 
 
 RULE = Rule(
     code="R2B615",
     title="two values of an environment variable in one process",
     severity=Severity.ERROR,
-    why="With 'placement: shared' all Python nodes run in one process, and a process has one "
-    "environment.",
+    why="Nodes of one container, and with 'placement: shared' all Python nodes, run in one "
+    "process, and a process has one environment.",
     failing=example(
         graph="""
             placement: shared

@@ -15,7 +15,8 @@ from r2bspec.diagnostics.quote import quote
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    if context.spec.benchmark.iterations > 1:
+    benchmark = context.spec.benchmark
+    if max(benchmark.iterations, benchmark.max_iterations) > 1:
         return
     for each in known_metrics(context):
         placed = each.placed

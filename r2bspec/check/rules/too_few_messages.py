@@ -26,7 +26,7 @@ def _find(context: Context) -> Iterator[Finding]:
         allowed = _allowed(each)
         if placed.role != "objective" or placed.at is None or allowed is None:
             continue
-        needed = least_messages(allowed)
+        needed = least_messages(allowed, placed.confidence)
         if needed is None:
             yield _never(each)
         elif placed.at in context.spec.benchmark.rates:
@@ -38,7 +38,9 @@ def _find(context: Context) -> Iterator[Finding]:
 def _allowed(each: Known) -> float | None:
     """The share of messages that may be on the wrong side; None if no share decides."""
     requirement, info = each.placed.requirement, each.info
-    if requirement.bound is None or requirement.op not in {"<", "<=", ">", ">="}:
+    if requirement.bound is None or requirement.windows_share is not None:
+        return None
+    if requirement.bound.of_baseline or requirement.op not in {"<", "<=", ">", ">="}:
         return None
     ceiling = requirement.op in {"<", "<="}
     if info.statistic == "percentile" and info.quantile is not None:
@@ -60,7 +62,8 @@ def _never(each: Known) -> Finding:
 def _too_few(context: Context, each: Known, at: Rate, needed: int) -> Finding | None:
     benchmark = context.spec.benchmark
     per_iteration = round(at.hz * benchmark.duration.seconds) - _FEWER.get(each.info.family, 0)
-    played = max(per_iteration, 0) * benchmark.iterations
+    iterations = max(benchmark.iterations, benchmark.max_iterations)
+    played = max(per_iteration, 0) * iterations
     if played >= needed:
         return None
     enough = math.ceil(needed / per_iteration) if per_iteration > 0 else 0

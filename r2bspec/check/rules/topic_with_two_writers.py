@@ -12,13 +12,14 @@ from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.model import Severity
 from r2bspec.diagnostics.quote import quote
 from r2bspec.wiring.model import Endpoint, PhaseWiring
+from r2bspec.wiring.names import SHARED_TOPICS
 
 _HARNESS = {"loader": "the data loader", "player": "the player"}
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for phase in context.wiring.phases:
-        for topic in phase.topics:
+        for topic in set(phase.topics) - SHARED_TOPICS:
             writers = phase.writers(topic)
             for second in writers[1:]:
                 yield _finding(context, phase, writers[0], second)

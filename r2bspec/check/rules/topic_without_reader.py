@@ -13,6 +13,7 @@ from r2bspec.check.words import MOST_SUGGESTIONS, suggestion
 from r2bspec.diagnostics.model import Severity
 from r2bspec.diagnostics.quote import quote
 from r2bspec.wiring.model import Endpoint, PhaseWiring
+from r2bspec.wiring.names import SHARED_TOPICS
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -30,6 +31,8 @@ def _find(context: Context) -> Iterator[Finding]:
 
 def _on_purpose(writer: Endpoint) -> bool:
     """Whether the spec makes the topic. Nodes have outputs of which a graph uses some."""
+    if writer.topic in SHARED_TOPICS:
+        return False
     return writer.owner == "player" or "remappings" in writer.path
 
 

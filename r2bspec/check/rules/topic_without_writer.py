@@ -16,6 +16,7 @@ from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.model import Severity
 from r2bspec.diagnostics.quote import quote
 from r2bspec.wiring.model import Endpoint, NodeWiring, PhaseWiring
+from r2bspec.wiring.names import SHARED_TOPICS
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -23,6 +24,8 @@ def _find(context: Context) -> Iterator[Finding]:
     for phase in context.wiring.phases:
         published = tuple(name for name in phase.topics if phase.writers(name))
         for reader in phase.endpoints:
+            if reader.topic in SHARED_TOPICS and reader.is_node:
+                continue
             # What the recorder reads is a playback input's 'from', which has a rule of its own.
             if not reader.writes and reader.owner != "recorder" and not phase.writers(reader.topic):
                 found += 1

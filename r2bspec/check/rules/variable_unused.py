@@ -13,8 +13,9 @@ from r2bspec.diagnostics.quote import quote
 
 
 def _find(context: Context) -> Iterator[Finding]:
+    asked = {name for each in context.spec.slos.values() for name in each.when}
     for name in context.spec.variables:
-        if name not in context.loaded.used_variables:
+        if name not in context.loaded.used_variables and name not in asked:
             yield Finding(
                 message=f"nothing uses the variable {quote(name)}",
                 path=("variables", name),

@@ -8,18 +8,21 @@ rest silently: a last line says how many were left out.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 from r2bspec.diagnostics.model import Span
 from r2bspec.measure.units import show
 from r2bspec.report.places import Places, read_places
 from r2bspec.report.reported import Reported
-from r2bspec.report.wording import requirement_text, several_monitors
+from r2bspec.report.wording import requirement_text, sentences, several_monitors
 from r2bspec.slo.model import RequirementVerdict
 
 MOST = 9
 """Annotations of requirements; the verdict is the tenth."""
 
 _COMMANDS = {"fail": "error", "inconclusive": "warning"}
+_LESS = {"warn": "warning", "info": "notice"}
+"""Of requirements that do not fail the run."""
 
 
 def render(reported: Reported) -> bytes:
@@ -29,19 +32,25 @@ def render(reported: Reported) -> bytes:
 
 def _lines(reported: Reported) -> Iterator[str]:
     verdict = reported.result.verdict
-    places = read_places(reported.spec_file)
-    file = str(reported.spec_file) if reported.spec_file is not None else ""
+    spec_file = reported.spec_file
+    # GitHub knows files by their path in the repository, which is where a job stands.
+    if spec_file is not None and spec_file.is_absolute() and spec_file.is_relative_to(Path.cwd()):
+        spec_file = spec_file.relative_to(Path.cwd())
+    places = read_places(spec_file)
+    file = str(spec_file) if spec_file is not None else ""
     kind = {"pass": "notice", "inconclusive": "warning"}.get(verdict.outcome, "error")
     title = f"{reported.result.name}: {verdict.outcome}"
     yield _command(kind, title, verdict.reason, {"file": file} if file else {})
     several = several_monitors(verdict)
     told = [one for outcome in _COMMANDS for one in verdict.requirements if one.outcome == outcome]
+    told.sort(key=lambda one: one.level in _LESS)
     for one in told[:MOST]:
         text = requirement_text(one, name_monitor=several)
         at = f" at {show(one.at_hz, 'Hz')}" if one.at_hz is not None else ""
-        said = f"{one.reason}\n{one.settle}".rstrip()
+        said = "\n".join(sentences(one))
+        command = _LESS.get(one.level, _COMMANDS[one.outcome])
         place = _place(one, places, file)
-        yield _command(_COMMANDS[one.outcome], f"{one.objective}: {text}{at}", said, place)
+        yield _command(command, f"{one.objective}: {text}{at}", said, place)
     if len(told) > MOST:
         yield f"{len(told) - MOST} more requirements are not annotated; see the report"
 

@@ -1,7 +1,8 @@
 """JUnit XML: a suite for the run, a case for each requirement, and one for the run itself.
 
 What is failed is a failure and what is inconclusive an error, so that neither turns a pipeline
-green; `junit_lenient` calls the latter skipped. A run that is invalid or incomplete is an error of
+green; `junit_lenient` calls the latter skipped. A requirement whose level is not ``error`` passes
+with its verdict in the output. A run that is invalid or incomplete is an error of
 the case ``run``.
 """
 
@@ -19,7 +20,9 @@ from r2bspec.report.wording import (
     estimate_text,
     notes,
     requirement_text,
+    sentences,
     several_monitors,
+    verdict_word,
 )
 from r2bspec.slo.model import RequirementVerdict
 
@@ -78,9 +81,9 @@ def _case(one: RequirementVerdict, name: str, *, several: bool, lenient: bool) -
     text = requirement_text(one, name_monitor=several)
     at = f" at {show(one.at_hz, 'Hz')}" if one.at_hz is not None else ""
     case = TestCase(printable(f"{text}{at}"), printable(f"{name}.{one.objective}"))
-    reason = printable(f"{one.reason} {one.settle}".strip())
-    if one.outcome == "pass":
-        case.system_out = f"{reason}\n{_numbers(one)}"
+    reason = printable(" ".join(sentences(one)))
+    if one.outcome == "pass" or one.level != "error":
+        case.system_out = f"{verdict_word(one)}: {reason}\n{_numbers(one)}"
     else:
         kind = Failure if one.outcome == "fail" else Skipped if lenient else Error
         found = kind(reason, one.outcome)

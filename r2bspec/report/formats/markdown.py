@@ -19,7 +19,9 @@ from r2bspec.report.wording import (
     notes,
     peak_text,
     requirement_text,
+    sentences,
     several_monitors,
+    verdict_word,
 )
 from r2bspec.slo.model import RequirementVerdict, Verdict
 
@@ -56,7 +58,7 @@ def _requirements(verdict: Verdict) -> Iterator[str]:
         ("verdict", "requirement", "at", "estimate", "95 % bounds", "limit"),
         [
             (
-                OUTCOME_WORDS[one.outcome],
+                verdict_word(one),
                 f"{escaped(one.objective)}: {code(requirement_text(one, name_monitor=several))}",
                 show(one.at_hz, "Hz") if one.at_hz is not None else "",
                 escaped(estimate_text(one)),
@@ -74,8 +76,7 @@ def _requirements(verdict: Verdict) -> Iterator[str]:
 
 def _why(one: RequirementVerdict, *, several: bool) -> str:
     said = [f"**{escaped(one.objective)}** {code(requirement_text(one, name_monitor=several))}:"]
-    said += [escaped(text) for text in (one.reason, one.settle) if text]
-    return " ".join(said)
+    return " ".join([*said, *map(escaped, sentences(one))])
 
 
 def _measured(metrics: RunMetrics) -> Iterator[str]:

@@ -86,7 +86,7 @@ def render(reported: Reported) -> bytes:
         media_type="application/json",
         data=to_json(result),
     )
-    writer.finish()
+    writer.finish()  # type: ignore[no-untyped-call]
     return buffer.getvalue()
 
 

@@ -202,5 +202,6 @@ def _metadata(reported: Reported, run: Run) -> dict[str, Any]:
         ),
         "PEAK_THROUGHPUT_PREDICTION": search.holds_hz if search is not None else None,
         "CONFIG": reported.result.spec or None,
+        "GENERATOR": f"r2bspec {record.versions.get('r2bspec', '')}".strip(),
     }
     return {key: value for key, value in found.items() if value is not None}

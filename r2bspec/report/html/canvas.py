@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 WIDTH_IN: Final = 8.4
 _POINTS_PER_INCH: Final = 72
 
-_SETTINGS: Final = {
+_SETTINGS: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "r2bspec",
     "svg.id": None,

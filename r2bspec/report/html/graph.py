@@ -190,7 +190,10 @@ def _way(tail: Drawn, head: Drawn, stored: bool) -> Way:
     x1, y1 = head.x, head.y + head.height / 2
     if x1 > x0:
         bend = (x1 - x0) / 2
-        path = f"M{x0:.0f} {y0:.0f}C{x0 + bend:.0f} {y0:.0f} {x1 - bend:.0f} {y1:.0f} {x1:.0f} {y1:.0f}"
+        path = (
+            f"M{x0:.0f} {y0:.0f}C{x0 + bend:.0f} {y0:.0f} {x1 - bend:.0f} {y1:.0f} "
+            f"{x1:.0f} {y1:.0f}"
+        )
     else:
         x0, y0 = tail.x + tail.width / 2, tail.y + tail.height
         x1, y1 = head.x + head.width / 2, head.y

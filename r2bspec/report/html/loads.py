@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +79,7 @@ def _process(
         np.diff(rows["cpu_s"][ends]) * 100, spans, where=spans > 0, out=np.zeros(spans.size)
     )
     machine = name == "whole machine"
-    style = {
+    style: dict[str, Any] = {
         "color": PALETTE["quiet"] if machine else colour(number),
         "linestyle": "-" if machine else line_style(number),
         "linewidth": 0.8 if machine else 1.3,

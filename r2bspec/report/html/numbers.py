@@ -21,7 +21,7 @@ class Numbers:
         self._result = result
 
     def __call__(self, path: str, unit: str) -> Markup:
-        """The value at a path, parts divided by ``/``; a dash where there is none.
+        """The value at a path, written as a JSON pointer without its first slash; or a dash.
 
         Raises:
             KeyError: the result has no such place.
@@ -30,9 +30,18 @@ class Numbers:
 
         value = self._result
         for part in path.split("/"):
-            value = value[int(part)] if isinstance(value, list | tuple) else value[part]
+            value = value[int(part)] if isinstance(value, list | tuple) else value[_unescaped(part)]
         if value is None:
             return Markup("-")
         return Markup('<data value="{}" data-path="{}">{}</data>').format(
             repr(value), path, show(float(value), unit)
         )
+
+
+def pointer(key: str) -> str:
+    """A key as a part of a JSON pointer (RFC 6901)."""
+    return key.replace("~", "~0").replace("/", "~1")
+
+
+def _unescaped(part: str) -> str:
+    return part.replace("~1", "/").replace("~0", "~")

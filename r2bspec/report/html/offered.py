@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -99,7 +99,7 @@ def _monitor(
     x = [rate.offered_hz for rate in metrics.rates]
     seen = [rate.pooled.monitors[monitor] for rate in metrics.rates]
     ink = colour(number)
-    style = {"color": ink, "marker": mark(number), "linestyle": "-", "linewidth": 1}
+    style: dict[str, Any] = {"color": ink, "marker": mark(number), "linestyle": "-", "linewidth": 1}
     (line,) = upper.plot(
         x, [one.throughput_hz for one in seen], label=printable(monitor), zorder=4, **style
     )

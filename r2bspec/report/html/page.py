@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.resources
+import re
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import msgspec
 from r2bspec.measure.model import RunMetrics
 from r2bspec.measure.units import show
 from r2bspec.report.html.canvas import Chart
-from r2bspec.report.html.numbers import Numbers
+from r2bspec.report.html.numbers import Numbers, pointer
 from r2bspec.report.html.svg import PALETTE
 from r2bspec.report.reported import Reported
 from r2bspec.report.wording import (
@@ -22,6 +23,7 @@ from r2bspec.report.wording import (
     peak_text,
     requirement_text,
     several_monitors,
+    verdict_word,
 )
 from r2bspec.slo.model import RequirementVerdict
 
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from r2bspec.report.html.graph import Drawing
 
 _ORDER = ("fail", "inconclusive", "pass")
+
+_CONTROLS = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 _SHOWN_RATES = 4
 """Rates whose numbers are written into the drawing of the graph."""
@@ -46,9 +50,11 @@ def render(reported: Reported) -> bytes:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["pointer"] = pointer
     page = environment.get_template("page.html.j2")
-    # Lone surrogates, as broken file names have them, are no text that a page can hold.
-    return page.render(_context(reported)).encode("utf-8", errors="replace")
+    # What no page can hold: control characters, and the lone surrogates of broken file names.
+    text = _CONTROLS.sub("\N{REPLACEMENT CHARACTER}", page.render(_context(reported)))
+    return text.encode("utf-8", errors="replace") + b"\n"
 
 
 def _context(reported: Reported) -> dict[str, Any]:
@@ -68,10 +74,12 @@ def _context(reported: Reported) -> dict[str, Any]:
         "metrics": metrics,
         "words": OUTCOME_WORDS,
         "counts": _counts(ordered),
+        "has_lost": any(one.lost for one in ordered),
         "requirements": [
             {
                 "one": one,
                 "index": indices[id(one)],
+                "word": verdict_word(one),
                 "text": requirement_text(one, name_monitor=several),
                 "estimate": estimate_text(one),
                 "bounds": bounds_text(one),

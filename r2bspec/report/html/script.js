@@ -68,7 +68,7 @@
       h = w * whole[3] / whole[2];
       x = Math.min(Math.max(x, whole[0]), whole[0] + whole[2] - w);
       y = Math.min(Math.max(y, whole[1]), whole[1] + whole[3] - h);
-      view = [x, y, w, h];
+      view = w < whole[2] ? [x, y, w, h] : [...whole];
       svg.setAttribute("viewBox", view.join(" "));
     };
     const zoom = (factor, cx = view[0] + view[2] / 2, cy = view[1] + view[3] / 2) =>

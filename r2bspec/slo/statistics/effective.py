@@ -15,9 +15,8 @@ otherwise, k their sum, p = k / n, in m iterations:
     stretches   Bad messages that are near each other but not next to each other. With the
                 autocorrelations r_1, r_2, .. of x within iterations, up to a quarter of an
                 iteration and at most 200 messages,
-                    F = -1 + 2 sum G_j,    G_j = r_2j + r_2j+1,
-                summed while G_j is positive, each G_j not above the one before (Geyer's initial
-                monotone sequence).
+                    F = -1 + 2 (r_0 + r_1 + ..),
+                by Geyer's initial monotone sequence (`correlation`).
     iterations  With k_1 .. k_m bad messages in five or more iterations, F is the variance of
                 these counts over the binomial one, n p (1 - p) / m. It is known from m values
                 only, so that the quantiles of t take the place of the normal ones:
@@ -36,6 +35,8 @@ from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from r2bspec.slo.statistics.correlation import inflation, lagged_products
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
@@ -123,10 +124,10 @@ def effective_rows(flags: Flags, sizes: NDArray[np.int64]) -> Effective:
     }
     # Digits that the order of additions decides, which differs between processors, are cut off
     # before anything is compared. One message is the least that a run with any can be worth.
-    cause, inflation = max(
+    cause, largest = max(
         ((cause, round(found, 6)) for cause, found in estimates.items()), key=lambda one: one[1]
     )
-    return Effective(n=n, bad=bad, bursts=bursts, inflation=min(inflation, float(n)), cause=cause)
+    return Effective(n=n, bad=bad, bursts=bursts, inflation=min(largest, float(n)), cause=cause)
 
 
 def _bursts(flags: Flags) -> tuple[int, int]:
@@ -157,20 +158,8 @@ def _of_stretches(flags: Flags, sizes: NDArray[np.int64], p: float) -> float:
     inside = np.arange(flags.shape[1]) < sizes[:, np.newaxis]
     deviations = np.where(inside, flags - p, 0.0)
     pairs = filled.sum() - filled.size * np.arange(lags + 1)
-    r = _lagged_products(deviations, lags) / pairs
-    r /= r[0]
-    sums = r[0 : lags - lags % 2 : 2] + r[1 : lags + 1 - lags % 2 : 2]
-    negative = np.flatnonzero(sums <= 0)
-    kept = sums[: negative[0]] if negative.size else sums
-    return -1 + 2 * float(np.minimum.accumulate(kept).sum()) if kept.size else 1.0
-
-
-def _lagged_products(rows: NDArray[np.float64], lags: int) -> NDArray[np.float64]:
-    """The sum over rows and i of v_i v_(i + lag), for each lag of 0..lags, by Fourier transform."""
-    size = 1 << (rows.shape[1] + lags - 1).bit_length()
-    transformed = np.fft.rfft(rows, size, axis=1)
-    power = (transformed.real**2 + transformed.imag**2).sum(axis=0)
-    return np.asarray(np.fft.irfft(power, size)[: lags + 1], dtype=np.float64)
+    r = lagged_products(deviations, lags) / pairs
+    return inflation(r / r[0])
 
 
 def _of_iterations(counts: NDArray[np.int64], sizes: NDArray[np.int64], p: float) -> float:

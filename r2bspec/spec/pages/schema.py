@@ -61,7 +61,7 @@ SCHEMA_PAGES = (
     _page(
         "R2B107",
         "a number out of range",
-        "The message tells the least number that makes sense.",
+        "The message tells the least, or the greatest, number that makes sense.",
         "benchmark: {iterations: 0}\n",
         "benchmark: {iterations: 1}\n",
     ),
@@ -104,15 +104,16 @@ SCHEMA_PAGES = (
     _page(
         "R2B113",
         "a node that is not exactly one kind of node",
-        "A node is a Python class or function (python), an executable of a package (package and "
-        "executable), or any program (command).",
+        "A node is a Python class or function (python), a composable C++ node (package and "
+        "plugin), an executable of a package (package and executable), any program (command), what "
+        "a launch file starts (launch), or something that runs already (external).",
         "graph:\n  nodes:\n    detector: {python: my.Detector, command: [./detector]}\n",
         "graph:\n  nodes:\n    detector: {python: my.Detector}\n",
     ),
     _page(
         "R2B114",
         "a bag that is not exactly one source",
-        "A recording is a dataset, known by name, or a path.",
+        "A recording is a dataset, known by name, or a path; several stand under 'bags'.",
         "data_loader: {bag: {dataset: r2b_storage, path: ./bag}}\n",
         "data_loader: {bag: {path: ./bag}}\n",
     ),
@@ -138,5 +139,21 @@ SCHEMA_PAGES = (
         "results can address it.",
         "monitors: {topic: tags, format: geometry_msgs/msg/PoseArray}\n",
         "monitors:\n  detections: {topic: tags, format: geometry_msgs/msg/PoseArray}\n",
+    ),
+    _page(
+        "R2B118",
+        "exactly one of several keys must be given",
+        "A ready probe, a step and a launch file are each said in one of several ways, as is which "
+        "rates a range holds. Two of them contradict each other, and none says nothing.",
+        "ready:\n  model: {file: model.plan, topic: detector/status}\n",
+        "ready:\n  model: {file: model.plan}\n",
+    ),
+    _page(
+        "R2B119",
+        "a key that has no use here",
+        "The key is known, but what stands beside it leaves nobody to read it: the wish would "
+        "silently not be fulfilled.",
+        "playback: {mode: looping, timeline: {speed: 50 %}}\n",
+        "playback: {mode: timeline, timeline: {speed: 50 %}}\n",
     ),
 )

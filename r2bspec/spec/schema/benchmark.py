@@ -16,7 +16,7 @@ from r2bspec.spec.schema.build import (
     truth,
     used_up,
 )
-from r2bspec.spec.schema.reuse import when
+from r2bspec.spec.schema.reuse import sibling, when
 
 _SEARCH = record(
     "The search for the highest rate that holds: the backlog of unanswered messages does not "
@@ -96,9 +96,7 @@ _RATES: Schema = {
         "The rates at which the inputs are played: a list, or a range with 'count' rates or a "
         "'step'.",
         {
-            "from": used_up(
-                quantity(Rate, "The first rate.", examples=["10 Hz"], positive=True)
-            ),
+            "from": used_up(quantity(Rate, "The first rate.", examples=["10 Hz"], positive=True)),
             "to": used_up(quantity(Rate, "The last rate.", examples=["60 Hz"], positive=True)),
             "count": used_up(
                 integer(
@@ -173,6 +171,7 @@ SLOS: Schema = named(
     record(
         "Requirements that must hold at one rate.",
         {
+            "extends": sibling("objective"),
             "at": quantity(
                 Rate,
                 "The rate at which the requirements must hold; left out for requirements on the "

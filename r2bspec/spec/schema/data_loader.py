@@ -6,6 +6,7 @@ from r2bspec.spec.quantities import Duration
 from r2bspec.spec.schema import names
 from r2bspec.spec.schema.build import PATH, Schema, listing, named, quantity, record, text, truth
 
+
 def _bag(description: str) -> Schema:
     return {**_source(description), "type": ["string", "object"], "minLength": 1, PATH: True}
 
@@ -93,7 +94,7 @@ DATA_LOADER: Schema = record(
             default=False,
         ),
     },
-    required=["topics"],
+    unless_live=["topics"],
     examples=[{"bag": "r2b_storage", "topics": {"/d455_1_rgb_image": "data_loader/image"}}],
     snippets=[
         {

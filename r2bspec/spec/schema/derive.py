@@ -92,12 +92,13 @@ def _publish(schema: Schema) -> Schema:
         return public | {"anyOf": [{"enum": values}, {"pattern": _WHOLE}]}
     if "pattern" in public and "type" in public:
         public["pattern"] = _or_reference(public["pattern"])
-    elif public.get("type") in _OTHER_SCALARS and "const" not in public:
-        public |= {
-            "type": [public["type"], "string"],
-            "pattern": _WHOLE,
-            "patternErrorMessage": f"{_OTHER_SCALARS[public['type']]}, or $(var name)",
-        }
+    for kind, meant in _OTHER_SCALARS.items():
+        if public.get("type") == kind and "const" not in public:
+            public |= {
+                "type": [kind, "string"],
+                "pattern": _WHOLE,
+                "patternErrorMessage": f"{meant}, or $(var name)",
+            }
     return public
 
 

@@ -42,7 +42,7 @@ def _plugin(what: str, example: str) -> Schema:
                 form=names.PACKAGE,
                 examples=["ros2_benchmark"],
             ),
-            "plugin": text("Its class.", form=names.PLUGIN, examples=[example]),
+            "plugin": text("The class of the component.", form=names.PLUGIN, examples=[example]),
             "parameters": values("Parameters of the component."),
         },
         required=["package", "plugin"],

@@ -20,8 +20,8 @@ _TYPE = text(
 )
 
 _LAUNCH = record(
-    "A launch file: 'package' and 'file', or 'path'. Remappings and the namespace of the node apply "
-    "to all that it starts.",
+    "A launch file: 'package' and 'file', or 'path'. Remappings and the namespace of the node "
+    "apply to all that it starts.",
     {
         "package": text(
             "The ROS package that holds the launch file.",

@@ -16,7 +16,6 @@ from r2bspec.spec.schema.build import (
 )
 from r2bspec.spec.schema.qos import qos
 
-
 _INPUT = record(
     "A topic that the graph reads.",
     {

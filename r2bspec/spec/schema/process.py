@@ -14,6 +14,7 @@ from r2bspec.spec.schema.build import (
     record,
     text,
 )
+from r2bspec.spec.schema.reuse import sibling
 
 ENV: Schema = named(
     "Environment variables of the process.",
@@ -62,6 +63,7 @@ CONTAINERS: Schema = named(
     record(
         "A process for several nodes.",
         {
+            "extends": sibling("container"),
             "executable": choice(
                 "What holds the nodes: one of rclcpp_components' containers for plugins, or python "
                 "for Python nodes.",

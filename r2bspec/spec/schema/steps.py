@@ -144,9 +144,7 @@ AFTER_READY: Schema = named(
         },
         examples=[{"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}}],
     ),
-    examples=[
-        {"enable": {"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}}}
-    ],
+    examples=[{"enable": {"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}}}],
     snippets=[
         {
             "label": "a service call",

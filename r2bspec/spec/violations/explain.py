@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics import Diagnostic, Path
 from r2bspec.spec.problems import MOST
-from r2bspec.spec.schema.build import KIND
+from r2bspec.spec.schema.build import KIND, WORDS
 from r2bspec.spec.source import Source
 from r2bspec.spec.tree import MapNode, TreeNode, UnknownNode, lookup, to_plain
-from r2bspec.spec.validator import schema_errors
+from r2bspec.spec.validator import obeys, schema_errors
 from r2bspec.spec.violations.keys import misnamed, missing_keys, name_forgotten
 from r2bspec.spec.violations.model import Violation
 from r2bspec.spec.violations.unknown import unknown_keys
@@ -27,6 +27,7 @@ from r2bspec.spec.violations.values import (
     not_of_type,
     not_this_version,
     too_few,
+    too_large,
     too_small,
 )
 
@@ -41,17 +42,22 @@ _EXPLANATIONS: dict[str, Callable[[Violation], Diagnostic]] = {
     "const": not_this_version,
     "pattern": not_of_pattern,
     "minimum": too_small,
+    "maximum": too_large,
     "minLength": too_few,
     "minItems": too_few,
     "minProperties": too_few,
     "propertyNames": misnamed,
     KIND: not_of_kind,
+    WORDS: not_a_choice,
 }
 
 
 def explain_violations(root: TreeNode, sources: Mapping[str, Source]) -> list[Diagnostic]:
     """Judge the document by the strict schema, in words."""
-    errors = islice(schema_errors(to_plain(root)), _MOST_ERRORS)
+    plain = to_plain(root)
+    if obeys(plain):
+        return []
+    errors = islice(schema_errors(plain), _MOST_ERRORS)
     all_violations = (_violation(error, root, sources) for error in errors)
     violations = [one for one in all_violations if not _unknown(one)]
     found: list[Diagnostic] = []

@@ -141,6 +141,14 @@ def too_small(violation: Violation) -> Diagnostic:
     )
 
 
+def too_large(violation: Violation) -> Diagnostic:
+    """A number above the greatest one."""
+    return violation.error(
+        "R2B107",
+        f"{violation.name} must be at most {violation.limit}, not {violation.value}",
+    )
+
+
 def too_few(violation: Violation) -> Diagnostic:
     """An empty text, list or map where something must be."""
     return violation.error("R2B108", f"{violation.name} must not be empty", _for_example(violation))

@@ -168,7 +168,7 @@ def test_messages_that_are_not_cdr(spec_file: str) -> None:
         for name, info in bag.topics.items()
     }
     foreign = msgspec.structs.replace(bag, topics=topics)
-    context._data = (context.bag_location, foreign, None)
+    context.bag = foreign
     (found,) = SERIALIZED.find(context)
     assert found.path == ("data_loader", "topics", "/talk")
     assert "'ros1'" in found.message

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from family_trees import alive, wait_for
@@ -288,6 +289,7 @@ def test_a_process_inherits_nothing_but_its_channel(stage: Stage) -> None:
 
 def test_a_polite_child_ends_when_it_is_told(stage: Stage) -> None:
     child = stage.start(ANSWERS)
+    stage.children.ask(child, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
     stage.children.end([child])
     assert child.process.returncode == 0
     assert list(stage.children) == []
@@ -327,16 +329,26 @@ def test_politeness_is_given_up_step_by_step(stage: Stage, impatient: None) -> N
 
 
 def test_a_child_that_hangs_is_ended_by_sigterm(stage: Stage, impatient: None) -> None:
-    child = stage.start("ends = channel()\n" + SLEEPS)
-    stage.pump_until(lambda: "here" in stage.said())
+    child = stage.start("ends = channel()\nends.send(protocol.Ready())\n" + SLEEPS)
+    stage.children.answer(child, protocol.Ready, HANG_S)
     stage.children.end([child])
     assert child.process.returncode == -signal.SIGTERM
 
 
-def test_a_child_that_is_stopped_is_killed(stage: Stage, impatient: None) -> None:
+def test_a_child_that_has_never_answered_is_not_waited_for(stage: Stage) -> None:
     child = stage.start("ends = channel()\n" + SLEEPS)
     stage.pump_until(lambda: "here" in stage.said())
+    began = time.monotonic()
+    stage.children.end([child])
+    assert child.process.returncode == -signal.SIGTERM
+    assert time.monotonic() - began < module._SHUTDOWN_S
+
+
+def test_a_child_that_is_stopped_is_killed(stage: Stage, impatient: None) -> None:
+    child = stage.start("ends = channel()\nends.send(protocol.Ready())\n" + SLEEPS)
+    stage.children.answer(child, protocol.Ready, HANG_S)
     os.kill(child.pid, signal.SIGSTOP)
+    wait_for(lambda: psutil.Process(child.pid).status() == psutil.STATUS_STOPPED)
     stage.children.end([child])
     assert child.process.returncode == -signal.SIGKILL
 

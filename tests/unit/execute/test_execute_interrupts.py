@@ -28,6 +28,31 @@ def test_a_signal_is_reported_once(number: signal.Signals) -> None:
         interrupts.check()
 
 
+@SIGNALS
+def test_a_signal_can_interrupt_long_work_at_once(number: signal.Signals) -> None:
+    with Interrupts() as interrupts:
+        with pytest.raises(InterruptedRunError, match=number.name), interrupts.at_once():
+            os.kill(os.getpid(), number)
+            pytest.fail("nothing was interrupted")
+        interrupts.check()
+
+
+def test_a_signal_that_came_before_long_work_keeps_it_from_beginning() -> None:
+    with Interrupts() as interrupts:
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(InterruptedRunError), interrupts.at_once():
+            pytest.fail("it began")
+
+
+def test_after_long_work_signals_wait_again() -> None:
+    with Interrupts() as interrupts:
+        with interrupts.at_once():
+            pass
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(InterruptedRunError):
+            interrupts.check()
+
+
 def test_handlers_are_as_before_afterwards() -> None:
     before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
     with Interrupts():

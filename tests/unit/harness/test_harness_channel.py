@@ -46,9 +46,13 @@ COMMANDS: list[protocol.Command] = [
     ),
     protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
+    protocol.ConfigureCaller(
+        service="/r2b/start", type="std_srvs/srv/SetBool", request={"data": True}, timeout_ns=1
+    ),
     protocol.Subscribe(),
     protocol.CountMatches(),
     protocol.Discover(topics=("/a", "/b")),
+    protocol.Survey(),
     protocol.Load(patience_ns=5_000_000_000),
     protocol.Play(rate_hz=29.97, steps=100),
     protocol.Stop(),
@@ -63,6 +67,8 @@ REPLIES: list[protocol.Reply] = [
     ),
     protocol.Matched(counts={"/a": 0, "/b": 2}),
     protocol.Discovered(writers={"/a": (ENDPOINT,)}, readers={"/a": ()}),
+    protocol.Surveyed(nodes=("/r2b/relay",), services=()),
+    protocol.Called(response="success: true"),
     protocol.Loaded(published={"/a": 3}, recorded={"/b": 2}),
     protocol.Played(steps=7),
     protocol.Failed(code="R2B633", message="line one\nline two: \N{SNOWMAN}", hint="h", detail="d"),

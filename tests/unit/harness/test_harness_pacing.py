@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import pytest
 
-from r2bspec.harness import pacing
-from r2bspec.harness.pacing import SPIN_NS, wait_until
+from r2bspec.harness.pacing import SPIN_NS, Pacer
+
+
+def wait_until(due_ns: int, sleep: Callable[[float], bool]) -> bool:
+    return Pacer().wait_until(due_ns, sleep)
 
 
 class Clock:
@@ -31,7 +35,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     found = Clock()
-    monkeypatch.setattr(pacing.time, "monotonic_ns", found.monotonic_ns)
+    monkeypatch.setattr(time, "monotonic_ns", found.monotonic_ns)
     return found
 
 
@@ -67,9 +71,45 @@ def test_being_woken_ends_the_wait_before_its_time(clock: Clock) -> None:
     assert clock.now_ns < 10_000_000
 
 
+def really_sleep(seconds: float) -> bool:
+    time.sleep(seconds)
+    return False
+
+
 def test_it_never_returns_before_the_due_time_on_the_real_clock() -> None:
     due_ns = time.monotonic_ns()
     for _ in range(20):
         due_ns += 700_000
-        assert wait_until(due_ns, lambda seconds: bool(time.sleep(seconds))) is False
+        assert wait_until(due_ns, really_sleep) is False
         assert time.monotonic_ns() >= due_ns
+
+
+@pytest.mark.parametrize(
+    ("oversleep_ns", "least", "most"), [(20_000, 0, 60_000), (250_000, 240_000, 300_000)]
+)
+def test_a_pacer_learns_how_much_to_spin(
+    clock: Clock, oversleep_ns: int, least: int, most: int
+) -> None:
+    pacer = Pacer()
+
+    def late(seconds: float) -> bool:
+        clock.sleep(seconds)
+        clock.now_ns += oversleep_ns
+        return False
+
+    for _ in range(2_000):
+        pacer.wait_until(clock.now_ns + 10_000_000, late)
+    assert least <= pacer.spin_ns <= most
+
+
+def test_what_a_pacer_spins_is_bounded(clock: Clock) -> None:
+    pacer = Pacer()
+
+    def held(seconds: float) -> bool:
+        clock.sleep(seconds)
+        clock.now_ns += 50_000_000
+        return False
+
+    for _ in range(200):
+        pacer.wait_until(clock.now_ns + 10_000_000, held)
+    assert pacer.spin_ns <= 300_000

@@ -108,7 +108,7 @@ def test_requirements(text: str, metric: str, op: str, value: float, dimension: 
         ("latency.p99 < 5 mss", 16, "5 ms"),
         ("latency.p99 < soon", 14, ""),
         ("sustained > 3", 10, ""),
-        ("x >= 97 % of baseline", 13, "97 % of offered"),
+        ("x >= 97 % of base", 13, "97 % of baseline"),
         ("latency." + "p" * 1000, 0, ""),
     ],
 )

@@ -17,11 +17,11 @@ import pytest
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.spec.codec import decode
 from r2bspec.spec.load import load_spec
-from r2bspec.spec.model import BagSource, Spec
+from r2bspec.spec.model import MADE, BagSource, Harness, QoS, Spec
 from r2bspec.spec.quantities import Quantity
 from r2bspec.spec.requirement import Requirement
 from r2bspec.spec.schema import published_schema, published_schema_text, strict_schema
-from r2bspec.spec.schema.build import KIND, QUANTITIES, TOPIC_KEYS, Schema
+from r2bspec.spec.schema.build import KIND, LOADER, QUANTITIES, TOPIC_KEYS, WORDS, Schema
 from r2bspec.spec.schema.document import DOCUMENT
 from r2bspec.spec.tree import to_plain
 
@@ -34,13 +34,19 @@ def pairs(schema: Schema, kind: Any, path: TreePath = ()) -> Iterator[tuple[Tree
     kind = _without_none(kind)
     yield path, schema, kind
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-        for field in msgspec.structs.fields(kind):
+        for field in written_fields(kind):
             inner = schema["properties"][field.encode_name]
             yield from pairs(inner, field.type, (*path, field.encode_name))
     elif get_origin(kind) is dict:
         yield from pairs(schema["additionalProperties"], get_args(kind)[1], (*path, "*"))
     elif get_origin(kind) is tuple:
         yield from pairs(schema["items"], get_args(kind)[0], (*path, 0))
+
+
+def written_fields(kind: type[msgspec.Struct]) -> list[msgspec.structs.FieldInfo]:
+    """The fields of a type that a document has."""
+    made = MADE.get(kind.__name__, ())
+    return [field for field in msgspec.structs.fields(kind) if field.name not in made]
 
 
 def _without_none(kind: Any) -> Any:
@@ -51,23 +57,38 @@ def _without_none(kind: Any) -> Any:
 
 
 ALL = list(pairs(DOCUMENT, Spec))
+
+
+def kind_of(field: msgspec.structs.FieldInfo) -> Any:
+    """The type of a field, without the None that an optional one may be."""
+    return _without_none(field.type)
+
+
 RECORDS = [(p, s, k) for p, s, k in ALL if isinstance(k, type) and issubclass(k, msgspec.Struct)]
 
 
 @pytest.mark.parametrize(("path", "schema", "kind"), RECORDS, ids=lambda value: str(value)[:40])
 def test_maps_of_known_keys(path: TreePath, schema: Schema, kind: type[msgspec.Struct]) -> None:
-    fields = msgspec.structs.fields(kind)
-    assert list(schema["properties"]) == [field.encode_name for field in fields], "same order, too"
+    fields = written_fields(kind)
+    kept = [key for key, each in schema["properties"].items() if LOADER not in each]
+    assert kept == [field.encode_name for field in fields], "same order, too"
     assert schema["additionalProperties"] is False
     required = {field.encode_name for field in fields if field.required}
     assert set(schema.get("required", ())) == required
+
+
+def test_what_the_loader_makes_is_no_key_of_the_language() -> None:
+    for path, schema, kind in RECORDS:
+        for name in MADE.get(kind.__name__, ()):
+            assert name in kind.__struct_fields__
+            assert name not in schema["properties"], path
 
 
 @pytest.mark.parametrize(("path", "schema", "kind"), RECORDS, ids=lambda value: str(value)[:40])
 def test_defaults_are_those_of_the_types(
     path: TreePath, schema: Schema, kind: type[msgspec.Struct]
 ) -> None:
-    for field in msgspec.structs.fields(kind):
+    for field in written_fields(kind):
         inner = schema["properties"][field.encode_name]
         if field.required:
             assert "default" not in inner, field.name
@@ -79,7 +100,9 @@ def test_defaults_are_those_of_the_types(
             read = msgspec.convert(inner["default"], field.type, dec_hook=decode)
             assert read == default, field.name
         else:
-            assert not default, f"{path}.{field.name} has a default that the schema hides"
+            assert not default or default == kind_of(field)(), (
+                f"{path}.{field.name} has a default that the schema hides"
+            )
 
 
 def test_kinds_of_values() -> None:
@@ -87,13 +110,16 @@ def test_kinds_of_values() -> None:
     for path, schema, kind in ALL:
         origin = get_origin(kind) or kind
         if origin is Literal:
-            assert schema.get("enum", [schema.get("const")]) == list(get_args(kind)), path
+            known = schema.get("enum") or schema.get(WORDS) or [schema.get("const")]
+            assert known == list(get_args(kind)), path
+        elif schema.get("type") == ["string", "object"]:
+            assert kind in (BagSource, QoS, Harness), path
         elif isinstance(kind, type) and issubclass(kind, Quantity):
             assert QUANTITIES[schema[KIND]] is kind, path
         elif kind is Requirement:
             assert schema[KIND] == "requirement", path
-        elif kind is BagSource:
-            assert schema["type"] == ["string", "object"], path
+        elif kind is Any:
+            assert "type" not in schema, path
         elif origin in words:
             assert words[origin] in schema["type"], path
         elif isinstance(kind, type):
@@ -112,7 +138,10 @@ def test_everything_is_described_with_an_example_that_holds() -> None:
 
 def test_substitution_in_keys_is_for_topics() -> None:
     maps = {path[-1] for path, schema, _ in ALL if TOPIC_KEYS in schema}
-    assert maps == {"topics", "inputs", "remappings", "publishes", "subscribes"}
+    assert maps == {
+        *("topics", "inputs", "translations"),
+        *("remappings", "publishes", "subscribes", "qos"),
+    }
 
 
 # ---- the schemas that are made of it ---------------------------------------------------------

@@ -1,0 +1,76 @@
+"""Absolute topic names outside of the benchmark's namespace."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Path, Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.names import SHARED_TOPICS
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    namespace = context.wiring.namespace
+    if namespace == "/":
+        return
+    inside = f"{namespace}/"
+    outside = {node.name for _, node in context.nodes if node.node.kind in {"external", "launch"}}
+    for name, path, key in _absolute(context):
+        if name.startswith(inside) or name in SHARED_TOPICS or outside:
+            continue
+        yield Finding(
+            message=f"{quote(name)} lies outside of the namespace {quote(namespace)}",
+            path=path,
+            key=key,
+            help=f"write {quote(name.lstrip('/'))} to stay inside, or {quote('namespace: /')} if "
+            "the graph needs fixed names",
+        )
+
+
+def _absolute(context: Context) -> Iterator[tuple[str, Path, bool]]:
+    """Every absolute name to which the spec leads messages, its place, and if it is a key."""
+    spec = context.spec
+    for bag_topic, target in spec.data_loader.topics.items():
+        if target.startswith("/"):
+            yield target, ("data_loader", "topics", bag_topic), False
+    for name in spec.playback.inputs:
+        if name.startswith("/"):
+            yield name, ("playback", "inputs", name), True
+    for _, node in context.nodes:
+        for left, right in node.node.remappings.items():
+            if right.startswith("/"):
+                yield right, (*node.path, "remappings", left), False
+
+
+RULE = Rule(
+    code="R2B214",
+    title="an absolute name that leaves the namespace",
+    severity=Severity.INFO,
+    why="The namespace keeps a benchmark's topics together. A name outside of it may be meant, or "
+    "may be a slash too many.",
+    failing=example(
+        playback="{inputs: {/image: {from: image_raw, format: sensor_msgs/msg/Image}}}",
+        graph="""
+            nodes:
+              relay:
+                command: [sh, ./relay.sh]
+                subscribes: {/image: sensor_msgs/msg/Image}
+                publishes: {output: sensor_msgs/msg/Image}
+        """,
+    ),
+    passing=example(
+        playback="{inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}}",
+        graph="""
+            nodes:
+              relay:
+                command: [sh, ./relay.sh]
+                subscribes: {image: sensor_msgs/msg/Image}
+                publishes: {output: sensor_msgs/msg/Image}
+        """,
+    ),
+    find=_find,
+)

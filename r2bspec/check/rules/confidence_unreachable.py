@@ -1,0 +1,44 @@
+"""Confidences that no amount of data reaches, or that say nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Path, Severity
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    benchmark = context.spec.benchmark
+    places: list[tuple[float | None, Path]] = [
+        (benchmark.gate.confidence.fraction, ("benchmark", "gate", "confidence"))
+    ]
+    if benchmark.search is not None:
+        places.append((benchmark.search.confidence.fraction, ("benchmark", "search", "confidence")))
+    for name, objective in context.spec.slos.items():
+        own = objective.confidence
+        places.append((None if own is None else own.fraction, ("slos", name, "confidence")))
+    for confidence, path in places:
+        if confidence is not None and not 0.5 < confidence < 1:
+            yield Finding(
+                message=f"a confidence of {confidence * 100:g} % "
+                + ("is never reached" if confidence >= 1 else "is that of a coin, or less"),
+                path=path,
+                help="95 % is usual; 99 % asks for half as many messages again",
+                explains=frozenset(each.subject for each in context.requirements),
+            )
+
+
+RULE = Rule(
+    code="R2B522",
+    title="a confidence that means nothing",
+    severity=Severity.ERROR,
+    why="A verdict is wrong with a probability of 1 minus its confidence. That is never 0, and at "
+    "50 % one might as well toss a coin.",
+    failing=example(benchmark="{rates: [30 Hz], gate: {confidence: 100 %}}"),
+    passing=example(benchmark="{rates: [30 Hz], gate: {confidence: 99 %}}"),
+    find=_find,
+)

@@ -1,0 +1,45 @@
+"""Containers in which no node runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    used = {node.node.container for _, node in context.nodes}
+    for name in context.spec.containers:
+        if name not in used:
+            yield Finding(
+                message=f"no node runs in the container {quote(name)}",
+                path=("containers", name),
+                key=True,
+                help=f"write {quote(f'container: {name}')} in a node, or remove it",
+                about=frozenset({"containers"}),
+            )
+
+
+RULE = Rule(
+    code="R2B218",
+    title="a container that no node uses",
+    severity=Severity.WARNING,
+    why="It is not started; what is set for it has no effect.",
+    failing=example(containers="{perception: {executable: python}}"),
+    passing=example(
+        containers="{perception: {executable: python}}",
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                container: perception
+                remappings: {input: image}
+        """,
+    ),
+    find=_find,
+)

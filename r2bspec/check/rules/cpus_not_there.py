@@ -1,0 +1,59 @@
+"""Processors that this machine does not have."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Certainty, Path, Severity
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    there = os.cpu_count() or 1
+    for path, cpus in _wanted(context):
+        for index, cpu in enumerate(cpus):
+            if cpu >= there:
+                yield Finding(
+                    message=f"this machine has no processor {cpu}",
+                    path=(*path, index),
+                    help=f"it has {there}, counted from 0",
+                    certainty=Certainty.ENVIRONMENT,
+                )
+
+
+def _wanted(context: Context) -> Iterator[tuple[Path, tuple[int, ...]]]:
+    for name, container in context.spec.containers.items():
+        yield ("containers", name, "cpus"), container.cpus
+    for _, node in context.nodes:
+        yield (*node.path, "cpus"), node.node.cpus
+
+
+RULE = Rule(
+    code="R2B638",
+    title="a processor that this machine does not have",
+    severity=Severity.WARNING,
+    why="A run on this machine would fail as it starts.",
+    failing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                cpus: [0, 9999]
+                remappings: {input: image}
+        """
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                cpus: [0]
+                remappings: {input: image}
+        """
+    ),
+    find=_find,
+)

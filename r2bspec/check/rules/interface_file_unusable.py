@@ -1,0 +1,33 @@
+"""Recorded interfaces that cannot be used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for _, node in context.nodes:
+        problem = context.beside.broken.get(node.key)
+        if problem:
+            yield Finding(
+                message=f"{quote(f'interfaces/{node.key}.yaml')} is not used: {problem}",
+                path=node.path,
+                key=True,
+                help="write it anew with 'r2bspec interfaces'",
+            )
+
+
+RULE = Rule(
+    code="R2B223",
+    title="a recorded interface that cannot be used",
+    severity=Severity.WARNING,
+    why="What a file in the folder 'interfaces' says of a node is known before anything starts; "
+    "without it, less is checked.",
+    find=_find,
+)

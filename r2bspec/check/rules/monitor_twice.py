@@ -1,0 +1,47 @@
+"""Monitors that watch the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.wiring.build import harness_topic
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    first: dict[tuple[str, str], str] = {}
+    for name, monitor in context.spec.monitors.items():
+        topic = harness_topic(monitor.topic, context.wiring.namespace)
+        other = first.setdefault((topic, monitor.match), name)
+        if other != name:
+            yield Finding(
+                message=f"the monitors {other} and {name} watch the same topic in the same way",
+                path=("monitors", name, "topic"),
+                help="remove one",
+                related=(Pointer("watched here already", ("monitors", other, "topic")),),
+            )
+
+
+RULE = Rule(
+    code="R2B411",
+    title="a topic that is watched twice",
+    severity=Severity.WARNING,
+    why="Each monitor takes time from the machine, and the second tells nothing new.",
+    failing=example(
+        monitors="""
+            output: {topic: output, format: sensor_msgs/msg/Image}
+            again: {topic: /r2b/output, format: sensor_msgs/msg/Image}
+        """
+    ),
+    passing=example(
+        monitors="""
+            output: {topic: output, format: sensor_msgs/msg/Image}
+            input: {topic: image, format: sensor_msgs/msg/Image}
+        """
+    ),
+    find=_find,
+)

@@ -1,0 +1,73 @@
+"""Settings of a process at a node that has none of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.model import NodeWiring
+
+_OF_A_PROCESS = ("cpus", "nice", "prefix", "memory_limit")
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for _, node in context.nodes:
+        shared = _shared(context, node)
+        for name in _OF_A_PROCESS if shared else ():
+            if getattr(node.node, name):
+                yield Finding(
+                    message=f"{quote(name)} of {node.key} has no effect: {shared}",
+                    path=(*node.path, name),
+                    key=True,
+                    help="write it for the container"
+                    if node.node.container
+                    else "give the node a container, or a process of its own",
+                )
+
+
+def _shared(context: Context, node: NodeWiring) -> str:
+    """Why a node has no process of its own; empty if it has."""
+    if node.node.kind == "external":
+        return "it must already run"
+    if node.node.container:
+        return f"it runs in the container {node.node.container}"
+    placement = context.spec.graph.placement
+    shares = node.path[0] == "graph" and node.node.kind in {"python", "plugin"}
+    if placement == "separate" or not shares:
+        return ""
+    return f"with 'placement: {placement}' it shares a process"
+
+
+RULE = Rule(
+    code="R2B221",
+    title="a setting of a process at a node that has none",
+    severity=Severity.WARNING,
+    why="Priority, processors, memory and the words before the command belong to a process. A node "
+    "in a container shares that of the others.",
+    failing=example(
+        graph="""
+            placement: shared
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                nice: 5
+                remappings: {input: image}
+        """
+    ),
+    passing=example(
+        graph="""
+            placement: separate
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                nice: 5
+                remappings: {input: image}
+        """
+    ),
+    find=_find,
+)

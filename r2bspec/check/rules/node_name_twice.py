@@ -1,0 +1,52 @@
+"""Nodes of one phase that have one name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Path, Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.model import PhaseWiring
+from r2bspec.wiring.names import node_name
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for phase in context.wiring.phases:
+        first: dict[str, tuple[str, Path]] = dict(_made(context, phase))
+        for node in phase.nodes:
+            if node.node.kind == "launch" or not node.names_known:
+                continue
+            what, path = first.setdefault(node.name, ("another node", node.path))
+            if path != node.path or what != "another node":
+                yield Finding(
+                    message=f"{quote(node.name)} is also the name of {what}",
+                    path=node.path,
+                    key=True,
+                    help="give the node another name or namespace",
+                    related=(Pointer("this is", path, key=True),),
+                )
+
+
+def _made(context: Context, phase: PhaseWiring) -> Iterator[tuple[str, tuple[str, Path]]]:
+    """The nodes that a plan makes besides those of the spec: containers and the harness."""
+    namespace = context.wiring.namespace
+    for node in phase.nodes:
+        if node.node.kind == "plugin" and not node.node.container:
+            yield f"{node.name}_container", (f"the container of {node.key}", node.path)
+    if context.spec.harness.kind == "ros2_benchmark" and phase.phase == "measure":
+        monitors = (f"monitor_{name}" for name in context.spec.monitors)
+        for part in ("data_loader", "playback", *monitors):
+            yield node_name(part, namespace), ("a part of the harness", ("harness",))
+
+
+RULE = Rule(
+    code="R2B215",
+    title="two nodes of one name",
+    severity=Severity.ERROR,
+    why="Nodes of one name share services and parameters, and ROS does not say which of the two "
+    "answers.",
+    find=_find,
+)

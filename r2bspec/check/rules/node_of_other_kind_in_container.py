@@ -1,0 +1,70 @@
+"""Nodes that their container cannot hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for _, node in context.nodes:
+        container = context.spec.containers.get(node.node.container)
+        if container is None:
+            continue
+        kind = node.node.kind
+        holds = "python" if container.executable == "python" else "plugin"
+        if kind == holds:
+            continue
+        placed = f"{node.key} cannot run in {quote(node.node.container)}"
+        contents = "Python nodes" if holds == "python" else "C++ components"
+        yield Finding(
+            message=f"{placed}, which holds {contents}"
+            if kind in {"python", "plugin"}
+            else f"{placed}: it is a process of its own",
+            path=(*node.path, "container"),
+            help="name another container, or none"
+            if kind in {"python", "plugin"}
+            else "only Python nodes and C++ components run in containers",
+            related=(
+                Pointer(
+                    f"its executable is {container.executable}",
+                    ("containers", node.node.container, "executable"),
+                ),
+            ),
+        )
+
+
+RULE = Rule(
+    code="R2B219",
+    title="a node that its container cannot hold",
+    severity=Severity.ERROR,
+    why="A component container loads C++ components, and a Python container rclpy nodes; neither "
+    "can hold the other's, nor a program.",
+    failing=example(
+        containers="{perception: {executable: component_container}}",
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                container: perception
+                remappings: {input: image}
+        """,
+    ),
+    passing=example(
+        containers="{perception: {executable: python}}",
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                container: perception
+                remappings: {input: image}
+        """,
+    ),
+    find=_find,
+)

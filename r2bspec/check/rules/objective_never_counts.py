@@ -1,0 +1,54 @@
+"""Objectives under a condition that no declared value meets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import suggestion
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.spec.tree import ListNode, to_plain
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for name, objective in context.spec.slos.items():
+        for variable, value in objective.when.items():
+            allowed = _values(context, variable)
+            if allowed and str(value) not in allowed:
+                yield Finding(
+                    message=f"{quote(variable)} is never {value}, so {quote(name)} never counts",
+                    path=("slos", name, "when", variable),
+                    help=suggestion(str(value), allowed, "its values"),
+                )
+
+
+def _values(context: Context, variable: str) -> list[str]:
+    """All values that a variable may have, where the document lists them; else nothing."""
+    for path in (("variables", variable, "choices"), ("matrix", "axes", variable)):
+        listed_here = context.value_at(path)
+        if isinstance(listed_here, ListNode):
+            return [str(to_plain(each)) for each in listed_here.items]
+    return []
+
+
+RULE = Rule(
+    code="R2B518",
+    title="an objective that never counts",
+    severity=Severity.WARNING,
+    why="'when' compares a variable with a value that its choices do not have.",
+    failing=example(
+        variables="{threads: {type: integer, value: 1, choices: [1, 2]}}",
+        benchmark="{iterations: $(var threads), rates: [30 Hz]}",
+        slos="{fast: {at: 30 Hz, when: {threads: 4}, require: [received > 0]}}",
+    ),
+    passing=example(
+        variables="{threads: {type: integer, value: 1, choices: [1, 2]}}",
+        benchmark="{iterations: $(var threads), rates: [30 Hz]}",
+        slos="{fast: {at: 30 Hz, when: {threads: 2}, require: [received > 0]}}",
+    ),
+    find=_find,
+)

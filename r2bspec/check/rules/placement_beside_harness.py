@@ -1,0 +1,56 @@
+"""Nodes that share a process with the harness."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import listed
+from r2bspec.diagnostics.model import Severity
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    graph = context.spec.graph
+    if graph.placement != "harness":
+        return
+    beside = [
+        node.key
+        for node in context.wiring.measure.nodes
+        if node.node.kind == "python" and not node.node.container
+    ]
+    if beside:
+        yield Finding(
+            message=f"{listed(beside)} shares its process, and Python's lock, with player and "
+            "monitors"
+            if len(beside) == 1
+            else f"{listed(beside)} share one process, and Python's lock, with player and monitors",
+            path=("graph", "placement"),
+            help="'separate' uses one processor core for each",
+        )
+
+
+RULE = Rule(
+    code="R2B626",
+    title="nodes in the process of the harness",
+    severity=Severity.INFO,
+    why="It saves the way between processes, but what the harness does delays the graph, and only "
+    "one of them runs at a time, however many cores there are.",
+    failing=example(
+        graph="""
+            placement: harness
+            nodes:
+              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
+        """
+    ),
+    passing=example(
+        graph="""
+            placement: separate
+            nodes:
+              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
+        """
+    ),
+    find=_find,
+)

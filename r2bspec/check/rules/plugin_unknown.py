@@ -1,0 +1,39 @@
+"""C++ components that a well-known package does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import suggestion
+from r2bspec.diagnostics.model import Certainty, Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.wellknown import DISTRIBUTION, nodes_of
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for _, node in context.nodes:
+        known = nodes_of(node.node.package) if node.node.kind == "plugin" else {}
+        if known and node.node.plugin not in known:
+            yield Finding(
+                message=f"{node.node.package} of {DISTRIBUTION} has no component "
+                f"{quote(node.node.plugin)}",
+                path=(*node.path, "plugin"),
+                help=suggestion(node.node.plugin, known, "it has"),
+                certainty=Certainty.ENVIRONMENT,
+                explains=frozenset({subjects.value(node.path)}),
+            )
+
+
+RULE = Rule(
+    code="R2B639",
+    title="a component that its package does not have",
+    severity=Severity.WARNING,
+    why="The container could not load it. It is a warning, because another version of the package "
+    "may have it.",
+    find=_find,
+    early=True,
+)

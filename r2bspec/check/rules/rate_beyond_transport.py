@@ -1,0 +1,76 @@
+"""Rates at which the messages are more than the transport carries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Certainty, Path, Severity
+from r2bspec.plan.compile import has_own_rate
+from r2bspec.plan.topics import straight_from
+from r2bspec.spec.tree import ListNode
+from r2bspec.wiring.build import harness_topic
+
+_CAPACITY = {"udp": 250e6, "shared_memory": 3e9}
+"""Bytes per second between two processes on one host. Estimates: a 2-core x86-64 machine carried
+2.8 MB messages in 12 ms over UDP on the loopback, and a copy in and out of shared memory in 0.7 ms
+to 1 ms."""
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    spec, bag = context.spec, context.bag
+    capacity = _CAPACITY.get(spec.transport)
+    if capacity is None or bag is None or has_own_rate(spec):
+        return
+    largest = max(
+        (
+            (info.max_message_bytes, name)
+            for name in spec.data_loader.topics
+            if (info := bag.find(name)) is not None and info.max_message_bytes
+        ),
+        default=(0, ""),
+    )
+    size, name = largest
+    if not size or not _played_straight(context, name):
+        return
+    most = capacity / size
+    for index, rate in enumerate(spec.benchmark.rates):
+        if rate.hz > most:
+            path: Path = ("benchmark", "rates", index)
+            written = isinstance(context.value_at(("benchmark", "rates")), ListNode)
+            yield Finding(
+                message=f"{rate} of {name} are {rate.hz * size / 1e6:,.0f} MB/s; "
+                f"{spec.transport} carries about {capacity / 1e6:,.0f} MB/s",
+                path=path if written else ("benchmark", "rates"),
+                help=f"an estimate, from a machine of two cores: about {most:.0f} Hz can be "
+                "carried" + ("; shared_memory carries more" if spec.transport == "udp" else ""),
+                certainty=Certainty.ENVIRONMENT,
+            )
+            if not written:
+                return
+
+
+def _played_straight(context: Context, bag_topic: str) -> bool:
+    """Whether messages are played as large as they were recorded."""
+    return any(
+        straight_from(
+            harness_topic(each.source, context.wiring.namespace), context.spec, context.wiring
+        )
+        == bag_topic
+        for each in context.spec.playback.inputs.values()
+    )
+
+
+RULE = Rule(
+    code="R2B627",
+    title="a rate beyond what the transport carries",
+    severity=Severity.WARNING,
+    why="What is measured then is the transport, and playback will miss its own schedule. The "
+    "figures are estimates: a faster machine carries more.",
+    failing=example(transport="udp", benchmark="{rates: [200 Hz]}"),
+    passing=example(transport="udp", benchmark="{rates: [30 Hz]}"),
+    find=_find,
+)

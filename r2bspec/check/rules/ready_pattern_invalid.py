@@ -1,0 +1,41 @@
+"""Probes for a line that no regular expression describes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for name, probe in context.spec.ready.items():
+        if probe.log is None:
+            continue
+        try:
+            re.compile(probe.log.pattern)
+        except (re.error, RecursionError, OverflowError) as error:
+            position = getattr(error, "pos", None) or 0
+            yield Finding(
+                message=f"{quote(probe.log.pattern)} is no regular expression: "
+                f"{getattr(error, 'msg', '') or error}",
+                path=("ready", name, "log", "pattern"),
+                part=(min(position, len(probe.log.pattern) - 1), 1),
+                help="a character that means itself is written with a backslash before it",
+            )
+
+
+RULE = Rule(
+    code="R2B609",
+    title="a pattern that is no regular expression",
+    severity=Severity.ERROR,
+    why="A probe looks for a line of output by a regular expression, as Python's 're' reads it.",
+    failing=example(ready="{up: {log: {process: relay, pattern: 'started ('}}}"),
+    passing=example(ready="{up: {log: {process: relay, pattern: 'started \\('}}}"),
+    find=_find,
+)

@@ -1,0 +1,35 @@
+"""Probes that wait for a line of a process that does not exist."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import suggestion
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for name, probe in context.spec.ready.items():
+        if probe.log is None or probe.log.process in context.processes:
+            continue
+        yield Finding(
+            message=f"there is no process {quote(probe.log.process)}",
+            path=("ready", name, "log", "process"),
+            help=suggestion(probe.log.process, context.processes, "the processes"),
+        )
+
+
+RULE = Rule(
+    code="R2B608",
+    title="a probe of a process that does not exist",
+    severity=Severity.ERROR,
+    why="The line never comes. A node's process is called like the node, or like its container.",
+    failing=example(ready="{up: {log: {process: rely, pattern: started}}}"),
+    passing=example(ready="{up: {log: {process: relay, pattern: started}}}"),
+    find=_find,
+)

@@ -1,0 +1,44 @@
+"""Loading in real time where nobody would notice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    if context.spec.data_loader.real_time and not context.spec.preprocessors:
+        yield Finding(
+            message="'real_time' has no effect: there are no preprocessors",
+            path=("data_loader", "real_time"),
+            key=True,
+            help="for recorded times while measuring, write 'mode: timeline' under 'playback'",
+        )
+
+
+RULE = Rule(
+    code="R2B326",
+    title="loading in real time without preprocessors",
+    severity=Severity.WARNING,
+    why="It says how fast preprocessors are fed. Without any, messages go straight from the bag "
+    "into the buffer.",
+    failing=example(
+        data_loader="""
+            bag: r2b_storage
+            real_time: true
+            topics: {/d455_1_rgb_image: image_raw}
+        """
+    ),
+    passing=example(
+        data_loader="""
+            bag: r2b_storage
+            topics: {/d455_1_rgb_image: image_raw}
+        """
+    ),
+    find=_find,
+)

@@ -1,0 +1,48 @@
+"""Recordings of which no topic is used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import listed
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    topics = context.spec.data_loader.topics
+    if not context.spec.data_loader.bags or context.bag is None:
+        return
+    for recording in context.recordings:
+        held = recording.content
+        if held is not None and not any(held.find(name) for name in topics):
+            yield Finding(
+                message=f"no topic of {quote(held.name)} is used",
+                path=recording.path,
+                help=f"it has {listed(held.topics)}" if held.topics else "it is empty",
+            )
+
+
+RULE = Rule(
+    code="R2B324",
+    title="a recording of which nothing is used",
+    severity=Severity.WARNING,
+    why="It is looked for, hashed and kept for nothing.",
+    failing=example(
+        data_loader="""
+            bags: [r2b_storage, r2b_hope]
+            topics: {/d455_1_rgb_image: image_raw}
+        """
+    ),
+    passing=example(
+        data_loader="""
+            bags: [r2b_storage]
+            topics: {/d455_1_rgb_image: image_raw}
+        """
+    ),
+    find=_find,
+)

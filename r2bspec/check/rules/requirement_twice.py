@@ -1,0 +1,49 @@
+"""Requirements that are written twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.requirements import Placed
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    first: dict[tuple[object, ...], Placed] = {}
+    for placed in context.requirements:
+        requirement = placed.requirement
+        words = "".join(requirement.text.split())
+        key = (placed.role, placed.at, placed.needs_rate, _when(context, placed), words)
+        other = first.setdefault(key, placed)
+        if other is not placed:
+            yield Finding(
+                message=f"{quote(requirement.text.strip())} is required twice",
+                path=placed.path,
+                help="remove one",
+                related=(Pointer("required here already", other.path),),
+                about=frozenset({placed.subject}),
+            )
+
+
+def _when(context: Context, placed: Placed) -> str:
+    """Under what condition a requirement counts."""
+    objective = context.spec.slos.get(placed.objective)
+    return "" if objective is None else repr((objective.when, objective.at_peak, objective.level))
+
+
+RULE = Rule(
+    code="R2B516",
+    title="a requirement that is written twice",
+    severity=Severity.WARNING,
+    why="It is judged once more, and a run that fails it fails two requirements.",
+    failing=example(
+        slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms, latency.p90 < 50 ms]}}"
+    ),
+    passing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms, drop_rate <= 5 %]}}"),
+    find=_find,
+)

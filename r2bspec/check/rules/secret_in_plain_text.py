@@ -1,0 +1,88 @@
+"""Secrets that are written out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Path, Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.spec.tree import ListNode, MapNode, ScalarNode, TreeNode
+
+_NAME = re.compile(
+    r"(?:^|[_.\-])(?:passw(?:or)?d|passphrase|secret|token|api_?key|access_?key|private_?key"
+    r"|credentials?)$",
+    re.IGNORECASE,
+)
+_SECTIONS = frozenset({"env", "parameters", "arguments", "variables", "request", "labels"})
+_HARMLESS = frozenset({"", "none", "null", "true", "false", "changeme", "xxx", "***"})
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    if context.loaded.tree is not None:
+        yield from _below(context.loaded.tree, ())
+
+
+def _below(node: TreeNode, path: Path) -> Iterator[Finding]:
+    if isinstance(node, ListNode):
+        for index, item in enumerate(node.items):
+            yield from _below(item, (*path, index))
+    if not isinstance(node, MapNode):
+        return
+    for key, entry in node.entries.items():
+        place = (*path, key)
+        if _SECTIONS.isdisjoint(path) or not _NAME.search(key):
+            yield from _below(entry.value, place)
+        elif _is_secret(entry.value):
+            name = re.sub(r"\W", "_", key).upper()
+            yield Finding(
+                message=f"{quote(key)} looks like a secret, and everybody who reads this file can "
+                "read it",
+                path=place,
+                help=f"write $(env {name}), list {name} under 'environment', and set it where the "
+                "run is started",
+            )
+
+
+def _is_secret(node: TreeNode) -> bool:
+    """Whether a text was written out, rather than brought here from the environment."""
+    if isinstance(node, MapNode):
+        return any(_is_secret(each.value) for key, each in node.entries.items() if key == "value")
+    return (
+        isinstance(node, ScalarNode)
+        and isinstance(node.value, str)
+        and node.origin is None
+        and node.text.lower() not in _HARMLESS
+    )
+
+
+RULE = Rule(
+    code="R2B604",
+    title="a secret in plain text",
+    severity=Severity.WARNING,
+    why="Specs are kept in repositories and copied into run folders and reports. What comes from "
+    "the environment is not.",
+    failing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: image}
+                env: {CAMERA_PASSWORD: hunter2}
+        """
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: image}
+                env: {CAMERA_USER: guest}
+        """
+    ),
+    find=_find,
+)

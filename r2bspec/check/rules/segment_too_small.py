@@ -1,0 +1,45 @@
+"""Shared memory into which the largest message does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.spec.quantities import Size
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    segment, bag = context.spec.segment, context.bag
+    if segment is None or bag is None:
+        return
+    for name in context.spec.data_loader.topics:
+        info = bag.find(name)
+        if info is None or not info.max_message_bytes:
+            continue
+        size = Size(info.max_message_bytes)
+        # The transport takes messages up to half of its segment.
+        if segment.bytes < 2 * size.bytes:
+            yield Finding(
+                message=f"a segment of {segment} is too small for the {size} of {quote(name)}",
+                path=("transport", "segment"),
+                help="24 times the largest message leaves room for the queues of writers; without "
+                "'segment' that is what it gets",
+                related=(Pointer("loaded here", ("data_loader", "topics", name)),),
+            )
+            return
+
+
+RULE = Rule(
+    code="R2B628",
+    title="a segment of shared memory that is too small",
+    severity=Severity.ERROR,
+    why="A message that does not fit travels in fragments over UDP, at ten times the latency.",
+    failing=example(transport="{kind: shared_memory, segment: 1 MiB}"),
+    passing=example(transport="{kind: shared_memory, segment: 128 MiB}"),
+    find=_find,
+)

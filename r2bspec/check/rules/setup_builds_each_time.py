@@ -1,0 +1,41 @@
+"""Setup steps that make something anew before every run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+_BUILDS = re.compile(
+    r"(?:^|/)(?:colcon|cmake|make|ninja|bazel|cargo|pip|trtexec)$|build|compile|convert|download"
+)
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for name, step in context.spec.setup.items():
+        word = next((each for each in step.command if _BUILDS.search(each)), "")
+        if word and not step.creates:
+            yield Finding(
+                message=f"{quote(name)} seems to make something, and runs before every run",
+                path=("setup", name),
+                key=True,
+                help="name the file that it makes under 'creates', and it is skipped once that is "
+                "there",
+            )
+
+
+RULE = Rule(
+    code="R2B607",
+    title="a setup step that builds before every run",
+    severity=Severity.INFO,
+    why="A step with 'creates' runs once, and a lock keeps runs from making the same file at once.",
+    failing=example(setup="{model: {command: [sh, ./build_model.sh]}}"),
+    passing=example(setup="{model: {command: [sh, ./build_model.sh], creates: model.plan}}"),
+    find=_find,
+)

@@ -1,0 +1,45 @@
+"""More shared memory than this machine has."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Certainty, Severity
+from r2bspec.spec.quantities import Size
+
+_FOLDER = "/dev/shm"  # noqa: S108 -- looked at, not written to
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    segment = context.spec.segment
+    if segment is None or context.spec.transport != "shared_memory":
+        return
+    try:
+        there = shutil.disk_usage(_FOLDER).total
+    except OSError:
+        return
+    processes = len(context.processes)
+    wanted = segment.bytes * processes
+    if wanted > there:
+        yield Finding(
+            message=f"{processes} processes with a segment of "
+            f"{segment} each need {Size(wanted)}, but {_FOLDER} has "
+            f"{Size(there // 2**20 * 2**20)}",
+            path=("transport", "segment"),
+            help=f"make it smaller, or {_FOLDER} larger (docker run --shm-size)",
+            certainty=Certainty.ENVIRONMENT,
+        )
+
+
+RULE = Rule(
+    code="R2B629",
+    title="more shared memory than this machine has",
+    severity=Severity.WARNING,
+    why="Every process that uses the transport makes a segment of that size. Where there is no "
+    "more room, messages take the way over UDP.",
+    find=_find,
+)

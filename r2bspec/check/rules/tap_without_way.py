@@ -1,0 +1,55 @@
+"""Taps on a way of which no topic is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import listed
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    phase = context.wiring.measure
+    played = {each.topic for each in phase.owned_by("player")}
+    for each in phase.owned_by("monitor"):
+        if not context.spec.monitors[each.monitor].taps:
+            continue
+        shown = quote(context.shown(each.topic))
+        way = phase.reached_from(played) & phase.leading_to(each.topic)
+        if not way - played - {each.topic}:
+            unknown = [node.key for node in (*phase.may_read, *phase.may_write)]
+            yield Finding(
+                message=f"no topic is known between the inputs and {shown}",
+                path=("monitors", each.monitor, "taps"),
+                help=f"say what {listed(unknown)} 'subscribes:' and 'publishes:'"
+                if unknown
+                else "one node alone has no hops to tell apart",
+            )
+
+
+RULE = Rule(
+    code="R2B412",
+    title="taps where there is nothing to tap",
+    severity=Severity.INFO,
+    why="Taps split the latency of a graph into that of its hops. They are set on the topics "
+    "between the playback inputs and the monitored one, as far as these are known.",
+    failing=example(
+        monitors="{output: {topic: output, format: sensor_msgs/msg/Image, taps: true}}"
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: image, output: relayed}
+              again: {python: r2bspec.nodes.RelayNode, remappings: {input: relayed}}
+        """,
+        monitors="{output: {topic: output, format: sensor_msgs/msg/Image, taps: true}}",
+    ),
+    find=_find,
+)

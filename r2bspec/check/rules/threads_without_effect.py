@@ -1,0 +1,66 @@
+"""Threads of containers that have only one, or cannot be told how many."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import counted
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.spec.model import Container
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for name, container in context.spec.containers.items():
+        why = _why(container) if container.threads > 1 else ""
+        if why:
+            yield Finding(
+                message=f"{counted(container.threads, 'thread')} of {quote(name)} have no effect: "
+                f"{why}",
+                path=("containers", name, "threads"),
+                help="write 'executor: multi_threaded'"
+                if container.executable == "python"
+                else "write 'executable: component_container_mt'",
+            )
+
+
+def _why(container: Container) -> str:
+    if container.executable == "component_container_mt":
+        return ""
+    if container.executable == "python":
+        return "" if container.executor == "multi_threaded" else "its executor has only one"
+    return f"{container.executable} cannot be told how many"
+
+
+RULE = Rule(
+    code="R2B222",
+    title="a number of threads without effect",
+    severity=Severity.WARNING,
+    why="Only component_container_mt and Python containers with a multi-threaded executor spin "
+    "their nodes with a number of threads.",
+    failing=example(
+        containers="{perception: {executable: python, threads: 4}}",
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                container: perception
+                remappings: {input: image}
+        """,
+    ),
+    passing=example(
+        containers="{perception: {executable: python, executor: multi_threaded, threads: 4}}",
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                container: perception
+                remappings: {input: image}
+        """,
+    ),
+    find=_find,
+)

@@ -1,0 +1,43 @@
+"""Budgets that end before the first iterations do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.plan.compile import has_own_rate
+from r2bspec.spec.quantities import Duration
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    benchmark = context.spec.benchmark
+    budget = benchmark.gate.time_budget
+    rates = 1 if has_own_rate(context.spec) else len(set(benchmark.rates))
+    needed = benchmark.duration.ns * benchmark.iterations * rates
+    if budget is not None and needed > budget.ns:
+        yield Finding(
+            message=f"a budget of {budget} ends before all is played, which takes "
+            f"{Duration(needed)}",
+            path=("benchmark", "gate", "time_budget"),
+            help="allow more time, or play less",
+            related=(Pointer("played this often", ("benchmark", "iterations")),),
+        )
+
+
+RULE = Rule(
+    code="R2B521",
+    title="a time budget that is too short",
+    severity=Severity.ERROR,
+    why="A run that ends before its iterations do decides nothing.",
+    failing=example(
+        benchmark="{duration: 10 s, iterations: 5, rates: [30 Hz], gate: {time_budget: 20 s}}"
+    ),
+    passing=example(
+        benchmark="{duration: 10 s, iterations: 5, rates: [30 Hz], gate: {time_budget: 2 min}}"
+    ),
+    find=_find,
+)

@@ -1,0 +1,59 @@
+"""Shares of windows that too few windows can show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.metrics import known_metrics
+from r2bspec.check.rule import Rule
+from r2bspec.check.settling import least_messages
+from r2bspec.check.words import counted
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.spec.quantities import Duration
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    benchmark = context.spec.benchmark
+    iterations = max(benchmark.iterations, benchmark.max_iterations)
+    for each in known_metrics(context):
+        placed = each.placed
+        requirement = placed.requirement
+        if requirement.windows_share is None or placed.role != "objective":
+            continue
+        windows = benchmark.duration.ns // requirement.window_ns * iterations
+        needed = least_messages(1 - requirement.windows_share, placed.confidence)
+        if needed is not None and windows >= needed:
+            continue
+        length = Duration(requirement.window_ns)
+        yield Finding(
+            message=f"{counted(windows, 'window')} of {length} can never show that "
+            f"{quote(requirement.text)}"
+            + (f"; that takes {needed:,} at least" if needed is not None else ""),
+            path=placed.path,
+            help="allow a small share of windows to miss the bound"
+            if needed is None
+            else "play longer or more often, take shorter windows, or ask for a smaller share",
+            related=(Pointer("an iteration is this long", ("benchmark", "duration")),),
+            about=frozenset({placed.subject}),
+        )
+
+
+RULE = Rule(
+    code="R2B520",
+    title="a share of windows that too few windows can show",
+    severity=Severity.ERROR,
+    why="By the exact binomial test a share p of windows is shown at confidence c by no fewer than "
+    "ln(1 - c) / ln(p) windows, even if every one of them is within the bound.",
+    failing=example(
+        slos="{steady: {at: 30 Hz, require: [latency.max < 50 ms in 99 % of 1 s windows]}}"
+    ),
+    passing=example(
+        benchmark="{duration: 20 s, iterations: 5, rates: [30 Hz]}",
+        slos="{steady: {at: 30 Hz, require: [latency.max < 50 ms in 95 % of 1 s windows]}}",
+    ),
+    find=_find,
+)

@@ -1,0 +1,47 @@
+"""Transforms that are to be played but were not recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    loader, bag = context.spec.data_loader, context.bag
+    if bag is None:
+        return
+    for name, asked in (("/tf", loader.publish_tf), ("/tf_static", loader.publish_tf_static)):
+        if asked and bag.find(name) is None:
+            yield Finding(
+                message=f"the bag {quote(bag.name)} holds no {quote(name)}",
+                path=("data_loader", f"publish_{name[1:]}"),
+                help="remove it, or publish the transforms by a node of the graph",
+            )
+
+
+RULE = Rule(
+    code="R2B325",
+    title="transforms that the bag does not hold",
+    severity=Severity.ERROR,
+    why="Nothing would be published, and whoever looks transforms up waits for ever.",
+    failing=example(
+        data_loader="""
+            bag: r2b_storage
+            publish_tf_static: true
+            topics: {/d455_1_rgb_image: image_raw}
+        """
+    ),
+    passing=example(
+        data_loader="""
+            bag: r2b_storage
+            topics: {/d455_1_rgb_image: image_raw}
+        """
+    ),
+    find=_find,
+)

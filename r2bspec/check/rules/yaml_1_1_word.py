@@ -1,0 +1,89 @@
+"""Words that YAML 1.1 read as something else."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Path, Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.spec.tree import ListNode, MapNode, ScalarNode, TreeNode
+
+_TRUTH = frozenset({"yes", "no", "on", "off", "y", "n"})
+_OCTAL = re.compile(r"[-+]?0[0-7_]+")
+_SEXAGESIMAL = re.compile(r"[-+]?[1-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?")
+_SECTIONS = ("parameters", "arguments", "variables", "labels", "request")
+_TRUE = frozenset({"yes", "on", "y"})
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    if context.loaded.tree is None:
+        return
+    for path, node in _values(context.loaded.tree, ()):
+        meant = _meant(node.text)
+        if meant is not None:
+            yield Finding(
+                message=f"{quote(node.text)} is a text; YAML 1.1 took it for {meant[0]}",
+                path=path,
+                help=f"write {meant[1]} if that is meant, or quotes around the text",
+            )
+
+
+def _values(node: TreeNode, path: Path) -> Iterator[tuple[Path, ScalarNode]]:
+    """Plain texts at places where a node or a variable could also get a number."""
+    if isinstance(node, MapNode):
+        for key, entry in node.entries.items():
+            if not key.startswith("x-"):
+                yield from _values(entry.value, (*path, key))
+    elif isinstance(node, ListNode):
+        for index, item in enumerate(node.items):
+            yield from _values(item, (*path, index))
+    elif isinstance(node, ScalarNode) and isinstance(node.value, str) and not node.style:
+        inside = any(part in _SECTIONS for part in path)
+        if inside and node.origin is None:
+            yield path, node
+
+
+def _meant(text: str) -> tuple[str, str] | None:
+    """What YAML 1.1 made of a text, and how to write that; None if the same."""
+    if text.lower() in _TRUTH and text in {text.lower(), text.upper(), text.capitalize()}:
+        return "a truth value", "true" if text.lower() in _TRUE else "false"
+    if _OCTAL.fullmatch(text):
+        return "an octal number", str(int(text.replace("_", ""), 8))
+    if _SEXAGESIMAL.fullmatch(text):
+        return "a number of base 60", "a plain number"
+    return None
+
+
+RULE = Rule(
+    code="R2B603",
+    title="a word that YAML 1.1 read as a number or a truth value",
+    severity=Severity.WARNING,
+    why="These documents are YAML 1.2, as editors read them: 'on', '010' and '12:30' are texts. "
+    "Parameter files of ROS are YAML 1.1, where they are not.",
+    failing=example(
+        graph="""
+            nodes:
+              relay:
+                command: [sh, ./relay.sh]
+                parameters: {fast: yes}
+                subscribes: {image: sensor_msgs/msg/Image}
+                publishes: {output: sensor_msgs/msg/Image}
+        """
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay:
+                command: [sh, ./relay.sh]
+                parameters: {fast: true}
+                subscribes: {image: sensor_msgs/msg/Image}
+                publishes: {output: sensor_msgs/msg/Image}
+        """
+    ),
+    find=_find,
+)

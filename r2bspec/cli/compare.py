@@ -1,0 +1,49 @@
+"""``r2bspec compare``: what improved and what got worse between finished runs."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import click
+
+_RESULT = click.Path(path_type=Path)
+
+
+@click.command("compare")
+@click.argument("base", type=_RESULT)
+@click.argument("heads", type=_RESULT, nargs=-1, required=True, metavar="HEAD...")
+@click.option(
+    "--margin",
+    type=click.FloatRange(0, 100, min_open=True),
+    default=5.0,
+    show_default=True,
+    metavar="PERCENT",
+    help="Differences within this many percent count as none.",
+)
+@click.option("--force", is_flag=True, help="Compare different plans, data or machines, too.")
+@click.option(
+    "--format", "output_format", type=click.Choice(["text", "json", "markdown"]), default="text"
+)
+def command(
+    base: Path, heads: tuple[Path, ...], margin: float, force: bool, output_format: str
+) -> int:
+    """Compare each HEAD with BASE, metric by metric.
+
+    Each is a run folder, the result.json of one, or a report of ros2_benchmark. The exit status is
+    0 whatever comes out: stored results advise, and 'r2bspec run --against' gates.
+    """
+    from r2bspec.report.compare.decide import compare
+    from r2bspec.report.compare.show import to_json, to_markdown, to_text
+    from r2bspec.report.compare.subject import read_subject
+
+    first = read_subject(base)
+    found = [compare(first, read_subject(head), margin=margin / 100, force=force) for head in heads]
+    if output_format == "json":
+        content = to_json(found)
+    elif output_format == "markdown":
+        content = to_markdown(found).encode()
+    else:
+        content = to_text(found, shutil.get_terminal_size((100, 24)).columns).encode()
+    click.echo(content, nl=False)
+    return 0

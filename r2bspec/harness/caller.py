@@ -1,0 +1,97 @@
+"""The caller: makes one service call, as a step once the graph stands."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+
+from r2bspec.harness import protocol, ros
+from r2bspec.harness.channel import Channel
+
+
+class CallError(Exception):
+    """A call that cannot be made, or is not answered; in words for the user."""
+
+    code = "R2B647"
+
+
+def service_class(type_name: str) -> Any:
+    """The class of a service type such as ``std_srvs/srv/Trigger``.
+
+    Raises:
+        CallError: the package is not installed or has no such service.
+    """
+    package, _, name = type_name.partition("/srv/")
+    try:
+        return getattr(importlib.import_module(f"{package}.srv"), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise CallError(f"service type {type_name} is not installed here") from error
+
+
+def fill(message: Any, values: dict[str, Any], path: str = "") -> Any:
+    """Set the fields of a message from a mapping, nested messages from nested mappings.
+
+    Raises:
+        CallError: there is no such field, or the value does not fit it.
+    """
+    fields = message.get_fields_and_field_types()
+    for name, value in values.items():
+        where = f"{path}.{name}" if path else name
+        if name not in fields:
+            raise CallError(f"the request has no field {where!r}; it has {', '.join(fields)}")
+        current = getattr(message, name)
+        try:
+            setattr(message, name, _fitting(current, fields[name], value, where))
+        except (AssertionError, TypeError, ValueError) as error:
+            raise CallError(f"{where} cannot be {value!r}: it is {fields[name]}") from error
+    return message
+
+
+def _fitting(current: Any, type_name: str, value: Any, where: str) -> Any:
+    """The value of a field: as given, or messages made from mappings."""
+    if isinstance(value, dict):
+        return fill(current, value, where)
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        element = type_name.removeprefix("sequence<").split("<")[-1].rstrip(">").split(",")[0]
+        package, _, name = element.partition("/")
+        made = ros.message_class(f"{package}/msg/{name}")
+        return [fill(made(), each, f"{where}[{index}]") for index, each in enumerate(value)]
+    if isinstance(current, float) and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    return value
+
+
+class Caller:
+    """Waits for a service, calls it once, and says what came back."""
+
+    def __init__(self, channel: Channel, settings: protocol.ConfigureCaller) -> None:
+        self._channel = channel
+        self._settings = settings
+        self._node: Node = ros.start_node("caller")
+
+    def serve(self) -> None:
+        """Make the call; the answer follows the readiness.
+
+        Raises:
+            CallError: there is no such service in time, or it does not answer.
+        """
+        self._channel.send(protocol.Ready())
+        settings = self._settings
+        kind = service_class(settings.type)
+        deadline = time.monotonic() + settings.timeout_ns / 1e9
+        client = self._node.create_client(kind, settings.service)
+        if not client.wait_for_service(settings.timeout_ns / 1e9):
+            raise CallError(f"there is no service {settings.service}")
+        future = client.call_async(fill(kind.Request(), settings.request))
+        rclpy.spin_until_future_complete(
+            self._node, future, timeout_sec=max(0.0, deadline - time.monotonic())
+        )
+        if not future.done():
+            raise CallError(f"service {settings.service} did not answer in time")
+        self._channel.send(protocol.Called(response=repr(future.result())))
+        while not isinstance(self._channel.receive(), protocol.Shutdown):
+            pass

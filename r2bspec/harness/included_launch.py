@@ -1,0 +1,53 @@
+"""A launch file that includes another one, in a namespace and with remappings of its own.
+
+``ros2 launch`` has options for neither; this file takes both as launch arguments:
+
+    file        path of the launch file, or its name where `package` is given
+    package     the package in whose share folder the file lies
+    namespace   namespace of all nodes that it starts
+    remappings  remapping rules for all of them, as a JSON object
+    arguments   launch arguments for the file, as a JSON object
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def generate_launch_description() -> Any:
+    """What ``ros2 launch`` asks a launch file for."""
+    # Launch is part of a full ROS installation, never of its wheels.
+    launch = importlib.import_module("launch")
+    actions = importlib.import_module("launch.actions")
+    sources = importlib.import_module("launch.launch_description_sources")
+    ros = importlib.import_module("launch_ros.actions")
+    given = _given(sys.argv)
+    rules = json.loads(given.get("remappings", "{}"))
+    included = actions.IncludeLaunchDescription(
+        sources.AnyLaunchDescriptionSource(_path(given)),
+        launch_arguments=json.loads(given.get("arguments", "{}")).items(),
+    )
+    group = [ros.PushRosNamespace(given.get("namespace", "/"))]
+    group += [ros.SetRemap(before, after) for before, after in rules.items()]
+    return launch.LaunchDescription([actions.GroupAction([*group, included])])
+
+
+def _given(argv: list[str]) -> dict[str, str]:
+    """The launch arguments on the command line, ``name:=value`` each."""
+    pairs = (each.partition(":=") for each in argv if ":=" in each)
+    return {name: value for name, _, value in pairs}
+
+
+def _path(given: dict[str, str]) -> str:
+    file = given["file"]
+    if not given.get("package"):
+        return file
+    index = importlib.import_module("ament_index_python.packages")
+    share = Path(index.get_package_share_directory(given["package"]))
+    direct = [share / file, share / "launch" / file]
+    found = [each for each in direct if each.is_file()] or sorted(share.rglob(file))
+    return str(found[0]) if found else str(direct[0])

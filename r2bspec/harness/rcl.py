@@ -1,0 +1,139 @@
+"""The two calls of rcl that move serialised messages, without rclpy's copies.
+
+rclpy copies a message into a C++ string to publish it, and into a new `bytes` object to take it.
+For an image that is half of the time of either call. The functions below are rcl's public C API
+(``rcl/publisher.h`` and ``rcl/subscription.h``), called on the handles that rclpy made; they
+release the interpreter's lock meanwhile. Where they cannot be had, the callers use rclpy's.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Callable
+
+HEAD_BYTES = 16
+"""How much of a taken message is kept: the encapsulation and a header's stamp."""
+
+_NOTHING_THERE = 401
+"""RCL_RET_SUBSCRIPTION_TAKE_FAILED: no message was waiting."""
+
+
+class _Allocator(ctypes.Structure):
+    """rcutils_allocator_t: four functions and their state."""
+
+    _fields_ = [(name, ctypes.c_void_p) for name in ("allocate", "free", "move", "zero", "state")]
+
+
+class _Serialised(ctypes.Structure):
+    """rcl_serialized_message_t."""
+
+    _fields_ = [
+        ("buffer", ctypes.c_void_p),
+        ("length", ctypes.c_size_t),
+        ("capacity", ctypes.c_size_t),
+        ("allocator", _Allocator),
+    ]
+
+
+class _Info(ctypes.Structure):
+    """rmw_message_info_t: what it begins with, and room for what releases of ROS add to it."""
+
+    _fields_ = [
+        ("source_ns", ctypes.c_int64),
+        ("received_ns", ctypes.c_int64),
+        ("rest", ctypes.c_byte * 240),
+    ]
+
+
+class RclError(Exception):
+    """rcl refused to publish or to take."""
+
+
+class _Library:
+    """The functions, looked up once. They are in libraries that rclpy has loaded already."""
+
+    def __init__(self) -> None:
+        rcutils, rcl = ctypes.CDLL("librcutils.so"), ctypes.CDLL("librcl.so")
+        rcutils.rcutils_get_default_allocator.restype = _Allocator
+        self.allocator: _Allocator = rcutils.rcutils_get_default_allocator()
+        self.reset_error = rcutils.rcutils_reset_error
+        self.publish = rcl.rcl_publish_serialized_message
+        self.publish.argtypes = [ctypes.c_void_p] * 3
+        self.take = rcl.rcl_take_serialized_message
+        self.take.argtypes = [ctypes.c_void_p] * 4
+
+
+@functools.cache
+def _library() -> _Library | None:
+    try:
+        return _Library()
+    except (OSError, AttributeError):
+        return None
+
+
+def publication(publisher: object, message: bytearray) -> Callable[[], None] | None:
+    """A function that publishes what is in `message` at the time it is called.
+
+    Args:
+        publisher: rclpy's handle of a publisher, which must outlive the function.
+        message: serialised; may be patched in place, and cannot be resized any more.
+
+    Returns:
+        The function, or None where rcl cannot be called. It raises RclError.
+    """
+    library, pointer = _library(), getattr(publisher, "pointer", None)
+    if library is None or pointer is None or not message:
+        return None
+    view = (ctypes.c_char * len(message)).from_buffer(message)
+    serialised = _Serialised(ctypes.addressof(view), len(message), len(message), library.allocator)
+    call, reference = library.publish, ctypes.byref(serialised)
+
+    def publish() -> None:
+        if status := call(pointer, reference, None):
+            library.reset_error()
+            raise RclError(f"a message could not be published (rcl status {status})")
+
+    return publish
+
+
+class Taker:
+    """Takes messages into one buffer that is used again and again, and keeps their heads.
+
+    Args:
+        subscription: rclpy's handle of a subscription, which must outlive this.
+
+    Raises:
+        RclError: rcl cannot be called here.
+    """
+
+    def __init__(self, subscription: object) -> None:
+        library, pointer = _library(), getattr(subscription, "pointer", None)
+        if library is None or pointer is None:
+            raise RclError("rcl cannot be called here")
+        self._library = library
+        self._call = library.take
+        self._pointer = pointer
+        # Grown by rcl to the largest message; freed with the process.
+        self._message = _Serialised(None, 0, 0, library.allocator)
+        self._info = _Info()
+        self._references = ctypes.byref(self._message), ctypes.byref(self._info)
+
+    def take(self) -> tuple[bytes, int, int] | None:
+        """The first bytes of the next message, its size, and its time of arrival (system, ns).
+
+        Returns:
+            None if no message is waiting.
+
+        Raises:
+            RclError: rcl refuses.
+        """
+        status = self._call(self._pointer, *self._references, None)
+        if status:
+            if status == _NOTHING_THERE:
+                return None
+            self._library.reset_error()
+            raise RclError(f"a message could not be taken (rcl status {status})")
+        size = self._message.length
+        head = ctypes.string_at(self._message.buffer, min(size, HEAD_BYTES))
+        return head, size, self._info.received_ns

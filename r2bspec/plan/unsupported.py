@@ -1,0 +1,62 @@
+"""What a plan asks for that this version does not carry out yet.
+
+Validating and planning accept it; `r2bspec run` refuses. This is the one place that says so: what
+the executor learns is taken out here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from r2bspec.plan.model import Plan, ProcessPlan
+
+
+class Unsupported(NamedTuple):
+    """A part of a plan that cannot be carried out: where it stands, and what it is."""
+
+    path: str
+    what: str
+
+
+def unsupported(plan: Plan) -> list[Unsupported]:
+    """All such parts, in the order of the plan's fields; empty if the plan can be run."""
+    return [
+        *_datasets(plan),
+        *(each for process in plan.processes for each in _process(process)),
+        *_playback(plan),
+        *_monitors(plan),
+    ]
+
+
+def _datasets(plan: Plan) -> Iterator[Unsupported]:
+    for each in plan.datasets or (plan.dataset,):
+        if each.publish_tf:
+            yield Unsupported("dataset.publish_tf", "playing recorded transforms")
+        if each.publish_tf_static:
+            yield Unsupported("dataset.publish_tf_static", "publishing recorded static transforms")
+        if each.real_time:
+            yield Unsupported("dataset.real_time", "loading in real time")
+
+
+def _process(process: ProcessPlan) -> Iterator[Unsupported]:
+    path = f"processes.{process.name}"
+    if process.role == "container":
+        yield Unsupported(f"{path}.role", "C++ component containers")
+    if process.role == "harness":
+        yield Unsupported(f"{path}.role", "player and monitor in one process")
+
+
+def _playback(plan: Plan) -> Iterator[Unsupported]:
+    if plan.playback_mode not in {"looping", "sweeping"}:
+        yield Unsupported("playback_mode", f"the playback mode {plan.playback_mode!r}")
+    if plan.harness.kind != "r2bspec":
+        yield Unsupported("harness.kind", f"the harness {plan.harness.kind!r}")
+
+
+def _monitors(plan: Plan) -> Iterator[Unsupported]:
+    for each in plan.monitors:
+        if (each.ratio_inputs, each.ratio_outputs) != (1, 1):
+            yield Unsupported(f"monitors.{each.name}.ratio_inputs", "ratios of inputs to outputs")
+        if each.taps:
+            yield Unsupported(f"monitors.{each.name}.taps", "watching the way to a monitor")

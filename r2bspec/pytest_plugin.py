@@ -1,0 +1,201 @@
+"""A pytest plugin: with ``--r2bspec``, every ``*.r2b.yaml`` that pytest finds is a file of tests.
+
+The first test of a file proves the spec right, as ``r2bspec validate`` does. Each requirement is a
+test of its own; the first of them runs the benchmark for all. ``--r2bspec-runs DIR`` judges run
+folders ``DIR/NAME``, where NAME is the name of the benchmark, instead of running, so that a machine
+without ROS can report what another one has measured.
+
+Without ``--r2bspec`` the plugin collects nothing and imports nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from r2bspec.report.model import Result
+    from r2bspec.slo.model import RequirementVerdict
+    from r2bspec.spec.load import Loaded
+
+_SUFFIX = ".r2b.yaml"
+
+
+class BenchmarkError(Exception):
+    """What went wrong, in words that need no traceback."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The options, in a group of their own."""
+    group = parser.getgroup("r2bspec", "benchmarks of ROS 2 graphs")
+    group.addoption("--r2bspec", action="store_true", help=f"collect *{_SUFFIX} as tests")
+    group.addoption(
+        "--r2bspec-runs",
+        metavar="DIR",
+        help="judge the run folders DIR/NAME instead of running the benchmarks",
+    )
+    group.addoption(
+        "--r2bspec-output",
+        metavar="DIR",
+        help="where run folders go, each as DIR/NAME  [default: runs/NAME-TIME]",
+    )
+    group.addoption(
+        "--r2bspec-inconclusive",
+        choices=["fail", "skip"],
+        default="fail",
+        help="what an inconclusive requirement does  [default: fail]",
+    )
+
+
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """Collect specs, if that was asked for."""
+    if file_path.name.endswith(_SUFFIX) and parent.config.getoption("--r2bspec"):
+        return _SpecFile.from_parent(parent, path=file_path)
+    return None
+
+
+class _SpecFile(pytest.File):
+    """A spec; it is loaded when it is collected, and run when its first requirement is tested."""
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(**arguments)
+        self._result: Result | None = None
+        self._failure: BenchmarkError | None = None
+
+    def collect(self) -> Iterable[pytest.Item]:
+        """One test of the spec itself, and one for each requirement."""
+        from r2bspec.spec.load import load_spec
+
+        loaded = load_spec(self.path)
+        yield _Validation.from_parent(self, name="valid", loaded=loaded)
+        if loaded.spec is None:
+            return
+        for objective, slo in loaded.spec.slos.items():
+            for number, requirement in enumerate(slo.require):
+                span = loaded.span(("slos", objective, "require", number))
+                yield _Requirement.from_parent(
+                    self,
+                    name=f"{objective}: {requirement.text.strip()}",
+                    objective=objective,
+                    text=requirement.text,
+                    line=span.line,
+                )
+
+    def result(self, name: str) -> Result:
+        """The judged run, made once for all tests of the file.
+
+        Raises:
+            BenchmarkError: there is none; the first failure is told to every test.
+        """
+        if self._failure is not None:
+            raise self._failure
+        if self._result is None:
+            from r2bspec.errors import R2bspecError
+
+            try:
+                self._result = self._make(name)
+            except R2bspecError as error:
+                hint = f"\n{error.hint}" if error.hint else ""
+                self._failure = BenchmarkError(f"{error.code}: {error}{hint}")
+                raise self._failure from None
+        return self._result
+
+    def _make(self, name: str) -> Result:
+        from r2bspec import api
+
+        stored = self.config.getoption("--r2bspec-runs")
+        if stored is not None:
+            from r2bspec.record.store import open_run
+
+            return api.judge(open_run(Path(stored) / name))
+        output = self.config.getoption("--r2bspec-output")
+        return api.run(api.prepare(self.path), Path(output) / name if output else None)
+
+
+class _Item(pytest.Item):
+    """A test of a spec, reported by its words and not by a traceback."""
+
+    parent: _SpecFile
+
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+        """The message alone, where the plugin itself says what is wrong."""
+        if isinstance(excinfo.value, BenchmarkError):
+            return str(excinfo.value)
+        return super().repr_failure(excinfo, style)
+
+
+class _Validation(_Item):
+    """Whether the spec is right, before anything runs."""
+
+    def __init__(self, *, loaded: Loaded, **arguments: Any) -> None:
+        super().__init__(**arguments)
+        self._loaded = loaded
+
+    def runtest(self) -> None:
+        """Apply all rules; recorded data may be elsewhere if nothing is to run here."""
+        from r2bspec.check import check
+        from r2bspec.report.findings import text
+
+        offline = self.config.getoption("--r2bspec-runs") is not None
+        found = check(self._loaded, offline=offline)
+        if any(each.severity == "error" for each in found):
+            raise BenchmarkError(text.render(found, self._loaded.texts))
+
+    def reportinfo(self) -> tuple[Path, int | None, str]:
+        """The spec, from its first line."""
+        return self.path, 0, f"{self.path.name}: valid"
+
+
+class _Requirement(_Item):
+    """One requirement; for several monitors, of all of them."""
+
+    def __init__(self, *, objective: str, text: str, line: int, **arguments: Any) -> None:
+        super().__init__(**arguments)
+        self._objective = objective
+        self._text = text
+        self._line = line
+
+    def runtest(self) -> None:
+        """Fail unless the requirement holds in a run that is valid."""
+        result = self.parent.result(self._benchmark_name())
+        if result.verdict.outcome in {"invalid", "incomplete"}:
+            raise BenchmarkError(f"{result.verdict.outcome}: {result.verdict.reason}")
+        found = [
+            one
+            for one in result.verdict.requirements
+            if (one.objective, one.text) == (self._objective, self._text)
+        ]
+        if not found:
+            raise BenchmarkError(
+                "the run was not judged by this requirement: it is from another version of the spec"
+            )
+        for one in found:
+            self.add_report_section("call", "verdict", "\n".join(_told(one)))
+        failed = [one for one in found if one.outcome == "fail" and one.level == "error"]
+        undecided = [one for one in found if one.outcome == "inconclusive" and one.level == "error"]
+        if failed or undecided:
+            told = "\n".join(line for one in failed or undecided for line in _told(one))
+            if not failed and self.config.getoption("--r2bspec-inconclusive") == "skip":
+                pytest.skip(told)
+            raise BenchmarkError(told)
+
+    def _benchmark_name(self) -> str:
+        from r2bspec.spec.load import load_spec
+
+        spec = load_spec(self.path).spec
+        return spec.name if spec is not None else ""
+
+    def reportinfo(self) -> tuple[Path, int | None, str]:
+        """The line that states the requirement."""
+        return self.path, self._line - 1, f"{self.path.name}: {self.name}"
+
+
+def _told(one: RequirementVerdict) -> Iterator[str]:
+    from r2bspec.report.wording import bounds_text, estimate_text, sentences, verdict_word
+
+    said = (verdict_word(one), one.text.strip(), estimate_text(one), bounds_text(one))
+    yield "  ".join(said).strip()
+    yield from (f"  {each}" for each in sentences(one))

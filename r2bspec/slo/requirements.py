@@ -1,0 +1,194 @@
+"""One requirement and the samples of a run in, its verdicts out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import msgspec
+
+from r2bspec.measure.catalogue import MetricInfo, resolve
+from r2bspec.measure.errors import MetricError
+from r2bspec.measure.samples import RunSamples, SegmentSamples
+from r2bspec.measure.units import show
+from r2bspec.slo.methods.mean import judge_mean
+from r2bspec.slo.methods.observation import judge_observation
+from r2bspec.slo.methods.percentile import judge_percentile
+from r2bspec.slo.methods.search import judge_peak
+from r2bspec.slo.methods.share import judge_share
+from r2bspec.slo.methods.sustained import judge_sustained
+from r2bspec.slo.methods.windows import judge_windows
+from r2bspec.slo.model import RequirementVerdict
+from r2bspec.slo.question import Answer, Question, verdict, windows_of
+from r2bspec.slo.schedule import REMEDY, Schedule
+from r2bspec.spec.model import Objective
+from r2bspec.spec.requirement import Requirement
+
+
+def judge_requirement(
+    name: str,
+    objective: Objective,
+    requirement: Requirement,
+    samples: RunSamples,
+    schedule: Schedule,
+    confidence: float,
+) -> Iterator[RequirementVerdict]:
+    """The verdicts on one requirement: one, or one for each monitor.
+
+    Args:
+        name: of the objective.
+        objective: that the requirement belongs to.
+        requirement: what is asked.
+        samples: the run.
+        schedule: the rates at which the playback missed its schedule.
+        confidence: of the decision, one-sided each way.
+    """
+    at_hz = rate_of(objective, samples)
+    try:
+        monitor, info = resolve(requirement.metric, samples.monitors, samples.processes)
+    except MetricError as error:
+        yield _no_such_metric(name, requirement, at_hz, str(error), error.suggestion)
+        return
+    bound = requirement.bound
+    if bound is not None and not info.accepts(bound):
+        message = (
+            f"the metric {info.name} is a {info.dimension}, but its bound is a {bound.dimension}"
+        )
+        yield _no_such_metric(name, requirement, at_hz, message, "")
+        return
+    everywhere = info.scope == "monitor" and monitor is None
+    for asked in samples.monitors if everywhere else (monitor,):
+        question = Question(
+            objective=name,
+            requirement=requirement,
+            at_hz=at_hz,
+            info=info,
+            monitor=asked,
+            limit=_limit(requirement, at_hz),
+            iterations=iterations_at(samples.iterations, at_hz),
+            confidence=confidence,
+            windows=windows_of(requirement),
+        )
+        judged = verdict(question, _answer(question, samples))
+        if missed := schedule.missed(info.statistic, at_hz):
+            judged = msgspec.structs.replace(
+                judged, outcome="inconclusive", reason=missed, settle=REMEDY
+            )
+        yield judged
+
+
+def rate_of(objective: Objective, samples: RunSamples) -> float | None:
+    """The offered rate that an objective speaks of.
+
+    Returns:
+        None if it speaks of none, or of a peak that the search has not found.
+    """
+    if objective.at is not None:
+        return objective.at.hz
+    search = samples.record.search
+    return search.holds_hz if objective.at_peak and search is not None else None
+
+
+def _limit(requirement: Requirement, at_hz: float | None) -> float:
+    bound = requirement.bound
+    if bound is None or bound.of_baseline:
+        return math.nan
+    if not bound.of_offered:
+        return bound.value
+    return bound.value * at_hz if at_hz is not None else math.nan
+
+
+def iterations_at(
+    iterations: Mapping[float, tuple[SegmentSamples, ...]], at_hz: float | None
+) -> tuple[SegmentSamples, ...]:
+    """The iterations at a rate; none if there is no rate."""
+    if at_hz is None:
+        return ()
+    return next((found for rate, found in iterations.items() if math.isclose(rate, at_hz)), ())
+
+
+def _answer(question: Question, samples: RunSamples) -> Answer:
+    bound = question.requirement.bound
+    if bound is not None and bound.of_offered and question.at_hz is None:
+        return _nothing("The objective names no rate that 'of offered' could mean.")
+    if bound is not None and bound.of_baseline:
+        return _nothing(
+            "This run has nothing to be compared with.",
+            "Run with --against, or keep a history of runs.",
+        )
+    match question.info.statistic:
+        case "search":
+            return judge_peak(question, samples.record.search)
+        case "sequential":
+            return judge_sustained(
+                question,
+                samples.record.sustained,
+                _probed(samples, question.at_hz),
+                samples.precision,
+            )
+    if question.at_hz is None:
+        return _nothing(f"The objective does not say at which rate {question.info.name} is meant.")
+    if not question.iterations:
+        return _nothing(
+            f"No complete iteration was played at {show(question.at_hz, 'Hz')}.",
+            "Run the spec that states this objective, to its end.",
+        )
+    silent = _silence(question)
+    return silent if silent is not None else _measured(question)
+
+
+def _probed(samples: RunSamples, at_hz: float | None) -> SegmentSamples | None:
+    if at_hz is None:
+        return None
+    return next(
+        (found for rate, found in samples.sustained.items() if math.isclose(rate, at_hz)), None
+    )
+
+
+def _measured(question: Question) -> Answer:
+    if question.windows is not None:
+        return judge_windows(question, question.windows)
+    if question.requirement.op in {"==", "!="}:
+        return judge_observation(question)
+    match question.info.statistic:
+        case "percentile":
+            return judge_percentile(question)
+        case "share":
+            return judge_share(question)
+        case "mean":
+            return judge_mean(question)
+        case _:
+            return judge_observation(question)
+
+
+def _silence(question: Question) -> Answer | None:
+    """A failure, if the monitor that is asked saw no output at all: it can't be good."""
+    if question.monitor is None:
+        return None
+    seen = [one.monitors[question.monitor] for one in question.iterations]
+    if any(one.answered for one in seen):
+        return None
+    received, sent = sum(one.received for one in seen), sum(one.sent for one in seen)
+    if not received:
+        reason = f"Monitor '{question.monitor}' received nothing for {show(sent, 'count')} inputs."
+    else:
+        reason = (
+            f"Monitor '{question.monitor}' received {show(received, 'count')} messages, but none "
+            "carries the stamp of an input: match them by order, or keep the stamp in the graph."
+        )
+    return Answer(outcome="fail", method="none", reason=reason, n=sent)
+
+
+def _nothing(reason: str, settle: str = "") -> Answer:
+    return Answer(outcome="inconclusive", method="none", reason=reason, settle=settle)
+
+
+def _no_such_metric(
+    name: str, requirement: Requirement, at_hz: float | None, problem: str, suggestion: str
+) -> RequirementVerdict:
+    """The verdict on a requirement that this run has nothing for: it is not met."""
+    hint = f"; did you mean {suggestion}?" if suggestion else "."
+    info = MetricInfo(requirement.metric, "probe", "none", "", "observation", "")
+    question = Question(name, requirement, at_hz, info, None, math.nan)
+    reason = f"{problem[:1].upper()}{problem[1:]}{hint}"
+    return verdict(question, Answer(outcome="fail", method="none", reason=reason))

@@ -1,0 +1,94 @@
+"""A harness process with techniques left out, to see what each of them gains.
+
+Started by `floor_harness` in the place of ``python -m r2bspec.harness.child``.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+from typing import Any
+
+WITHOUT_VARIABLE = "FLOOR_WITHOUT"
+
+_ALLOCATOR = ("MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", "MALLOC_TOP_PAD_")
+
+
+def _without_rcl() -> None:
+    from r2bspec.harness import rcl
+
+    rcl.__dict__["_library"] = lambda: None
+
+
+def _without_exact_timers() -> None:
+    from r2bspec.harness import pacing
+
+    pacing.__dict__["_ask_for_exact_timers"] = lambda: None
+
+
+def _without_spin() -> None:
+    from r2bspec.harness import pacing
+
+    pacing.__dict__["SPIN_NS"] = 0
+    pacing.__dict__["_SPIN_LEAST_NS"] = 0
+    pacing.__dict__["_SPIN_MOST_NS"] = 0
+
+
+def _without_learning() -> None:
+    from r2bspec.harness.pacing import Pacer
+
+    type.__setattr__(Pacer, "_learn", lambda _self, **_late: None)
+
+
+def _without_early_stamps() -> None:
+    from r2bspec.harness import player
+
+    class Late(player.Player):
+        def _stamp_next(self, _due_ns: int) -> int:
+            return 0
+
+        def _publish_next(self, _stamp_ns: int, due_ns: int) -> None:
+            super()._publish_next(super()._stamp_next(due_ns), due_ns)
+
+    player.__dict__["Player"] = Late
+
+
+def _without_idle_collector() -> None:
+    gc.__dict__["disable"] = lambda: None
+
+
+_TECHNIQUES: dict[str, Any] = {
+    "rcl": _without_rcl,
+    "exact-timers": _without_exact_timers,
+    "spin": _without_spin,
+    "learning": _without_learning,
+    "early-stamps": _without_early_stamps,
+    "idle-collector": _without_idle_collector,
+    # It must be in the environment before the process starts.
+    "allocator": lambda: None,
+}
+
+TECHNIQUES = tuple(_TECHNIQUES)
+
+
+def leave_out() -> None:
+    """Undo the techniques that the environment names."""
+    named = [each for each in os.environ.get(WITHOUT_VARIABLE, "").split(",") if each]
+    if "allocator" in named and any(name in os.environ for name in _ALLOCATOR):
+        rest = {name: value for name, value in os.environ.items() if name not in _ALLOCATOR}
+        os.execve(sys.executable, [sys.executable, *sys.argv], rest)  # noqa: S606
+    for each in named:
+        _TECHNIQUES[each]()
+
+
+if __name__ == "__main__":
+    leave_out()
+    from r2bspec.harness import child
+
+    status = child.main()
+    if "rclpy" in sys.modules:
+        from r2bspec.harness import ros
+
+        ros.finish()
+    os._exit(status)

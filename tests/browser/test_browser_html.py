@@ -1,0 +1,263 @@
+"""The HTML report in a real browser: with scripts, without, and under Jenkins' policy."""
+
+from __future__ import annotations
+
+import functools
+import http.server
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from chromium import Chromium, Page, find_chromium
+from report_runs import HOSTILE_RUN, USUAL
+
+from r2bspec.report.html import render
+from r2bspec.report.reported import Reported
+from r2bspec.report.result import result_of
+
+PROGRAM = find_chromium()
+pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium is installed")
+
+JENKINS = "sandbox allow-same-origin; default-src 'none'; img-src 'self'; style-src 'self';"
+"""The content security policy that Jenkins serves the files of a build with."""
+
+NUMBERS = """[...document.querySelectorAll("data[data-path]")]
+    .map((one) => [one.dataset.path, one.value, one.textContent])"""
+
+UNREADABLE = """(() => {
+  const parts = (colour) => colour.match(/[\\d.]+/g).map(Number);
+  const light = ([r, g, b]) => {
+    const one = (value) => {
+      value /= 255;
+      return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
+    };
+    return 0.2126 * one(r) + 0.7152 * one(g) + 0.0722 * one(b);
+  };
+  const behind = (element) => {
+    for (let at = element; at; at = at.parentElement) {
+      const colour = parts(getComputedStyle(at).backgroundColor);
+      if (colour.length < 4 || colour[3] > 0) return colour;
+    }
+    return [255, 255, 255];
+  };
+  const found = [];
+  for (const element of document.querySelectorAll("body *")) {
+    const own = [...element.childNodes].some((one) => one.nodeType === 3 && one.data.trim());
+    if (!own || ["SCRIPT", "STYLE", "title", "desc"].includes(element.tagName)) continue;
+    const style = getComputedStyle(element);
+    const ink = parts(element instanceof SVGElement ? style.fill : style.color);
+    const [a, b] = [light(ink), light(behind(element))].sort((x, y) => y - x);
+    const contrast = (a + 0.05) / (b + 0.05);
+    if (contrast < 4.5) found.push([element.tagName, element.textContent.slice(0, 40), contrast]);
+  }
+  return found;
+})()"""
+
+
+class Server(http.server.ThreadingHTTPServer):
+    """Serves a folder, with a policy if there is one."""
+
+    policy = ""
+
+
+class Handler(http.server.SimpleHTTPRequestHandler):
+    server: Server
+
+    def end_headers(self) -> None:
+        # A page that the browser kept would keep its policy, too.
+        self.send_header("Cache-Control", "no-store")
+        if self.server.policy:
+            self.send_header("Content-Security-Policy", self.server.policy)
+        super().end_headers()
+
+    def do_GET(self) -> None:
+        if self.path == "/favicon.ico":
+            self.send_response(204)
+            self.end_headers()
+        else:
+            super().do_GET()
+
+    def log_message(self, *_arguments: Any) -> None:
+        """Nobody reads it."""
+
+
+@pytest.fixture(scope="module", name="folder")
+def report_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("reports")
+    for name, simulation in {"usual": USUAL, "hostile": HOSTILE_RUN}.items():
+        run = simulation.write(tmp_path_factory.mktemp(name) / "run")
+        reported = Reported(result=result_of(run), run=run, baseline=run)
+        (folder / f"{name}.html").write_bytes(render(reported))
+        plain = msgspec.json.encode(reported.result)
+        (folder / f"{name}.json").write_bytes(plain)
+    return folder
+
+
+@pytest.fixture(scope="module", name="server")
+def report_server(folder: Path) -> Iterator[Server]:
+    with Server(("127.0.0.1", 0), functools.partial(Handler, directory=str(folder))) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+
+
+@pytest.fixture(scope="module", name="browser")
+def one_browser() -> Iterator[Chromium]:
+    assert PROGRAM is not None
+    with Chromium(PROGRAM) as browser:
+        yield browser
+
+
+@pytest.fixture(autouse=True)
+def no_policy(server: Server) -> None:
+    server.policy = ""
+
+
+def address(server: Server, name: str = "usual") -> str:
+    return f"http://127.0.0.1:{server.server_address[1]}/{name}.html"
+
+
+def numbers_agree(page: Page, folder: Path, name: str = "usual") -> None:
+    result = msgspec.json.decode((folder / f"{name}.json").read_bytes())
+    found = page.evaluate(NUMBERS)
+    assert len(found) > 80
+    for path, value, shown in found:
+        place = result
+        for part in path.split("/"):
+            key = part.replace("~1", "/").replace("~0", "~")
+            place = place[int(key)] if isinstance(place, list) else place[key]
+        assert float(value) == float(place), path
+        assert shown.strip()
+
+
+def charts_are_drawn(page: Page) -> None:
+    sizes = page.evaluate(
+        """[...document.querySelectorAll("svg")].map((svg) => {
+          const box = svg.getBoundingClientRect();
+          return [box.width, box.height, svg.querySelectorAll("path").length];
+        })"""
+    )
+    assert len(sizes) >= 5
+    assert all(width > 200 and height > 40 and shapes for width, height, shapes in sizes)
+
+
+@pytest.mark.parametrize("scripts", [True, False], ids=["scripts", "no scripts"])
+def test_it_renders_with_a_clean_console(
+    browser: Chromium, server: Server, folder: Path, scripts: bool
+) -> None:
+    with browser.page(address(server), scripts=scripts) as page:
+        charts_are_drawn(page)
+        numbers_agree(page, folder)
+        assert page.console() == []
+        assert page.evaluate("document.querySelectorAll('.tools').length > 0") is scripts
+        assert [each for each in page.requests() if "favicon" not in each] == [address(server)]
+
+
+def test_it_reads_fully_under_the_policy_of_jenkins(
+    browser: Chromium, server: Server, folder: Path
+) -> None:
+    server.policy = JENKINS
+    with browser.page(address(server)) as page:
+        charts_are_drawn(page)
+        numbers_agree(page, folder)
+        # The stylesheet and the script are refused, once each, and nothing else is.
+        said = page.console()
+        assert sum("inline style" in each for each in said) <= 1
+        assert sum("script" in each.lower() for each in said) <= 1
+        assert len(said) <= 2, said
+        # Colours and sizes come from attributes.
+        drawn = page.evaluate(
+            """[...document.querySelectorAll("svg [class*='k-s0']")]
+                 .map((one) => getComputedStyle(one).stroke)"""
+        )
+        assert set(drawn) == {"rgb(11, 98, 168)"}
+        assert page.evaluate("document.querySelector('.tools')") is None
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_every_word_can_be_read(browser: Chromium, server: Server, dark: bool) -> None:
+    with browser.page(address(server), dark=dark) as page:
+        assert page.evaluate(UNREADABLE) == []
+
+
+def test_the_dark_page_is_dark(browser: Chromium, server: Server) -> None:
+    colour = "getComputedStyle(document.body).backgroundColor"
+    with browser.page(address(server), dark=True) as page:
+        dark = page.evaluate(colour)
+    with browser.page(address(server)) as page:
+        assert page.evaluate(colour) != dark
+
+
+def test_a_narrow_screen_needs_no_sideways_scrolling(browser: Chromium, server: Server) -> None:
+    with browser.page(address(server), width=390) as page:
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_paper_is_white_even_at_night(browser: Chromium, server: Server) -> None:
+    with browser.page(address(server), dark=True, media="print") as page:
+        assert page.evaluate("getComputedStyle(document.body).backgroundColor") == (
+            "rgb(255, 255, 255)"
+        )
+        assert page.pdf().startswith(b"%PDF")
+
+
+def test_hostile_words_run_nothing(browser: Chromium, server: Server) -> None:
+    with browser.page(address(server, "hostile")) as page:
+        assert page.console() == []
+        assert page.evaluate("document.querySelectorAll('img, body script').length") == 1
+        assert "<script>alert(1)</script>" in page.evaluate("document.body.innerText")
+
+
+def test_pointing_at_a_line_says_its_values(browser: Chromium, server: Server) -> None:
+    with browser.page(address(server)) as page:
+        x, y = page.evaluate(
+            """(() => {
+              const svg = document.querySelector("svg.chart");
+              svg.scrollIntoView({behavior: "instant"});
+              const path = svg.querySelector("g[data-label] > path");
+              const numbers = path.getAttribute("d").match(/-?[\\d.]+/g).map(Number);
+              const middle = Math.floor(numbers.length / 4) * 2;
+              const on = new DOMPoint(numbers[middle], numbers[middle + 1])
+                .matrixTransform(svg.getScreenCTM());
+              return [on.x, on.y];
+            })()"""
+        )
+        page.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+        assert page.evaluate("document.querySelector('.tip').hidden") is False
+        told = page.evaluate("document.querySelector('.tip').textContent")
+        assert told.startswith("10 Hz: ")
+        assert "% at or below" in told
+        assert told.endswith(" ms")
+        # All latencies of this run lie between these.
+        assert 15 < float(told.rsplit(" ", 2)[1]) < 60
+
+
+def test_keys_zoom_and_give_back_the_whole(browser: Chromium, server: Server) -> None:
+    view = "document.querySelector('svg.chart').getAttribute('viewBox')"
+    with browser.page(address(server)) as page:
+        whole = page.evaluate(view)
+        page.evaluate("document.querySelector('svg.chart').focus()")
+        for text in ("+", "0"):
+            page.call("Input.dispatchKeyEvent", type="keyDown", key=text, text=text)
+            page.call("Input.dispatchKeyEvent", type="keyUp", key=text)
+            assert (page.evaluate(view) == whole) is (text == "0")
+        page.evaluate("document.querySelector('.tools button').click()")
+        assert page.evaluate(view) != whole
+
+
+def test_a_screen_reader_finds_names(browser: Chromium, server: Server) -> None:
+    with browser.page(address(server)) as page:
+        page.call("Accessibility.enable")
+        nodes = page.call("Accessibility.getFullAXTree")["nodes"]
+        by_role: dict[str, list[str]] = {}
+        for node in nodes:
+            name = str(node.get("name", {}).get("value", ""))
+            by_role.setdefault(str(node.get("role", {}).get("value")), []).append(name)
+        for role in ("image", "table", "button", "heading", "region"):
+            assert by_role[role], role
+            assert all(by_role[role]), role

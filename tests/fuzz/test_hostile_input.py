@@ -1,0 +1,184 @@
+"""Documents made to break a reader: each is answered by a finding, in bounded memory.
+
+Every case runs `r2bspec validate` in a process of its own whose address space is limited, so that
+a reader that takes in too much fails here and not on somebody's machine. No time is asserted; the
+limit of time only ends what would not end.
+"""
+
+from __future__ import annotations
+
+import re
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+MEMORY_BYTES = 600_000_000
+"""Address space, of which the interpreter with its libraries takes about a third."""
+
+LONGEST_S = 60
+
+MINIMAL = """\
+r2bspec: 1
+name: minimal
+data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}
+playback: {inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}}
+graph: {nodes: {relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}}}
+monitors: {output: {topic: output, format: sensor_msgs/msg/Image}}
+benchmark: {rates: [30 Hz]}
+"""
+
+
+def _bomb(levels: int) -> str:
+    first = "x-0: &a0 [x, x, x, x, x, x, x, x, x, x]\n"
+    rest = (f"x-{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, levels))
+    return MINIMAL + first + "".join(rest)
+
+
+def _quadratic_merge() -> str:
+    keys = ", ".join(f"k{i}: 1" for i in range(2000))
+    merges = "\n".join(f"  m{i}: {{<<: *x}}" for i in range(2000))
+    return f"{MINIMAL}x-a: &x {{{keys}}}\nx-b:\n{merges}\n"
+
+
+TEXTS: dict[str, tuple[str | bytes, str]] = {
+    "alias bomb": (_bomb(30), "R2B027"),
+    "alias bomb in a known key": (_bomb(8).replace("x-7:", "labels:"), "R2B027"),
+    "merge bomb": (_quadratic_merge(), "R2B027"),
+    "alias to itself": (MINIMAL + "labels: &a {x: *a}\n", "R2B026"),
+    "lists 10,000 deep": (MINIMAL + "labels: " + "[" * 10_000, "R2B025"),
+    "maps 10,000 deep": (MINIMAL + "labels: " + "{a: " * 10_000, "R2B025"),
+    "dashes 10,000 deep": (MINIMAL + "labels:\n  " + "- " * 10_000, "R2B025"),
+    "indented 2,000 deep": ("\n".join(" " * n + "a:" for n in range(2000)), "R2B025"),
+    "closed brackets 10,000 deep": ("[" * 10_000 + "]" * 10_000, "R2B025"),
+    "duplicate keys": (MINIMAL + "name: other\n", "R2B023"),
+    "a tab": (MINIMAL + "labels:\n\ta: 1\n", "R2B011"),
+    "a byte-order mark": ("\ufeff" + MINIMAL, "R2B004"),
+    "NUL": (MINIMAL + "title: a\0b\n", "R2B003"),
+    "only NUL": ("\0" * 100_000, "R2B003"),
+    "invalid UTF-8": (MINIMAL.encode() + b"title: \xff\xfe\n", "R2B003"),
+    "UTF-16": (MINIMAL.encode("utf-16"), "R2B003"),
+    "a lone surrogate in bytes": (MINIMAL.encode() + b"title: \xed\xa0\x80\n", "R2B003"),
+    "several documents": (MINIMAL + "---\n" + MINIMAL, "R2B021"),
+    "a thousand documents": ("---\n" * 1000, "R2B021"),
+    "a tag that makes objects": (
+        MINIMAL + "title: !!python/object/apply:os.system [echo]\n",
+        "R2B022",
+    ),
+    "a tag": (MINIMAL + "title: !mine x\n", "R2B022"),
+    "keys that are no text": (
+        MINIMAL + "labels: {1: a, true: b, ~: c, [d]: e, {f: g}: h}\n",
+        "R2B024",
+    ),
+    "a huge number": (MINIMAL + f"labels: {{a: {'9' * 1_000_000}}}\n", "R2B029"),
+    "a huge exponent": (MINIMAL + "labels: {a: 1e999999999}\n", "R2B029"),
+    "NaN": (MINIMAL + "labels: {a: .nan, b: .inf, c: -.inf}\n", "R2B029"),
+    "a huge quantity": (MINIMAL.replace("30 Hz", "1e999999999 Hz"), "R2B110"),
+    "many digits of a quantity": (MINIMAL.replace("30 Hz", f"{'9' * 100_000} Hz"), "R2B11"),
+    "nothing": ("", "R2B020"),
+    "blanks": (" \n" * 100_000, "R2B020"),
+    "comments": ("# nothing\n" * 100_000, "R2B020"),
+    "a scalar": ("x" * 1_000_000, "R2B103"),
+    "a list": ("- a\n" * 10_000, "R2B103"),
+    "an endless line": (MINIMAL + "title: [" + "x " * 1_000_000, "R2B012"),
+    "very many unknown keys": ("".join(f"k{i}: 1\n" for i in range(100_000)), "R2B101"),
+    "too many keys": ("".join(f"k{i}: 1\n" for i in range(300_000)), "R2B002"),
+    "comments above comments": (MINIMAL + "# r2bspec: ignore[R2B999] x\n" * 20_000, "R2B041"),
+    "a key of a megabyte": (MINIMAL + "x" * 1_000_000 + ": 1\n", "R2B"),
+    "a variable in itself": (MINIMAL + "variables: {a: $(var a)}\n", "R2B124"),
+    "text inserted without end": (
+        f"{MINIMAL}variables: {{a: {'x' * 100_000}}}\ntitle: {'$(var a)' * 10_000}\n",
+        "R2B129",
+    ),
+    "a waiver on every line": (
+        MINIMAL
+        + "labels:\n"
+        + "".join(f"  k{i}: 1 # r2bspec: ignore[R2B999] x\n" for i in range(5000)),
+        "R2B041",
+    ),
+    "a requirement that never ends": (
+        MINIMAL + f"slos: {{a: {{at: 30 Hz, require: ['{'latency.' * 50_000}']}}}}\n",
+        "R2B112",
+    ),
+}
+
+
+def validate(file: Path, *options: str, stdin: bytes = b"") -> str:
+    """What validate prints in little memory; anything but an answer is a failure."""
+    done = subprocess.run(
+        [sys.executable, "-m", "r2bspec", "validate", "--offline", *options, str(file)],
+        input=stdin,
+        capture_output=True,
+        timeout=LONGEST_S,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES)),
+    )
+    said = done.stderr.decode()
+    assert "Traceback" not in said
+    assert done.returncode in (0, 1), said
+    return done.stdout.decode()
+
+
+@pytest.mark.timeout(LONGEST_S + 30)
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_hostile_text_is_answered(name: str, tmp_path: Path) -> None:
+    text, code = TEXTS[name]
+    file = tmp_path / "hostile.r2b.yaml"
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
+    said = validate(file)
+    assert re.search(rf"^\S*hostile.r2b.yaml:\d+:\d+: \w+\[{code}", said, re.MULTILINE), said[:2000]
+    assert max(map(len, said.splitlines())) < 2000
+
+
+def _a_hundred_megabytes(file: Path) -> None:
+    file.write_bytes(MINIMAL.encode() + b"# x\n" * 25_000_000)
+
+
+def _a_sparse_terabyte(file: Path) -> None:
+    with file.open("wb") as stream:
+        stream.truncate(10**12)
+
+
+def _a_link_to_itself(file: Path) -> None:
+    file.symlink_to(file)
+
+
+@pytest.mark.timeout(LONGEST_S + 30)
+@pytest.mark.parametrize(
+    ("make", "code"),
+    [
+        (_a_hundred_megabytes, "R2B002"),
+        (_a_sparse_terabyte, "R2B002"),
+        (_a_link_to_itself, "R2B001"),
+    ],
+)
+def test_a_hostile_file_is_answered(
+    make: Callable[[Path], None], code: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "hostile.r2b.yaml"
+    make(file)
+    assert f"error[{code}]" in validate(file)
+
+
+@pytest.mark.timeout(LONGEST_S + 30)
+def test_standard_input_without_an_end_is_answered() -> None:
+    said = validate(Path("-"), stdin=MINIMAL.encode() + b"# x\n" * 10_000_000)
+    assert "<stdin>:1:1: error[R2B002]" in said
+
+
+@pytest.mark.timeout(LONGEST_S + 30)
+@pytest.mark.parametrize("form", ["json", "github", "sarif", "junit"])
+def test_every_form_holds_hostile_names_and_texts(form: str, tmp_path: Path) -> None:
+    file = tmp_path / "a,b:c%\x1b[31m é.r2b.yaml"
+    file.write_text(MINIMAL + "labels: {\"\\x07\\u202e\": [1], ']]>': {a: 1}}\n", encoding="utf-8")
+    said = validate(file, "--format", form)
+    assert "R2B103" in said
+    assert "\x1b" not in said
+
+
+def test_a_file_without_a_spec_suffix_and_a_device(tmp_path: Path) -> None:
+    assert "error[R2B020]" in validate(Path("/dev/null"))
+    assert "error[R2B00" in validate(Path("/dev/zero"))

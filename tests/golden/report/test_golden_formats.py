@@ -1,0 +1,65 @@
+"""Reports that are text, word for word.
+
+After a wanted change: UPDATE_GOLDEN=1 pytest tests/golden/report, and read the difference.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from example_runs import BROKEN, USUAL
+from run_simulation import Simulation
+
+from r2bspec.report.registry import renderer
+from r2bspec.report.reported import Reported
+from r2bspec.report.result import result_of
+
+SPEC = """\
+r2bspec: 1
+name: simulated
+slos:
+  camera:
+    at: 30 Hz
+    require:
+      - latency.p99 < 60 ms
+      - latency.p90 < 24 ms
+      - drop_rate <= 0.5 %
+  all:
+    at: 30 Hz
+    require: [latency.p50 < 60 ms]
+"""
+
+FORMATS = {
+    "markdown": "md",
+    "github": "txt",
+    "junit": "xml",
+    "junit_lenient": "xml",
+    "openmetrics": "txt",
+    "bencher": "json",
+    "benchmark_smaller": "json",
+    "benchmark_bigger": "json",
+    "ros2_benchmark": "json",
+}
+
+
+@pytest.mark.parametrize("format_name", FORMATS)
+@pytest.mark.parametrize(("name", "simulation"), [("usual", USUAL), ("broken", BROKEN)])
+def test_the_report_reads_like_this(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    format_name: str,
+    name: str,
+    simulation: Simulation,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    spec = Path("simulated.r2b.yaml")
+    spec.write_text(SPEC)
+    run = simulation.write(tmp_path / "run")
+    reported = Reported(result=result_of(run), run=run, spec_file=spec)
+    content = renderer(format_name)(reported)
+    golden = Path(__file__).parent / f"{format_name}_{name}.{FORMATS[format_name]}"
+    if os.environ.get("UPDATE_GOLDEN"):
+        golden.write_bytes(content)
+    assert content == golden.read_bytes()

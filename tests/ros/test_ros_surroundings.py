@@ -1,0 +1,320 @@
+"""What stands around the graph: setup, probes, later steps, containers, and nodes of others."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_runs import (
+    HANG_S,
+    IMAGE,
+    Bench,
+    Finished,
+    relay_node,
+    relay_spec,
+    write_bag,
+)
+from ros_runs import (
+    nothing_left as nothing_left,
+)
+
+NODES = """
+class Notebook(Node):
+    def __init__(self, **kwargs):
+        super().__init__("notebook", **kwargs)
+        self.out = self.create_publisher(Image, "noted", 10)
+        self.create_subscription(Image, "left", self.note, 10)
+        self.create_subscription(Image, "right", lambda message: None, 10)
+        self.file = open("notes", "a", buffering=1)
+
+    def note(self, message):
+        self.file.write(f"{message.data[0]}\\n")
+        self.out.publish(message)
+
+
+def hungry(**kwargs):
+    node = Node("hungry", **kwargs)
+    out = node.create_publisher(Image, "output", 10)
+    eaten = []
+
+    def eat(message):
+        eaten.append(b"x" * (32 << 20))
+        out.publish(message)
+
+    node.create_subscription(Image, "input", eat, 10)
+    return node
+"""
+
+MAKES = "import sys; open(sys.argv[1], 'a').write('made ')"
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    made = Bench(tmp_path_factory.mktemp("surroundings"))
+    made.write_node("nodes.py", NODES)
+    # The second bag begins 40 ms later; its stamps are those of the first from there on.
+    write_bag(made.folder / "left", {"/left": [0, 33, 66, 99, 125]})
+    write_bag(made.folder / "right", {"/right": [33, 66, 99, 125]})
+    return made
+
+
+@pytest.fixture(scope="module")
+def everything(bench: Bench) -> Finished:
+    spec = relay_spec(
+        setup={
+            "model": {"command": [sys.executable, "-c", MAKES, "model"], "creates": "model"},
+            "note": {"command": ["echo", "noted"]},
+        },
+        data_loader={
+            "bags": ["./left", "./right"],
+            "window": {"start": "0.01 s", "end": "0.13 s"},
+            "topics": {"/left": "kept/left", "/right": "kept/right"},
+        },
+        playback={
+            "mode": "sweeping",
+            "inputs": {
+                "left": {"from": "kept/left", "format": IMAGE},
+                "right": {"from": "kept/right", "format": IMAGE},
+            },
+        },
+        containers={
+            "box": {
+                "executable": "python",
+                "executor": "multi_threaded",
+                "threads": 2,
+                "cpus": [min(os.sched_getaffinity(0))],
+                "nice": 1,
+                "memory_limit": "4 GiB",
+            }
+        },
+        graph={"nodes": {"notebook": {"python": "./nodes.py:Notebook", "container": "box"}}},
+        ready={
+            "file": {"file": "model"},
+            "topic": {"topic": "left"},
+            "service": {"service": "notebook/get_parameters"},
+        },
+        after_ready={
+            "command": {"command": ["echo", "stands"]},
+            "call": {
+                "service": {
+                    "name": "notebook/set_parameters",
+                    "type": "rcl_interfaces/srv/SetParameters",
+                    "request": {
+                        "parameters": [
+                            {"name": "use_sim_time", "value": {"type": 1, "bool_value": False}}
+                        ]
+                    },
+                }
+            },
+        },
+        monitors={"noted": {"topic": "noted", "format": IMAGE}},
+    )
+    return bench.run(spec)
+
+
+def test_it_runs(everything: Finished) -> None:
+    assert everything.status == 0, everything.stderr
+    played = everything.result()["metrics"]["rates"][0]["pooled"]
+    assert played["monitors"]["noted"]["missed"] == 0
+
+
+def test_setup_steps_run_once_and_in_order(bench: Bench, everything: Finished) -> None:
+    assert (bench.folder / "model").read_text() == "made "
+    assert everything.log("setup.note") == "noted\n"
+    names = [each.name for each in everything.run().record.processes]
+    assert names[:2] == ["setup.model", "setup.note"]
+
+
+def test_later_steps_were_done(everything: Finished) -> None:
+    assert everything.log("after_ready.command") == "stands\n"
+    ended = {each.name: each.exit_code for each in everything.run().record.processes}
+    assert ended["after_ready.call"] == 0
+
+
+def test_several_bags_are_one_recording_with_one_window(everything: Finished) -> None:
+    # From 10 ms after the first message of both: the left one's first is out.
+    (noted,) = [
+        each for each in everything.events() if "kept/left" in each and "kept/right" in each
+    ]
+    assert noted == "/r2b/kept/left: 4 messages, /r2b/kept/right: 4 messages"
+
+
+def test_sweeping_goes_back_and_forth(bench: Bench, everything: Finished) -> None:
+    seen = [int(line) for line in (bench.folder / "notes").read_text().split()]
+    once_around = [1, 2, 3, 4, 3, 2]
+    # The first messages may be played before discovery has told the node of their writer.
+    offsets = range(len(once_around))
+    assert len(seen) > len(once_around)
+    assert any(
+        seen == [once_around[(offset + index) % len(once_around)] for index in range(len(seen))]
+        for offset in offsets
+    )
+
+
+def test_what_is_there_is_not_made_again(bench: Bench, everything: Finished) -> None:
+    spec = relay_spec(
+        setup={"model": {"command": ["false"], "creates": "model"}},
+        graph={"nodes": {"relay": relay_node()}},
+    )
+    finished = bench.run(spec)
+    assert finished.status == 0, finished.stderr
+    assert "model: model is there" in finished.events()
+
+
+@pytest.mark.parametrize(
+    ("changes", "status", "code", "said"),
+    [
+        pytest.param(
+            {"setup": {"bad": {"command": [sys.executable, "-c", "print('why'); exit(3)"]}}},
+            4,
+            "R2B648",
+            ("setup.bad ended with status 3", "why"),
+            id="a setup step fails",
+        ),
+        pytest.param(
+            {"setup": {"idle": {"command": ["true"], "creates": "never"}}},
+            4,
+            "R2B648",
+            ("setup step idle succeeded, but never is not there",),
+            id="a setup step does not create what it says",
+        ),
+        pytest.param(
+            {"setup": {"slow": {"command": ["sleep", "600"], "timeout": "200 ms"}}},
+            4,
+            "R2B648",
+            ("setup.slow has not ended after 0.2 s",),
+            id="a setup step takes too long",
+        ),
+        pytest.param(
+            {"ready": {"never": {"file": "nowhere", "timeout": "200 ms"}}},
+            4,
+            "R2B646",
+            ("ready.never: file nowhere is not there after 0.2 s",),
+            id="a probe is never satisfied",
+        ),
+        pytest.param(
+            {
+                "after_ready": {
+                    "call": {
+                        "service": {
+                            "name": "nobody",
+                            "type": "rcl_interfaces/srv/GetParameters",
+                            "request": {},
+                        },
+                        "timeout": "300 ms",
+                    }
+                }
+            },
+            4,
+            "R2B647",
+            ("there is no service /r2b/nobody",),
+            id="a service is not there",
+        ),
+        pytest.param(
+            {"graph": {"nodes": {"relay": relay_node(cpus=[4095])}}},
+            4,
+            "R2B636",
+            ("process relay cannot run on processors 4095",),
+            id="a processor is not there",
+        ),
+        pytest.param(
+            {
+                "graph": {
+                    "nodes": {"eater": {"python": "./nodes.py:hungry", "memory_limit": "400 MiB"}}
+                }
+            },
+            4,
+            "R2B635",
+            ("process eater uses", "its limit is 400 MiB"),
+            id="a node takes more memory than it may",
+        ),
+        pytest.param(
+            {
+                "monitors": {
+                    "out": {
+                        "topic": "output",
+                        "format": IMAGE,
+                        "match": "order",
+                        "ratio": {"inputs": 2, "outputs": 1},
+                    }
+                }
+            },
+            2,
+            "R2B619",
+            ("this version does not carry out ratios of inputs to outputs",),
+            id="what cannot be run yet is refused",
+        ),
+    ],
+)
+def test_what_goes_wrong_is_named(
+    bench: Bench, changes: dict[str, object], status: int, code: str, said: tuple[str, ...]
+) -> None:
+    spec = relay_spec(**changes)
+    finished = bench.run(spec)
+    assert finished.error.startswith(f"error[{code}]"), finished.stderr
+    assert all(each in finished.error for each in said), finished.error
+    assert finished.status == status
+
+
+def test_a_node_of_others_takes_part(bench: Bench, tmp_path: Path) -> None:
+    program = tmp_path / "relay.py"
+    program.write_text(
+        "import rclpy\n"
+        "from r2bspec.nodes import RelayNode\n"
+        "rclpy.init()\n"
+        f"rules = ['--ros-args', '-r', '__node:=theirs', '-p', 'format:={IMAGE}']\n"
+        "node = RelayNode(namespace='/r2b', cli_args=rules, use_global_arguments=False)\n"
+        "print('stands', flush=True)\n"
+        "rclpy.spin(node)\n"
+    )
+    env = dict(os.environ, ROS_DOMAIN_ID="93", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+    spec = relay_spec(
+        transport="inherit",
+        graph={
+            "nodes": {
+                "theirs": {
+                    "external": True,
+                    "subscribes": {"input": IMAGE},
+                    "publishes": {"output": IMAGE},
+                }
+            }
+        },
+    )
+    theirs = subprocess.Popen([sys.executable, str(program)], env=env, stdout=subprocess.PIPE)
+    try:
+        assert theirs.stdout is not None
+        assert theirs.stdout.readline() == b"stands\n"
+        os.environ["ROS_DOMAIN_ID"] = "93"
+        finished = bench.run(spec)
+        assert finished.status == 0, finished.stderr
+        assert theirs.poll() is None, "the run ended a node that is not its own"
+    finally:
+        os.environ.pop("ROS_DOMAIN_ID", None)
+        theirs.terminate()
+        theirs.wait(HANG_S)
+        if theirs.stdout is not None:
+            theirs.stdout.close()
+
+
+def test_an_external_node_that_is_not_there_is_missed(bench: Bench) -> None:
+    began = time.monotonic()
+    spec = relay_spec(
+        graph={
+            "nodes": {
+                "relay": relay_node(),
+                "absent": {"external": True, "subscribes": {"input": IMAGE}},
+            }
+        },
+        benchmark={"duration": "1 s", "iterations": 1, "rates": ["20 Hz"], "start_timeout": "3 s"},
+    )
+    finished = bench.run(spec)
+    assert finished.status == 4
+    assert "absent" in finished.error
+    assert time.monotonic() - began < HANG_S

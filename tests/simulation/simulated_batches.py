@@ -1,0 +1,100 @@
+"""A/A gates of each kind: a graph that just meets its requirement, judged, and confirmed.
+
+Each returns the outcome of one batch, 1 for a pass and -1 for a fail, at a confidence. The truth
+lies exactly on the limit, where a gate is wrong most often; each batch is drawn anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from simulated_gates import paired_values, ratio_outcome, run_values, share_outcome
+from simulated_worlds import bursts, stationary
+
+from r2bspec.slo.confirmation import CONFIRMING
+from r2bspec.slo.looks import Looks
+from r2bspec.slo.statistics.paired import paired_ratio
+from r2bspec.slo.statistics.prediction import predicted_ratio
+from r2bspec.slo.statistics.student import mean_interval
+
+Batch = Callable[[np.random.Generator, float], int]
+
+
+def percentile(random: np.random.Generator, confidence: float) -> int:
+    """Bursts of 5, p99, 3,000 messages."""
+    return share_outcome(bursts(5)(random, (1, 10, 300), 0.01)[0], 0.01, confidence)
+
+
+def drops(random: np.random.Generator, confidence: float) -> int:
+    """Independent losses, 5 % of which are allowed, 1,000 messages."""
+    return share_outcome(stationary(random, (1, 10, 100), 0.05)[0], 0.05, confidence)
+
+
+def mean(random: np.random.Generator, confidence: float) -> int:
+    """The mean of 10 iterations that differ by 2 %."""
+    found = mean_interval(random.normal(1, 0.02, 10).tolist(), confidence)
+    return int(found.upper < 1) - int(found.lower >= 1)
+
+
+def windows(random: np.random.Generator, confidence: float) -> int:
+    """``in 90 % of 1 s windows``: 10 iterations of 20 windows, bad ones in bursts of 2."""
+    return share_outcome(bursts(2)(random, (1, 10, 20), 0.1)[0], 0.1, confidence)
+
+
+def looked(random: np.random.Generator, confidence: float) -> int:
+    """p90 with looks at 10, 20 and 40 iterations of 75 messages."""
+    run = stationary(random, (1, 40, 75), 0.1)[0]
+    looks = Looks((10, 20, 40))
+    for look, end in enumerate(looks.iterations, start=1):
+        outcome = share_outcome(run[:end], 0.1, looks.confidence_at(look, confidence))
+        if outcome:
+            return outcome
+    return 0
+
+
+def paired(random: np.random.Generator, confidence: float) -> int:
+    """Ten interleaved pairs of one graph, with no margin."""
+    base, head = paired_values(random, 1, 10, 1.0)
+    return ratio_outcome(paired_ratio(base[0].tolist(), head[0].tolist(), confidence), 1.0)
+
+
+def history(random: np.random.Generator, confidence: float) -> int:
+    """A run of the same graph against ten earlier ones, with no margin."""
+    earlier = run_values(random, 10, 10).mean(axis=1).tolist()
+    new = float(run_values(random, 1, 10).mean())
+    return ratio_outcome(predicted_ratio(earlier, new, confidence), 1.0)
+
+
+KINDS: dict[str, Batch] = {
+    "percentile, bursts of 5": percentile,
+    "drop rate": drops,
+    "mean over iterations": mean,
+    "windows": windows,
+    "looks at 1x, 2x, 4x": looked,
+    "interleaved pairs": paired,
+    "history of ten runs": history,
+}
+
+
+@dataclass(frozen=True)
+class Gates:
+    """Shares of A/A gates."""
+
+    wrong_passes: float
+    wrong_fails: float
+    confirmed: float
+
+
+def aa_gates(batch: Batch, *, gates: int = 600, seed: int = 1) -> Gates:
+    """Many A/A gates, each failure of which is confirmed by a fresh batch or not."""
+    random = np.random.default_rng(seed)
+    passed = failed = confirmed = 0
+    for _ in range(gates):
+        outcome = batch(random, 0.95)
+        passed += outcome > 0
+        if outcome < 0:
+            failed += 1
+            confirmed += batch(random, CONFIRMING) < 0
+    return Gates(passed / gates, failed / gates, confirmed / gates)

@@ -1,0 +1,184 @@
+"""How often a gate passes and fails in simulated runs, by each of its methods."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from simulated_worlds import World
+
+from r2bspec.slo.looks import Looks
+from r2bspec.slo.statistics.binomial import lower_bound, upper_bound
+from r2bspec.slo.statistics.effective import effective
+from r2bspec.slo.statistics.paired import RatioInterval, abba, paired_ratio
+from r2bspec.slo.statistics.prediction import predicted_ratio
+from r2bspec.slo.statistics.student import mean_interval
+from r2bspec.slo.statistics.welch import welch_ratio
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Shares of runs."""
+
+    passed: float
+    failed: float
+
+    @classmethod
+    def of(cls, outcomes: list[int]) -> Rates:
+        """Count outcomes: 1 is a pass, -1 a fail, 0 open."""
+        found = np.array(outcomes)
+        return cls(float(np.mean(found > 0)), float(np.mean(found < 0)))
+
+    def __str__(self) -> str:
+        return f"{100 * self.passed:.1f} / {100 * self.failed:.1f}"
+
+
+def share_outcome(
+    pieces: NDArray[np.bool_],
+    allowed: float,
+    confidence: float = CONFIDENCE,
+    *,
+    plain: bool = False,
+) -> int:
+    """The exact binomial test of one run, on its effective number or on the plain one."""
+    worth = effective(list(pieces))
+    f = 1.0 if plain else worth.inflation
+    if upper_bound(worth.bad / f, worth.n / f, confidence) <= allowed:
+        return 1
+    return -1 if lower_bound(worth.bad / f, worth.n / f, confidence) > allowed else 0
+
+
+def share_gate(
+    world: World,
+    truth: float,
+    allowed: float,
+    *,
+    runs: int,
+    messages: int = 300,
+    iterations: int = 10,
+    plain: bool = False,
+    seed: int = 1,
+) -> Rates:
+    """A percentile or share requirement in many runs."""
+    random = np.random.default_rng(seed)
+    flags = world(random, (runs, iterations, messages), truth)
+    return Rates.of([share_outcome(run, allowed, plain=plain) for run in flags])
+
+
+def mean_gate(values: NDArray[np.float64], limit: float) -> Rates:
+    """``mean < limit`` by t over iterations; `values` is (runs, iterations)."""
+    intervals = [mean_interval(run, CONFIDENCE) for run in values.tolist()]
+    return Rates.of([(one.upper < limit) - (one.lower >= limit) for one in intervals])
+
+
+def looked_gate(
+    flags: NDArray[np.bool_], allowed: float, looks: Looks, *, planned: bool = True
+) -> tuple[Rates, float]:
+    """A share requirement at looks; and how many iterations were played, in the mean.
+
+    Not `planned`: each look decides at the full confidence, as extending a run until it passes.
+    """
+    outcomes, played = [], []
+    for run in flags:
+        outcome = 0
+        for look, end in enumerate(looks.iterations, start=1):
+            confidence = looks.confidence_at(look) if planned else CONFIDENCE
+            outcome = share_outcome(run[:end], allowed, confidence)
+            if outcome:
+                break
+        outcomes.append(outcome)
+        played.append(end)
+    return Rates.of(outcomes), float(np.mean(played))
+
+
+def paired_values(
+    random: np.random.Generator,
+    runs: int,
+    pairs: int,
+    ratio: float,
+    variation: float = 0.02,
+    drift: float = 0.1,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Base and head of interleaved runs, shape (runs, pairs) each.
+
+    Each value varies by itself; all share a machine that gets slower by `drift` over the run, in
+    the order A B B A of `abba`, and another machine of the day for each run.
+    """
+    order = np.array([letter == "B" for letter in abba(pairs)])
+    time = np.linspace(0, drift, 2 * pairs)
+    day = random.normal(0, 0.05, (runs, 1))
+    noise = random.normal(0, variation, (runs, 2 * pairs))
+    level = np.exp(np.log(100.0) + day + noise - time + order * np.log(ratio))
+    return level[:, ~order], level[:, order]
+
+
+def ratio_outcome(interval: RatioInterval, limit: float) -> int:
+    """``>= limit of baseline``."""
+    return int(interval.lower >= limit) - int(interval.upper < limit)
+
+
+def paired_gate(
+    ratio: float,
+    limit: float,
+    *,
+    pairs: int = 10,
+    runs: int,
+    variation: float = 0.02,
+    seed: int = 1,
+) -> Rates:
+    """``>= limit of baseline`` by interleaved pairs, if the true ratio is `ratio`."""
+    random = np.random.default_rng(seed)
+    base, head = paired_values(random, runs, pairs, ratio, variation)
+    return Rates.of(
+        [
+            ratio_outcome(paired_ratio(a, b, CONFIDENCE), limit)
+            for a, b in zip(base.tolist(), head.tolist(), strict=True)
+        ]
+    )
+
+
+def bootstrap_gate(ratio: float, *, pairs: int, runs: int, seed: int = 1) -> Rates:
+    """The same with a percentile bootstrap of the mean ratio, and the limit at the truth."""
+    random = np.random.default_rng(seed)
+    base, head = paired_values(random, runs, pairs, ratio)
+    drawn = random.integers(0, pairs, (runs, 500, pairs))
+    rows = np.arange(runs)[:, np.newaxis, np.newaxis]
+    means = (head / base)[rows, drawn].mean(axis=2)
+    lower, upper = np.quantile(means, [1 - CONFIDENCE, CONFIDENCE], axis=1)
+    return Rates(float(np.mean(lower >= ratio)), float(np.mean(upper < ratio)))
+
+
+def run_values(
+    random: np.random.Generator, runs: int, iterations: int, between: float = 0.027
+) -> NDArray[np.float64]:
+    """Stored runs of one graph: they differ by `between`, their iterations by 1 % on top."""
+    level = random.normal(0, between / np.sqrt(2), (runs, 1))
+    return np.exp(level + random.normal(0, 0.01, (runs, iterations)))
+
+
+def stored_gate(iterations: int, *, runs: int, seed: int = 1) -> Rates:
+    """Two stored runs of one graph by Welch's test: ``>= 100 % of baseline``."""
+    random = np.random.default_rng(seed)
+    base, head = (run_values(random, runs, iterations) for _ in range(2))
+    return Rates.of(
+        [
+            ratio_outcome(welch_ratio(a, b, CONFIDENCE), 1.0)
+            for a, b in zip(base.tolist(), head.tolist(), strict=True)
+        ]
+    )
+
+
+def history_gate(
+    ratio: float, limit: float, *, history: int, iterations: int = 10, runs: int, seed: int = 1
+) -> Rates:
+    """A new run against a history of runs: ``>= limit of baseline``."""
+    random = np.random.default_rng(seed)
+    outcomes = []
+    for _ in range(runs):
+        earlier = run_values(random, history, iterations).mean(axis=1).tolist()
+        new = float(run_values(random, 1, iterations).mean()) * ratio
+        outcomes.append(ratio_outcome(predicted_ratio(earlier, new, CONFIDENCE), limit))
+    return Rates.of(outcomes)

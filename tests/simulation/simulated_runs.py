@@ -1,0 +1,84 @@
+"""Whole runs, from latencies to the verdict, without files."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from run_simulation import EPOCH_NS, Played, monitor_rows, objective, playback_rows
+
+from r2bspec.measure.samples import (
+    RunSamples,
+    SegmentSamples,
+    monitor_samples,
+    playback_samples,
+)
+from r2bspec.record.model import RunRecord, Segment
+from r2bspec.slo.judge import judge
+from r2bspec.slo.model import Verdict
+from r2bspec.slo.terms import Terms
+
+RATE_HZ = 30.0
+
+
+def run_of(latency: NDArray[np.float64]) -> RunSamples:
+    """A run with these latencies in seconds, shape (iterations, messages); NaN is lost."""
+    segments = []
+    start_ns = EPOCH_NS
+    for index, row in enumerate(latency, start=1):
+        played = Played(RATE_HZ, row)
+        playback = playback_rows(played, start_ns)
+        ended_ns = start_ns + round(row.size * 1e9 / RATE_HZ)
+        segment = Segment(
+            id=f"rate-30Hz-{index:03d}",
+            kind="iteration",
+            rate_hz=RATE_HZ,
+            index=index,
+            steps=row.size,
+            began_ns=start_ns,
+            ended_ns=ended_ns,
+            complete=True,
+        )
+        segments.append(
+            SegmentSamples(
+                segment=segment,
+                playback=playback_samples(playback),
+                monitors={
+                    "out": monitor_samples(
+                        segment, playback, monitor_rows(played, playback), "stamp"
+                    )
+                },
+                processes={},
+                machine=None,
+            )
+        )
+        start_ns = ended_ns + 500_000_000
+    return RunSamples(
+        record=_RECORD,
+        monitors=("out",),
+        iterations={RATE_HZ: tuple(segments)},
+        sustained={},
+        incomplete=(),
+    )
+
+
+def judged(latency: NDArray[np.float64], *requirements: str, confidence: float = 0.95) -> Verdict:
+    """Judge a run by requirements at 30 Hz."""
+    return judge({"slo": objective(*requirements)}, run_of(latency), Terms(confidence=confidence))
+
+
+_RECORD = RunRecord(
+    run_id="",
+    plan_hash="",
+    started_at="",
+    ended_at="",
+    status="complete",
+    reason="",
+    dataset={},
+    machine={},
+    versions={},
+    processes=(),
+    segments=(),
+    search=None,
+    sustained=(),
+    events=(),
+)

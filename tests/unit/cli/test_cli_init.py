@@ -1,0 +1,92 @@
+"""`r2bspec init`: from nothing to a valid spec, guided by messages."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from r2bspec.api import compile_plan, validate
+from r2bspec.cli.main import main
+from r2bspec.spec.templates import filled, purpose, templates
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(autouse=True)
+def _empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("template", templates())
+def test_every_template_is_valid_and_has_a_plan(template: str) -> None:
+    assert main(["init", "camera", "--template", template]) == 0
+    file = Path("camera.r2b.yaml")
+    assert {one.code for one in validate(file)} <= {"R2B622"}  # a package that is not installed
+    assert compile_plan(file).name == "camera"
+
+
+def test_what_is_written(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["init", "camera"]) == 0
+    text = Path("camera.r2b.yaml").read_text()
+    first = "# yaml-language-server: $schema=./r2bspec-v1.schema.json\n"
+    assert text.startswith(first)
+    assert "\nname: camera\n" in text
+    published = (ROOT / "schemas" / "r2bspec-v1.schema.json").read_text()
+    assert json.loads(Path("r2bspec-v1.schema.json").read_text()) == json.loads(published)
+    assert "r2bspec validate camera.r2b.yaml" in capsys.readouterr().out
+
+
+def test_without_a_name() -> None:
+    assert main(["init"]) == 0
+    assert Path("my_benchmark.r2b.yaml").exists()
+
+
+def test_a_name_with_a_folder_and_a_suffix() -> None:
+    Path("benchmarks").mkdir()
+    assert main(["init", "benchmarks/camera.r2b.yaml"]) == 0
+    assert "\nname: camera\n" in Path("benchmarks/camera.r2b.yaml").read_text()
+
+
+def test_nothing_is_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("camera.r2b.yaml").write_text("mine")
+    assert main(["init", "camera"]) == 2
+    assert Path("camera.r2b.yaml").read_text() == "mine"
+    assert not Path("r2bspec-v1.schema.json").exists()
+    assert "error[R2B601]: camera.r2b.yaml exists already" in capsys.readouterr().err
+    Path("r2bspec-v1.schema.json").write_text("mine, too")
+    assert main(["init", "other"]) == 0
+    assert Path("r2bspec-v1.schema.json").read_text() == "mine, too"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["my bench"], "for example my_bench"),
+        (["nowhere/camera"], "cannot be written"),
+        (["camera", "--template", "minimul"], "did you mean 'minimal'?"),
+        (["camera", "--template", "x"], "known are"),
+    ],
+)
+def test_wrong_usage(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["init", *arguments]) == 2
+    assert said in capsys.readouterr().err
+    assert list(Path().iterdir()) == []
+
+
+def test_the_list_says_what_each_is_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["init", "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(templates())
+    assert all(
+        purpose(text) in line for text, line in zip(templates().values(), lines, strict=True)
+    )
+    assert max(map(len, lines)) <= 100
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "specs" / "templates").glob("*.r2b.yaml")))
+def test_the_templates_in_specs_are_the_same(file: Path) -> None:
+    text = templates()[file.name.removesuffix(".r2b.yaml")]
+    schema = "../../schemas/r2bspec-v1.schema.json"
+    assert file.read_text() == filled(text, "my_benchmark", schema)

@@ -1,0 +1,191 @@
+"""``r2bspec compare``: what may be compared, and what is said of each metric."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from report_runs import TWO, skewed
+from run_simulation import Played, Simulation, probe
+
+from r2bspec.plan.model import Plan
+from r2bspec.record.model import SearchRecord
+from r2bspec.record.store import RunFolder
+from r2bspec.report.compare.decide import compare
+from r2bspec.report.compare.model import Comparison, Line
+from r2bspec.report.compare.show import to_json, to_markdown, to_text
+from r2bspec.report.compare.subject import read_subject
+from r2bspec.report.errors import IncomparableError, UnreadableResultError
+from r2bspec.report.formats.ros2_benchmark import render
+from r2bspec.report.reported import Reported
+from r2bspec.report.result import result_of
+from r2bspec.report.result import to_json as result_json
+
+
+def simulated(factor: float = 1.0, lost: int = 0, n: int = 6) -> Simulation:
+    """Iterations whose latencies vary by a percent or so around `factor` times 20 ms."""
+    return Simulation(segments=[Played(30, _iteration(factor, lost, each)) for each in range(n)])
+
+
+def _iteration(factor: float, lost: int, number: int) -> Sequence[float]:
+    values = skewed(300, 0.02 * factor * (1 + 0.003 * (-1) ** number), number * 300)
+    values[:lost] = np.nan
+    return [float(value) for value in values]
+
+
+def compared(
+    tmp_path: Path, base: Simulation, head: Simulation, *, margin: float = 0.05, force: bool = False
+) -> Comparison:
+    first = base.write(tmp_path / "base").folder
+    second = head.write(tmp_path / "head").folder
+    return compare(read_subject(first), read_subject(second), margin=margin, force=force)
+
+
+def line(comparison: Comparison, metric: str) -> Line:
+    (found,) = (each for each in comparison.lines if each.metric == metric)
+    return found
+
+
+def test_a_run_is_the_same_as_itself(tmp_path: Path) -> None:
+    comparison = compared(tmp_path, simulated(), simulated())
+    assert {each.outcome for each in comparison.lines} == {"same"}
+    assert all(each.ratio == pytest.approx(1) for each in comparison.lines)
+
+
+@pytest.mark.parametrize(("factor", "outcome"), [(1.2, "worse"), (0.8, "improved"), (1.01, "same")])
+def test_latency_is_better_when_it_is_less(tmp_path: Path, factor: float, outcome: str) -> None:
+    comparison = compared(tmp_path, simulated(), simulated(factor))
+    assert line(comparison, "latency.p50").outcome == outcome
+    assert line(comparison, "latency.p50").ratio == pytest.approx(factor, rel=0.02)
+
+
+def test_at_the_margin_nothing_is_claimed(tmp_path: Path) -> None:
+    comparison = compared(tmp_path, simulated(), simulated(1.05))
+    assert line(comparison, "latency.mean").outcome == "can't tell"
+
+
+def test_losses_are_worse_although_their_ratio_is_none(tmp_path: Path) -> None:
+    comparison = compared(tmp_path, simulated(), simulated(lost=30))
+    drops = line(comparison, "drop_rate")
+    assert (drops.base, drops.outcome) == (0, "worse")
+    assert drops.head == pytest.approx(0.1)
+    # The p99 of the head is a message that never came.
+    assert line(comparison, "latency.p99").outcome == "worse"
+    assert line(comparison, "latency.p99").head is None
+
+
+def test_a_base_without_values_shows_nothing(tmp_path: Path) -> None:
+    comparison = compared(tmp_path, simulated(lost=300), simulated())
+    assert line(comparison, "latency.p50").outcome == "can't tell"
+
+
+def test_one_iteration_shows_no_spread(tmp_path: Path) -> None:
+    comparison = compared(tmp_path, simulated(n=1), simulated(2.0, n=1))
+    found = line(comparison, "latency.p50")
+    assert (found.outcome, found.lower) == ("can't tell", None)
+    assert found.ratio == pytest.approx(2, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("holds", "fails", "outcome"),
+    [(80, 82, "worse"), (125, 128, "improved"), (100, 102, "same"), (96, 99, "can't tell")],
+)
+def test_peaks_are_compared_by_their_brackets(
+    tmp_path: Path, holds: float, fails: float, outcome: str
+) -> None:
+    def peak(low: float, high: float) -> Simulation:
+        search = SearchRecord(
+            probes=(probe(low, holds=True), probe(high, holds=False)),
+            holds_hz=low,
+            fails_hz=high,
+            limited_by="graph",
+        )
+        return replace(simulated(), search=search)
+
+    comparison = compared(tmp_path, peak(100, 102), peak(holds, fails))
+    assert line(comparison, "peak.rate").outcome == outcome
+
+
+class Other(Simulation):
+    """A plan that differs in what it does."""
+
+    def plan(self) -> Plan:
+        return msgspec.structs.replace(super().plan(), buffer=7, title="another title")
+
+
+def test_other_plans_are_refused_and_the_difference_told(tmp_path: Path) -> None:
+    other = Other(segments=simulated().segments)
+    with pytest.raises(IncomparableError) as caught:
+        compared(tmp_path, simulated(), other)
+    assert "plan, buffer: 0 -> 7" in str(caught.value)
+    assert "title" not in str(caught.value)
+    assert "--force" in caught.value.hint
+
+
+def test_force_compares_them_and_says_so(tmp_path: Path) -> None:
+    comparison = compared(tmp_path, simulated(), Other(segments=simulated().segments), force=True)
+    assert comparison.differences == ("plan, buffer: 0 -> 7",)
+
+
+def test_another_machine_is_refused(tmp_path: Path) -> None:
+    run = simulated().write(tmp_path / "base")
+    other = simulated().write(tmp_path / "head")
+    machine = {"cpu": "another processor", "cores": 2}
+    RunFolder(other.folder).write_record(msgspec.structs.replace(other.record, machine=machine))
+    with pytest.raises(IncomparableError, match="machine, cpu: a simulated processor -> another"):
+        compare(read_subject(run.folder), read_subject(other.folder), margin=0.05, force=False)
+
+
+def test_a_result_by_itself_is_enough(tmp_path: Path) -> None:
+    run = simulated().write(tmp_path / "run")
+    path = tmp_path / "result.json"
+    path.write_bytes(result_json(result_of(run)))
+    comparison = compare(read_subject(path), read_subject(run.folder), margin=0.05, force=False)
+    assert {each.outcome for each in comparison.lines} == {"same"}
+
+
+def test_a_report_of_the_reference_tool_shows_ratios_only(tmp_path: Path) -> None:
+    run = simulated().write(tmp_path / "run")
+    path = tmp_path / "reference.json"
+    path.write_bytes(render(Reported(result=result_of(run), run=run)))
+    base, head = read_subject(path), read_subject(run.folder)
+    with pytest.raises(IncomparableError, match="measure by different rules"):
+        compare(base, head, margin=0.05, force=False)
+    comparison = compare(base, head, margin=0.05, force=True)
+    assert line(comparison, "latency.mean").monitor == ""
+    assert line(comparison, "latency.mean").ratio == pytest.approx(1)
+    assert {each.outcome for each in comparison.lines} == {"can't tell"}
+
+
+def test_nothing_in_common_is_no_comparison(tmp_path: Path) -> None:
+    slower = Simulation(segments=[Played(7, [0.02] * 70)] * 2)
+    with pytest.raises(IncomparableError, match="in common"):
+        compared(tmp_path, simulated(), slower)
+
+
+def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.json"
+    path.write_text("{}")
+    with pytest.raises(UnreadableResultError, match="neither a result"):
+        read_subject(path)
+
+
+def test_every_form_says_the_same(tmp_path: Path) -> None:
+    comparison = compared(tmp_path, simulated(), simulated(1.2, lost=30))
+    (plain,) = json.loads(to_json([comparison]))
+    assert msgspec.convert(plain, Comparison) == comparison
+    for text in (to_text([comparison]), to_markdown([comparison])):
+        assert "▼ worse" in text
+        assert "latency.p50 at 30 Hz" in text
+        assert "do not gate" in text
+
+
+def test_monitors_are_compared_with_their_own(tmp_path: Path) -> None:
+    comparison = compared(tmp_path, TWO, TWO)
+    found = [each.monitor for each in comparison.lines if each.metric == "latency.p50"]
+    assert found == ["detections", "extra"]

@@ -1,0 +1,254 @@
+"""Every format: made from every kind of run, the same bytes each time, read by its readers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from report_runs import HOSTILE_RUN, SIMULATIONS, TWO, USUAL
+from run_simulation import Simulation
+
+from r2bspec.report.errors import ReportError
+from r2bspec.report.registry import FORMATS, renderer
+from r2bspec.report.reported import Reported
+from r2bspec.report.result import from_json, result_of
+
+
+def reported(simulation: Simulation, path: Path) -> Reported:
+    run = simulation.write(path / "run")
+    return Reported(result=result_of(run), run=run)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
+def test_every_run_gives_every_report(tmp_path: Path, name: str, simulation: Simulation) -> None:
+    source = reported(simulation, tmp_path)
+    if FORMATS[name].single:
+        rates = source.result.metrics.rates
+        if not rates:
+            with pytest.raises(ReportError):
+                renderer(name)(source)
+            return
+        source = replace(source, monitor="detections", rate_hz=rates[0].offered_hz)
+    first = renderer(name)(source)
+    again = renderer(name)(replace(source))
+    assert first == again
+    if name != "mcap":
+        assert first.decode().endswith("\n")
+
+
+@pytest.mark.parametrize("name", ["trace", "mcap", "ros2_benchmark", "hdrhistogram"])
+def test_formats_that_need_samples_say_so(tmp_path: Path, name: str) -> None:
+    source = reported(USUAL, tmp_path)
+    with pytest.raises(ReportError, match="needs the samples"):
+        renderer(name)(Reported(result=source.result))
+
+
+def test_the_others_are_made_from_a_result_alone(tmp_path: Path) -> None:
+    source = Reported(result=reported(USUAL, tmp_path).result)
+    for name in set(FORMATS) - {"trace", "mcap", "ros2_benchmark", "hdrhistogram"}:
+        assert renderer(name)(source)
+
+
+def test_json_is_the_result(tmp_path: Path) -> None:
+    source = reported(USUAL, tmp_path)
+    assert from_json(renderer("json")(source)) == source.result
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
+def test_openmetrics_parses_with_the_reference_parser(
+    tmp_path: Path, simulation: Simulation
+) -> None:
+    parser = pytest.importorskip("prometheus_client.openmetrics.parser")
+    source = reported(simulation, tmp_path)
+    families = {
+        family.name: family
+        for family in parser.text_string_to_metric_families(
+            renderer("openmetrics")(source).decode()
+        )
+    }
+    verdict = {
+        sample.labels["r2bspec_verdict"]: sample.value
+        for sample in families["r2bspec_verdict"].samples
+    }
+    assert verdict[source.result.verdict.outcome] == 1
+    assert sum(verdict.values()) == 1
+    for rate in source.result.metrics.rates:
+        for monitor, seen in rate.pooled.monitors.items():
+            (value,) = (
+                sample.value
+                for sample in families["r2bspec_missed_messages"].samples
+                if sample.labels["monitor"] == monitor
+                and float(sample.labels["offered_hz"]) == rate.offered_hz
+            )
+            assert value == seen.missed
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
+@pytest.mark.parametrize("name", ["junit", "junit_lenient"])
+def test_junit_has_a_case_for_each_requirement_and_one_for_the_run(
+    tmp_path: Path, simulation: Simulation, name: str
+) -> None:
+    source = reported(simulation, tmp_path)
+    root = ET.fromstring(renderer(name)(source))  # noqa: S314 - written a moment ago
+    suite = root.find("testsuite")
+    assert suite is not None
+    requirements = source.result.verdict.requirements
+    assert len(suite.findall("testcase")) == len(requirements) + 1
+    outcomes = [one.outcome for one in requirements]
+    broken = source.result.verdict.outcome in {"invalid", "incomplete"}
+    lenient = name == "junit_lenient"
+    undecided = outcomes.count("inconclusive")
+    assert int(suite.get("failures", "0")) == outcomes.count("fail")
+    assert int(suite.get("errors", "0")) == broken + (0 if lenient else undecided)
+    assert int(suite.get("skipped", "0")) == (undecided if lenient else 0)
+
+
+def test_csv_has_every_number(tmp_path: Path) -> None:
+    source = reported(USUAL, tmp_path)
+    rows = [*csv.DictReader(io.StringIO(renderer("csv")(source).decode(), newline=""))]
+    found = {
+        (row["offered_hz"], row["iteration"], row["monitor"], row["metric"]): float(row["value"])
+        for row in rows
+    }
+    assert len(found) == len(rows)
+    rate = source.result.metrics.rates[1]
+    seen = rate.pooled.monitors["detections"]
+    assert found["30.0", "", "detections", "latency.p99"] == seen.latency.p99
+    assert found["30.0", "", "detections", "missed"] == seen.missed
+    first = rate.iterations[0].monitors["detections"].throughput_hz
+    assert found["30.0", str(rate.iterations[0].index), "detections", "throughput.mean"] == first
+    assert found["", "", "", "peak.rate"] == 5
+
+
+def test_hdrhistogram_agrees_with_the_percentiles(tmp_path: Path) -> None:
+    source = replace(reported(USUAL, tmp_path), rate_hz=30.0)
+    text = renderer("hdrhistogram")(source).decode()
+    latency = source.result.metrics.rates[1].pooled.monitors["detections"].latency
+    rows = [line.split() for line in text.splitlines()[2:] if not line.startswith("#")]
+    by_share = {float(share): float(value) for value, share, _, _ in rows}
+    assert latency.p50 is not None
+    assert by_share[0.5] == pytest.approx(latency.p50 * 1e3, abs=1e-6)
+    assert latency.p90 is not None
+    assert by_share[0.9] == pytest.approx(latency.p90 * 1e3, abs=1e-6)
+    counts = [int(row[2]) for row in rows]
+    assert counts == sorted(counts)
+    assert counts[-1] == latency.n
+    assert (
+        f"#[Lost    = {source.result.metrics.rates[1].pooled.monitors['detections'].missed:12d}]"
+        in text
+    )
+
+
+def test_hdrhistogram_does_not_choose_for_the_reader(tmp_path: Path) -> None:
+    with pytest.raises(ReportError, match="has 2 of them"):
+        renderer("hdrhistogram")(reported(USUAL, tmp_path))
+
+
+def test_bencher_measures_are_numbers_within_their_bounds(tmp_path: Path) -> None:
+    found = json.loads(renderer("bencher")(reported(USUAL, tmp_path)))
+    assert set(found) == {
+        "simulated/detections@10Hz",
+        "simulated/detections@30Hz",
+        "simulated/peak",
+    }
+    for measures in found.values():
+        for measure in measures.values():
+            assert measure["lower_value"] <= measure["value"] <= measure["upper_value"]
+
+
+def test_action_benchmarks_go_one_way_each(tmp_path: Path) -> None:
+    source = reported(USUAL, tmp_path)
+    smaller = json.loads(renderer("benchmark_smaller")(source))
+    bigger = json.loads(renderer("benchmark_bigger")(source))
+    for entries in (smaller, bigger):
+        for entry in entries:
+            assert set(entry) <= {"name", "unit", "value", "range", "extra"}
+            assert isinstance(entry["value"], float | int)
+        assert len({entry["name"] for entry in entries}) == len(entries)
+    assert all("throughput" in entry["name"] or "peak" in entry["name"] for entry in bigger)
+    assert not any("throughput" in entry["name"] for entry in smaller)
+
+
+@pytest.mark.parametrize("simulation", [USUAL, TWO, HOSTILE_RUN], ids=["usual", "two", "hostile"])
+def test_a_trace_has_every_message_begun_and_ended(tmp_path: Path, simulation: Simulation) -> None:
+    source = reported(simulation, tmp_path)
+    trace = json.loads(renderer("trace")(source))
+    events = trace["traceEvents"]
+    begun = {event["id"]: event for event in events if event["ph"] == "b"}
+    ended = {event["id"]: event for event in events if event["ph"] == "e"}
+    assert begun.keys() == ended.keys()
+    assert all(begun[key]["ts"] <= ended[key]["ts"] for key in begun)
+    sent = sum(
+        seen.sent for rate in source.result.metrics.rates for seen in rate.pooled.monitors.values()
+    )
+    missed = sum(
+        seen.missed
+        for rate in source.result.metrics.rates
+        for seen in rate.pooled.monitors.values()
+    )
+    assert len(begun) == sent
+    assert sum(event["name"] == "lost" for event in begun.values()) == missed
+    assert min(event["ts"] for event in events if "ts" in event) >= 0
+
+
+def test_an_mcap_file_reads_back(tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    source = reported(USUAL, tmp_path)
+    content = renderer("mcap")(source)
+    opened = reader.make_reader(io.BytesIO(content))
+    latencies: list[float] = []
+    times: list[int] = []
+    counts: dict[str, int] = {}
+    for schema, channel, message in opened.iter_messages():
+        assert schema.encoding == "jsonschema"
+        counts[channel.topic] = counts.get(channel.topic, 0) + 1
+        times.append(message.log_time)
+        found: dict[str, Any] = json.loads(message.data)
+        if channel.topic == "/r2bspec/detections/latency" and found["offered_hz"] == 30:
+            latencies.append(found["latency_ms"])
+    assert times == sorted(times)
+    seen = source.result.metrics.rates[1].pooled.monitors["detections"]
+    assert len(latencies) == seen.answered
+    assert counts["/r2bspec/detections/missed"] == seen.missed
+    assert seen.latency.max is not None
+    assert max(latencies) == pytest.approx(seen.latency.max * 1e3)
+    (attached,) = opened.iter_attachments()
+    assert from_json(attached.data) == source.result
+
+
+def test_markdown_shows_hostile_words_as_words(tmp_path: Path) -> None:
+    text = renderer("markdown")(reported(HOSTILE_RUN, tmp_path)).decode()
+    assert not re.search(r"<(script|img)", text)
+    assert "\n::error" not in text
+    assert "@all" not in text
+    assert "http://" not in text
+    # Every row of a table has as many cells as its header.
+    tables = re.findall(r"(?:^\|.*\|$\n?)+", text, re.MULTILINE)
+    for table in tables:
+        widths = {len(re.findall(r"(?<!\\)\|", row)) for row in table.strip().splitlines()}
+        assert len(widths) == 1, table
+
+
+def test_github_commands_stay_on_their_lines(tmp_path: Path) -> None:
+    lines = renderer("github")(reported(HOSTILE_RUN, tmp_path)).decode().splitlines()
+    assert lines
+    assert all(line.startswith("::") for line in lines)
+    assert all(line.count("::error::") <= 1 for line in lines)
+
+
+def test_ranks_of_a_large_run_stay_few(tmp_path: Path) -> None:
+    from r2bspec.report.html.percentiles import _ranks
+
+    ranks = _ranks(200_000)
+    assert ranks.size <= 300
+    assert ranks[-1] == 200_000
+    assert np.all(np.diff(ranks) > 0)

@@ -1,0 +1,183 @@
+"""The HTML page as a file: complete, self-contained, escaped, and in need of no style or script."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from report_runs import HOSTILE_RUN, SIMULATIONS, USUAL
+from run_simulation import Played, Simulation, objective
+
+from r2bspec.measure.units import show
+from r2bspec.report.html import render
+from r2bspec.report.reported import Reported
+from r2bspec.report.result import result_of
+
+VOID = {"meta", "br", "link", "img", "hr"}
+
+
+class Page(HTMLParser):
+    """Elements with their attributes, and what stands in them."""
+
+    def __init__(self, content: bytes) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str]]] = []
+        self.data: list[tuple[str, str, str]] = []
+        self.text = ""
+        self._open: list[str] = []
+        self.feed(content.decode())
+        assert not self._open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, {key: value or "" for key, value in attrs}))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, {key: value or "" for key, value in attrs}))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self._open and self._open[-1] not in {"style", "script"}:
+            self.text += data
+        if self._open and self._open[-1] == "data":
+            attributes = self.elements[-1][1]
+            self.data.append((attributes["data-path"], attributes["value"], data))
+
+    def of(self, tag: str) -> list[dict[str, str]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+def page_of(simulation: Simulation, tmp_path: Path, baseline: Simulation | None = None) -> Page:
+    run = simulation.write(tmp_path / "run")
+    other = baseline.write(tmp_path / "base") if baseline is not None else None
+    return Page(render(Reported(result=result_of(run), run=run, baseline=other)))
+
+
+def at(result: Any, path: str) -> Any:
+    for part in path.split("/"):
+        key = part.replace("~1", "/").replace("~0", "~")
+        result = result[int(part)] if isinstance(result, list | tuple) else result[key]
+    return result
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
+def test_its_numbers_are_those_of_the_result(simulation: Simulation, tmp_path: Path) -> None:
+    run = simulation.write(tmp_path / "run")
+    result = result_of(run)
+    plain = msgspec.to_builtins(result)
+    page = Page(render(Reported(result=result, run=run)))
+    for path, value, shown in page.data:
+        if "\N{REPLACEMENT CHARACTER}" in path:
+            continue  # a control character, which no page can hold
+        assert float(value) == float(at(plain, path))
+        assert shown in {
+            show(float(value), unit) for unit in ("s", "Hz", "share", "B", "count", "")
+        }
+    if result.metrics.rates:
+        assert len(page.data) > 20
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
+def test_it_needs_nothing_from_anywhere(simulation: Simulation, tmp_path: Path) -> None:
+    page = page_of(simulation, tmp_path)
+    for tag, attributes in page.elements:
+        assert tag not in {"link", "img", "iframe", "object", "embed", "base"}
+        for key in ("src", "href", "xlink:href", "action", "srcset"):
+            assert attributes.get(key, "#").startswith("#"), (tag, attributes)
+    assert len(page.of("script")) == 1
+    assert len(page.of("style")) == 1
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
+def test_a_policy_against_inline_styles_takes_nothing_away(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    page = page_of(simulation, tmp_path)
+    assert not [one for one in page.elements if "style" in one[1]]
+    assert not [one for one in page.elements if any(key.startswith("on") for key in one[1])]
+    # Colours are attributes, too: without them every shape would be black.
+    for attributes in page.of("path"):
+        assert "fill" in attributes or "stroke" in attributes or "id" in attributes
+
+
+def test_every_identity_is_there_once_and_every_reference_leads_somewhere(tmp_path: Path) -> None:
+    page = page_of(USUAL, tmp_path, baseline=USUAL)
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    for _, attributes in page.elements:
+        for key, value in attributes.items():
+            for found in re.findall(r"url\(#([^)]+)\)", value):
+                assert found in ids
+            if key in {"aria-labelledby", "aria-describedby"} or (key == "href" and value != "#"):
+                assert value.lstrip("#") in ids
+
+
+def test_a_screen_reader_is_told_everything(tmp_path: Path) -> None:
+    page = page_of(USUAL, tmp_path)
+    for attributes in page.of("svg"):
+        assert attributes["role"] == "img"
+        assert {"aria-labelledby", "aria-describedby"} <= attributes.keys()
+    assert len(page.of("caption")) == len(page.of("table"))
+    levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch(r"h\d", tag)]
+    assert levels[0] == 1
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
+    assert all(attributes.get("scope") in {"col", "row"} for attributes in page.of("th"))
+    assert page.of("html")[0]["lang"] == "en"
+
+
+def test_hostile_words_stay_words(tmp_path: Path) -> None:
+    content = render(
+        Reported(result=result_of(run := HOSTILE_RUN.write(tmp_path / "run")), run=run)
+    )
+    page = Page(content)
+    assert len(page.of("script")) == 1
+    assert not page.of("img")
+    assert "<script>alert(1)</script>" in page.text
+    assert b"\x00" not in content
+    assert b"\x1b" not in content
+
+
+def test_the_verdict_and_its_reasons_come_first(tmp_path: Path) -> None:
+    page = page_of(USUAL, tmp_path)
+    table = page.text.index("Why")
+    assert page.text.index("✘ FAIL") < table
+    assert table < page.text.index("drop_rate <= 1 %") < page.text.index("✔ PASS", table)
+    assert page.text.index("were never answered") < page.text.index("The graph")
+
+
+def test_a_long_run_makes_a_page_of_sane_size_that_says_what_it_left_out(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    simulation = Simulation(
+        segments=[
+            Played(rate, np.where(rng.random(20_000) < 0.02, np.nan, rng.gamma(4, 0.002, 20_000)))
+            for rate in (50, 100, 200)
+            for _ in range(3)
+        ],
+        objectives={"a": objective("latency.p99 < 60 ms", at="50 Hz")},
+    )
+    run = simulation.write(tmp_path / "run")
+    content = render(Reported(result=result_of(run), run=run))
+    assert len(content) < 2_000_000
+    assert "only the fastest and the slowest are drawn" in " ".join(Page(content).text.split())
+
+
+def test_without_samples_it_says_which_charts_are_missing(tmp_path: Path) -> None:
+    result = result_of(USUAL.write(tmp_path / "run"))
+    page = Page(render(Reported(result=result)))
+    assert "the charts of single messages need the run folder" in page.text
+    assert [one.get("id") for one in page.of("svg")] == ["offered"]
+
+
+def test_a_baseline_is_drawn_beside_it(tmp_path: Path) -> None:
+    page = page_of(USUAL, tmp_path, baseline=USUAL)
+    assert "ecdf-0" in [one.get("id") for one in page.of("svg")]
+    assert "Against the baseline" in page.text

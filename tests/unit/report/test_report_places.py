@@ -1,0 +1,71 @@
+"""Annotations point at the lines that state what failed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from report_runs import USUAL
+from run_simulation import objective
+
+from r2bspec.report.formats.github import render
+from r2bspec.report.reported import Reported
+from r2bspec.report.result import result_of
+
+SPEC = """\
+r2bspec: 1
+name: simulated
+variables: {rate: 30 Hz}
+slos:
+  camera:
+    at: $(var rate)
+    require:
+      - latency.p99 < 60 ms
+      - drop_rate <= 1 %
+"""
+
+
+def annotated(tmp_path: Path, spec: Path | None) -> list[str]:
+    run = USUAL.write(tmp_path / "run")
+    return render(Reported(result=result_of(run), run=run, spec_file=spec)).decode().splitlines()
+
+
+def test_the_line_and_the_columns_of_the_requirement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.r2b.yaml").write_text(SPEC)
+    found = annotated(tmp_path, Path("a.r2b.yaml"))
+    assert found[0].startswith("::error file=a.r2b.yaml,title=simulated%3A fail::")
+    (drops,) = (each for each in found if "title=camera%3A drop_rate <= 1 %25" in each)
+    assert "file=a.r2b.yaml,line=9,endLine=9,col=9,endColumn=25," in drops
+
+
+@pytest.mark.parametrize("content", [None, "", "a: [", "r2bspec: 1\nslos: {camera: {at: 3}}"])
+def test_without_a_line_there_is_still_an_annotation(tmp_path: Path, content: str | None) -> None:
+    spec = tmp_path / "a.r2b.yaml"
+    if content is not None:
+        spec.write_text(content)
+    found = annotated(tmp_path, spec if content is not None else None)
+    assert any("drop_rate <= 1 %25" in each and each.startswith("::error ") for each in found)
+
+
+def test_ten_annotations_at_most(tmp_path: Path) -> None:
+    many = replace(USUAL, objectives={"a": objective(*["latency.p50 < 1 ms"] * 30)})
+    run = many.write(tmp_path / "run")
+    found = render(Reported(result=result_of(run), run=run)).decode().splitlines()
+    assert sum(each.startswith("::") for each in found) == 10
+    assert found[-1].startswith("21 more requirements")
+
+
+def test_a_file_below_this_folder_is_named_from_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    spec = tmp_path / "specs" / "a.r2b.yaml"
+    spec.parent.mkdir()
+    spec.write_text(SPEC)
+    assert all(
+        "file=specs/a.r2b.yaml," in each for each in annotated(tmp_path, spec) if each[:2] == "::"
+    )

@@ -1,0 +1,93 @@
+"""The pytest plugin: specs are tests if that is asked for, and nothing at all otherwise."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from run_simulation import Played, Simulation, objective
+
+ROOT = Path(__file__).parents[3]
+
+SPEC = """\
+r2bspec: 1
+name: simulated
+data_loader: {bag: nowhere, topics: {/a: image}}
+playback: {inputs: {image: {from: image, format: sensor_msgs/msg/Image}}}
+graph: {nodes: {relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}}}
+monitors: {detections: {topic: output, format: sensor_msgs/msg/Image}}
+benchmark: {rates: [30 Hz], iterations: 2}
+slos:
+  fast:
+    at: 30 Hz
+    require: [latency.p50 < 60 ms, latency.p50 < 1 ms, throughput.mean > 29.999999 Hz]
+"""
+
+
+def pytest_run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+        "NO_COLOR": "1",
+    }
+    command = [sys.executable, "-m", "pytest", "-p", "r2bspec.pytest_plugin", "-rA", *arguments]
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture(name="folder")
+def project(tmp_path: Path) -> Path:
+    (tmp_path / "simulated.r2b.yaml").write_text(SPEC)
+    Simulation(
+        segments=[Played(30, [0.02] * 300), Played(30, [0.02] * 299 + [0.03])],
+        objectives={
+            "fast": objective(
+                "latency.p50 < 60 ms", "latency.p50 < 1 ms", "throughput.mean > 29.999999 Hz"
+            )
+        },
+    ).write(tmp_path / "runs" / "simulated")
+    return tmp_path
+
+
+def test_without_the_option_nothing_is_collected(folder: Path) -> None:
+    done = pytest_run(folder)
+    assert done.returncode == 5
+    assert "collected 0 items" in done.stdout
+
+
+def test_each_requirement_is_a_test(folder: Path) -> None:
+    done = pytest_run(folder, "--r2bspec", "--r2bspec-runs", "runs")
+    assert done.returncode == 1
+    assert "PASSED simulated.r2b.yaml::valid" in done.stdout
+    assert "PASSED simulated.r2b.yaml::fast: latency.p50 < 60 ms" in done.stdout
+    assert "FAILED simulated.r2b.yaml::fast: latency.p50 < 1 ms" in done.stdout
+    assert "✘ FAIL" in done.stdout
+    assert "Traceback" not in done.stdout
+
+
+def test_inconclusive_fails_unless_told_otherwise(folder: Path) -> None:
+    name = "simulated.r2b.yaml::fast: throughput.mean > 29.999999 Hz"
+    arguments = ("--r2bspec", "--r2bspec-runs", "runs")
+    assert f"FAILED {name}" in pytest_run(folder, *arguments).stdout
+    done = pytest_run(folder, *arguments, "--r2bspec-inconclusive", "skip")
+    assert "SKIPPED" in done.stdout
+    assert f"FAILED {name}" not in done.stdout
+
+
+def test_a_broken_spec_is_explained_with_its_line(folder: Path) -> None:
+    (folder / "simulated.r2b.yaml").write_text(SPEC.replace("< 1 ms", "< 1 Hz"))
+    done = pytest_run(folder, "--r2bspec", "--r2bspec-runs", "runs")
+    assert done.returncode == 1
+    assert "simulated.r2b.yaml:11:" in done.stdout
+
+
+def test_a_run_that_is_not_there_fails_every_requirement(folder: Path) -> None:
+    done = pytest_run(folder, "--r2bspec", "--r2bspec-runs", "elsewhere")
+    assert done.returncode == 1
+    assert "R2B650" in done.stdout
+    assert done.stdout.count("FAILED simulated.r2b.yaml::fast") == 3
