@@ -9,7 +9,7 @@ subject that an earlier rule has explained is left out.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 from r2bspec.check.context import Context
@@ -17,6 +17,7 @@ from r2bspec.check.place import place
 from r2bspec.check.registry import all_rules
 from r2bspec.diagnostics.model import Diagnostic
 from r2bspec.diagnostics.waivers import apply_waivers
+from r2bspec.spec.cases import findings_of_cases
 
 if TYPE_CHECKING:
     from r2bspec.spec.load import Loaded
@@ -33,12 +34,33 @@ def check(loaded: Loaded, *, offline: bool = False) -> list[Diagnostic]:
         loaded: what `load_spec` gave.
         offline: leave recorded data alone; rules that need it find nothing.
     """
+    # Of a document with a matrix this is one case: a waiver may be meant for another.
+    return _waived([loaded], offline=offline, complete=loaded.choice is None)
+
+
+def check_cases(cases: Sequence[Loaded], *, offline: bool = False) -> list[Diagnostic]:
+    """Everything that is wrong with any case of one document, each finding once.
+
+    Args:
+        cases: every case, as `load_cases` gave them.
+        offline: as for `check`.
+    """
+    return _waived(cases, offline=offline, complete=True)
+
+
+def _waived(cases: Sequence[Loaded], *, offline: bool, complete: bool) -> list[Diagnostic]:
+    found = findings_of_cases(cases, [_find(one, offline=offline) for one in cases])
+    texts = {name: text for one in cases for name, text in one.texts.items()}
+    complete = complete and not offline and all(one.spec is not None for one in cases)
+    left = apply_waivers(found, texts, known=_codes, complete=complete)
+    return sorted(left, key=lambda each: each.sort_key)
+
+
+def _find(loaded: Loaded, *, offline: bool) -> list[Diagnostic]:
     found = list(loaded.diagnostics)
     if loaded.spec is not None:
         found += _apply_rules(Context(loaded, loaded.spec, offline=offline))
-    complete = loaded.spec is not None and not offline
-    left = apply_waivers(found, loaded.texts, known=_codes, complete=complete)
-    return sorted(left, key=lambda each: each.sort_key)
+    return found
 
 
 def _codes() -> Collection[str]:

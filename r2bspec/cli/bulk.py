@@ -11,12 +11,13 @@ import gc
 import multiprocessing
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 from r2bspec.diagnostics import Diagnostic
-from r2bspec.spec.load import Loaded, load_spec
+from r2bspec.spec.cases import findings_of_cases
+from r2bspec.spec.load import Loaded, load_cases
 
 FEWEST = 100
 """Files from which on several processes are faster than one. Starting them takes about as long as
@@ -31,6 +32,8 @@ class Options:
 
     sets: tuple[str, ...] = ()
     variables: Mapping[str, str] | None = None
+    case: str = ""
+    allow_paths: tuple[Path, ...] = ()
     offline: bool = False
     resolved: bool = False
 
@@ -44,14 +47,15 @@ class Checked:
         complete: whether all rules were applied, which takes a document that is right itself.
         found: everything that is wrong with it, sorted by place.
         texts: the texts that the findings point into, by file name.
-        resolved: the document with all written out, if that was asked for.
+        resolved: if that was asked for, every case with all written out, by the file's name and
+            the case.
     """
 
     file: str
     complete: bool
     found: tuple[Diagnostic, ...]
     texts: Mapping[str, str]
-    resolved: str = ""
+    resolved: Mapping[str, str] = field(default_factory=dict)
 
 
 def check_files(files: Sequence[str], options: Options) -> Iterator[Checked]:
@@ -71,27 +75,41 @@ def check_files(files: Sequence[str], options: Options) -> Iterator[Checked]:
 
 def check_file(file: str, options: Options) -> Checked:
     """Check one file; ``-`` is standard input."""
-    loaded = load_spec(Path(file), sets=options.sets, variables=options.variables)
-    found = findings(loaded, offline=options.offline)
+    cases = _load(Path(file), file, options)
+    found = _findings(cases, options)
     return Checked(
-        file=loaded.file,
-        complete=loaded.spec is not None,
+        file=cases[0].file,
+        complete=all(each.spec is not None for each in cases),
         found=tuple(found),
-        texts=loaded.texts if found else {},
-        resolved=loaded.resolved_yaml() if options.resolved else "",
+        texts={name: text for each in cases for name, text in each.texts.items()} if found else {},
+        resolved={_title(each): each.resolved_yaml() for each in cases} if options.resolved else {},
     )
 
 
 def check_text(text: str, file: str, options: Options) -> list[Diagnostic]:
     """Check a text as if it were the content of a file."""
-    loaded = load_spec(text, file=file, sets=options.sets, variables=options.variables)
-    return findings(loaded, offline=options.offline)
+    return _findings(_load(text, file, options), options)
 
 
-def findings(loaded: Loaded, *, offline: bool) -> list[Diagnostic]:
+def _load(source: Path | str, file: str, options: Options) -> tuple[Loaded, ...]:
+    return load_cases(
+        source,
+        file=file,
+        sets=options.sets,
+        variables=options.variables,
+        case=options.case,
+        allow_paths=options.allow_paths,
+    )
+
+
+def _findings(cases: tuple[Loaded, ...], options: Options) -> list[Diagnostic]:
     """Everything that is wrong; the rules are imported only for a document that is right."""
-    if loaded.spec is None:
-        return list(loaded.diagnostics)
-    from r2bspec.check.engine import check
+    if all(each.spec is None for each in cases):
+        return findings_of_cases(cases, [each.diagnostics for each in cases])
+    from r2bspec.check.engine import check_cases
 
-    return check(loaded, offline=offline)
+    return check_cases(cases, offline=options.offline)
+
+
+def _title(loaded: Loaded) -> str:
+    return f"{loaded.file} [{loaded.case}]" if loaded.case else loaded.file

@@ -7,7 +7,7 @@ status is 1 if there is an error among them, and 0 with warnings only.
 from __future__ import annotations
 
 import sys
-from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -22,10 +22,61 @@ from r2bspec.cli.options import (
 from r2bspec.report.findings.formats import FORMATS
 
 if TYPE_CHECKING:
+    from r2bspec.cli.bulk import Checked
+    from r2bspec.diagnostics import Diagnostic
+
+
+@click.command("validate")
+@click.argument("paths", nargs=-1, required=True, metavar="PATH...")
+@click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(list(FORMATS)),
+    default="text",
+    help="; ".join(f"{name}: {use}" for name, use in FORMATS.items()) + ".",
+)
+@sets_option
+@variables_option
+@case_option
+@allow_path_option
+@click.option(
+    "--resolved",
+    is_flag=True,
+    help="Print the document, every case of it, with all written out, if it has no errors.",
+)
+@click.option("--offline", is_flag=True, help="Leave recorded data alone; skip what needs it.")
+@click.option(
+    "--fix", is_flag=True, help="Make the repairs that are safe, in the files themselves."
+)
+@click.option("--diff", is_flag=True, help="Show what --fix would change; write nothing.")
+def command(
+    paths: tuple[str, ...],
+    output_format: str,
+    sets: tuple[str, ...],
+    variables: tuple[str, ...],
+    case: str,
+    allow_paths: tuple[Path, ...],
+    resolved: bool,
+    offline: bool,
+    fix: bool,
+    diff: bool,
+) -> int:
+    """Check specs and show what is wrong with them.
+
+    PATH is a file, a folder (all *.r2b.yaml below it), a pattern such as 'specs/*.yaml', or -
+    for standard input. Of a spec with a matrix every case is checked, unless --case names one.
+    """
     from r2bspec.cli.bulk import Options, check_files, check_text
     from r2bspec.cli.spec_files import spec_files
 
-    asked = Options(sets, parse_variables(variables), offline=offline, resolved=resolved)
+    asked = Options(
+        sets=sets,
+        variables=parse_variables(variables),
+        case=case,
+        allow_paths=allow_paths,
+        offline=offline,
+        resolved=resolved,
+    )
     files = spec_files(paths)
     if fix and (diff or "-" in files):
         raise click.UsageError("--fix writes files: it goes with neither --diff nor '-'")
@@ -79,7 +130,8 @@ def _counted(number: int, noun: str) -> str:
 
 
 def _print_resolved(checked: list[Checked]) -> None:
-    for number, each in enumerate(checked):
-        if len(checked) > 1:
-            click.echo(f"{'---' if number else ''}\n# {each.file}".strip())
-        click.echo(each.resolved, nl=False)
+    documents = [(name, text) for each in checked for name, text in each.resolved.items()]
+    for number, (name, text) in enumerate(documents):
+        if len(documents) > 1:
+            click.echo(f"{'---' if number else ''}\n# {name}".strip())
+        click.echo(text, nl=False)

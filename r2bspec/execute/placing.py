@@ -22,6 +22,8 @@ def place(plan: ProcessPlan, pid: int) -> None:
         if plan.cpus:
             try:
                 os.sched_setaffinity(pid, plan.cpus)
+            except ProcessLookupError:
+                raise
             except (OSError, ValueError) as error:
                 here = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
                 raise RunError(

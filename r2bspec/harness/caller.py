@@ -43,9 +43,9 @@ def fill(message: Any, values: dict[str, Any], path: str = "") -> Any:
         where = f"{path}.{name}" if path else name
         if name not in fields:
             raise CallError(f"the request has no field {where!r}; it has {', '.join(fields)}")
-        current = getattr(message, name)
+        fitting = _fitting(getattr(message, name), fields[name], value, where)
         try:
-            setattr(message, name, _fitting(current, fields[name], value, where))
+            setattr(message, name, fitting)
         except (AssertionError, TypeError, ValueError) as error:
             raise CallError(f"{where} cannot be {value!r}: it is {fields[name]}") from error
     return message
@@ -60,8 +60,12 @@ def _fitting(current: Any, type_name: str, value: Any, where: str) -> Any:
         package, _, name = element.partition("/")
         made = ros.message_class(f"{package}/msg/{name}")
         return [fill(made(), each, f"{where}[{index}]") for index, each in enumerate(value)]
-    if isinstance(current, float) and isinstance(value, int) and not isinstance(value, bool):
+    if type(current) is float and type(value) is int:
         return float(value)
+    # Messages check the types of their fields only on demand, and would fail when they are sent.
+    scalar = isinstance(current, bool | int | float | str)
+    if type(value) is not (type(current) if scalar else list):
+        raise CallError(f"{where} cannot be {value!r}: it is {type_name}")
     return value
 
 

@@ -71,7 +71,9 @@ class Schedule:
     @classmethod
     def of(cls, samples: RunSamples) -> Schedule:
         """Look at the playback of all complete iterations and of the probes that did not hold."""
-        played = {rate: off_schedule(rate, found) for rate, found in samples.iterations.items()}
+        played = {
+            rate: off_schedule(rate, found) for rate, found in samples.iterations.items() if found
+        }
         probed = {
             probe.rate_hz: off_schedule(probe.rate_hz, [samples.sustained[probe.rate_hz]])
             for probe in samples.record.sustained

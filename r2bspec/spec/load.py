@@ -10,9 +10,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path as FilePath
+from typing import Any
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
+from r2bspec.spec.collector import collector_paused
 from r2bspec.spec.exclusive import exclusive_errors
 from r2bspec.spec.loaded import Loaded
 from r2bspec.spec.matrix import KEY as MATRIX
@@ -21,11 +23,11 @@ from r2bspec.spec.model import Spec
 from r2bspec.spec.opened import Opened, Variables, open_document
 from r2bspec.spec.problems import MOST
 from r2bspec.spec.routes import Routes
+from r2bspec.spec.source import Source
 from r2bspec.spec.tree import MapNode, TreeNode, UnknownNode, child, to_plain, without
 from r2bspec.spec.typed import to_spec
-from r2bspec.spec.validator import schema
+from r2bspec.spec.validator import obeys, schema
 from r2bspec.spec.variables import substitute
-from r2bspec.spec.violations import explain_violations
 
 __all__ = ["Loaded", "load_cases", "load_spec"]
 
@@ -54,7 +56,13 @@ def load_spec(
         case: the case that is meant, as ``threads=2`` or as ``name[threads=2]``.
         allow_paths: folders beside that of the file, from which files may be extended.
     """
-    opened = open_document(source, file, sets, variables or {}, allow_paths)
+    with collector_paused():
+        return _load_one(
+            open_document(source, file, sets, variables or {}, allow_paths), case, environ
+        )
+
+
+def _load_one(opened: Opened, case: str, environ: Mapping[str, str] | None) -> Loaded:
     matrix = matrix_of(opened.tree) if opened.tree is not None else None
     choices = _chosen(opened, matrix, case)
     if len(choices) > 1 and matrix is not None:
@@ -83,10 +91,11 @@ def load_cases(
     The arguments are those of `load_spec`. There is always at least one result; where the matrix
     itself is wrong, it is the document without any case.
     """
-    opened = open_document(source, file, sets, variables or {}, allow_paths)
-    matrix = matrix_of(opened.tree) if opened.tree is not None else None
-    choices = _chosen(opened, matrix, case)
-    return tuple(_finish(opened, each, environ) for each in choices or (None,))
+    with collector_paused():
+        opened = open_document(source, file, sets, variables or {}, allow_paths)
+        matrix = matrix_of(opened.tree) if opened.tree is not None else None
+        choices = _chosen(opened, matrix, case)
+        return tuple(_finish(opened, each, environ) for each in choices or (None,))
 
 
 def _chosen(opened: Opened, matrix: Matrix | None, case: str) -> tuple[Choice, ...]:
@@ -130,12 +139,13 @@ def _finish(opened: Opened, choice: Choice | None, environ: Mapping[str, str] | 
         used = substituted.used | _named_in_conditions(tree)
         entries |= substituted.ways
     if tree is not None and not isinstance(tree, UnknownNode):
-        violations = explain_violations(tree, opened.sources)
+        plain = to_plain(tree)
+        violations = _violations(tree, plain, opened.sources)
         found += [*violations, *exclusive_errors(tree, violations)]
         if isinstance(tree, MapNode) and MATRIX in tree.entries:
             tree = without(tree, MATRIX)
-    if tree is not None and all(one.severity is not Severity.ERROR for one in found):
-        spec = to_spec(to_plain(tree))
+        if all(one.severity is not Severity.ERROR for one in found):
+            spec = to_spec(plain)
     routes = Routes(opened.files, entries)
     return Loaded(
         opened.file,
@@ -148,6 +158,14 @@ def _finish(opened: Opened, choice: Choice | None, environ: Mapping[str, str] | 
         choice=choice,
         routes=routes,
     )
+
+
+def _violations(tree: TreeNode, plain: Any, sources: Mapping[str, Source]) -> list[Diagnostic]:
+    if obeys(plain):
+        return []
+    from r2bspec.spec.violations import explain_violations
+
+    return explain_violations(tree, plain, sources)
 
 
 def _named_in_conditions(root: TreeNode) -> frozenset[str]:

@@ -65,9 +65,11 @@ def provenance(loaded: Loaded, text: str) -> Provenance:
     node = lookup(loaded.tree, path)
     if node is None:
         return _default(loaded.tree, path, text)
-    steps = [*_written(loaded, node), *_taken_over(loaded.tree, path)]
-    known = {step.span for step in steps}
     routes = loaded.routes.to(path, node.span)
+    told = {each.span for each in routes}
+    steps = list(_written(loaded, node))
+    steps += [step for step in _taken_over(loaded.tree, path) if step.span not in told]
+    known = {step.span for step in steps}
     steps += [Step(each.message, each.span) for each in routes if each.span not in known]
     return Provenance(path, flow(to_plain(node)), tuple(steps))
 

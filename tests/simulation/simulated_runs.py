@@ -55,7 +55,7 @@ def run_of(latency: NDArray[np.float64]) -> RunSamples:
     return RunSamples(
         record=_RECORD,
         monitors=("out",),
-        iterations={RATE_HZ: tuple(segments)},
+        iterations={RATE_HZ: tuple(segments)} if segments else {},
         sustained={},
         incomplete=(),
     )

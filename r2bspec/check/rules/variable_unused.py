@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from r2bspec.check import subjects
 from r2bspec.check.context import Context
 from r2bspec.check.example import example
 from r2bspec.check.finding import Finding
@@ -13,14 +14,14 @@ from r2bspec.diagnostics.quote import quote
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    asked = {name for each in context.spec.slos.values() for name in each.when}
     for name in context.spec.variables:
-        if name not in context.loaded.used_variables and name not in asked:
+        if name not in context.loaded.used_variables:
             yield Finding(
                 message=f"nothing uses the variable {quote(name)}",
                 path=("variables", name),
                 key=True,
                 help=f"write {quote(f'$(var {name})')} where its value belongs, or remove it",
+                about=frozenset({subjects.value(("variables", name))}),
             )
 
 

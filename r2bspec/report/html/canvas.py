@@ -23,7 +23,6 @@ _POINTS_PER_INCH: Final = 72
 _SETTINGS: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "r2bspec",
-    "svg.id": None,
     "text.parse_math": False,
     "axes.formatter.use_mathtext": False,
     "font.family": "sans-serif",

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from r2bspec.diagnostics import Diagnostic, Path
 from r2bspec.spec.problems import MOST
 from r2bspec.spec.schema.build import KIND, WORDS
 from r2bspec.spec.source import Source
-from r2bspec.spec.tree import MapNode, TreeNode, UnknownNode, lookup, to_plain
-from r2bspec.spec.validator import obeys, schema_errors
+from r2bspec.spec.tree import MapNode, TreeNode, UnknownNode, lookup
+from r2bspec.spec.validator import schema_errors
 from r2bspec.spec.violations.keys import misnamed, missing_keys, name_forgotten
 from r2bspec.spec.violations.model import Violation
 from r2bspec.spec.violations.unknown import unknown_keys
@@ -52,11 +52,10 @@ _EXPLANATIONS: dict[str, Callable[[Violation], Diagnostic]] = {
 }
 
 
-def explain_violations(root: TreeNode, sources: Mapping[str, Source]) -> list[Diagnostic]:
-    """Judge the document by the strict schema, in words."""
-    plain = to_plain(root)
-    if obeys(plain):
-        return []
+def explain_violations(
+    root: TreeNode, plain: Any, sources: Mapping[str, Source]
+) -> list[Diagnostic]:
+    """Judge the document, of which `plain` is the plain data, by the strict schema, in words."""
     errors = islice(schema_errors(plain), _MOST_ERRORS)
     all_violations = (_violation(error, root, sources) for error in errors)
     violations = [one for one in all_violations if not _unknown(one)]

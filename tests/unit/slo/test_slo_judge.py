@@ -400,3 +400,81 @@ class TestTheWhole:
         late = Played(60, latencies(300), late=np.linspace(0, 1, 300))
         samples = samples_of(tmp_path, Played(30, latencies(300)), late)
         assert ask(samples, "latency.p50 < 60 ms").outcome == "pass"
+
+
+class TestWindows:
+    """``in 99 % of 1 s windows``."""
+
+    @staticmethod
+    def slow_seconds(*slow: int, seconds: int = 100) -> NDArray[np.float64]:
+        found = np.full(seconds * 30, 0.02)
+        for second in slow:
+            found[second * 30 : (second + 1) * 30] = 0.1
+        return found
+
+    @pytest.mark.parametrize(
+        ("slow", "outcome"),
+        [
+            ((), "pass"),
+            ((10, 50), "pass"),
+            ((10, 30, 50, 70, 90), "inconclusive"),
+            (tuple(range(3, 100, 5)), "fail"),
+        ],
+    )
+    def test_the_binomial_over_windows(
+        self, tmp_path: Path, slow: tuple[int, ...], outcome: str
+    ) -> None:
+        samples = samples_of(tmp_path, Played(30, self.slow_seconds(*slow)))
+        found = one(samples, "latency.p99 < 60 ms in 90 % of 1 s windows")
+        assert (found.outcome, found.method) == (outcome, "binomial over windows")
+        assert (found.n, found.over) == (100, len(slow))
+        assert "windows of 1 s" in found.reason
+        assert "latency.p99 < 60 ms" in found.reason
+
+    def test_bad_windows_one_after_the_other_say_less(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, self.slow_seconds(40, 41)))
+        found = one(samples, "latency.p99 < 60 ms in 90 % of 1 s windows")
+        assert (found.outcome, found.bursts) == ("inconclusive", 1)
+        assert found.effective_n is not None
+        assert found.effective_n < 50
+
+    def test_floors_and_equalities(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, self.slow_seconds()))
+        for requirement in (
+            "throughput.mean >= 95 % of offered in 90 % of 1 s windows",
+            "missed == 0 in 90 % of 1 s windows",
+            "latency.p50 > 10 ms in 90 % of 1 s windows",
+        ):
+            assert one(samples, requirement).outcome == "pass"
+        assert one(samples, "missed != 0 in 90 % of 1 s windows").outcome == "fail"
+        floor = one(samples, "throughput.mean >= 40 Hz in 90 % of 1 s windows")
+        assert (floor.outcome, floor.estimate) == ("fail", pytest.approx(30, rel=0.01))
+
+    def test_what_has_no_windows(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(60)))
+        assert one(samples, "duplicates == 0 in 90 % of 1 s windows").outcome == "fail"
+        found = one(samples, "latency.p99 < 1 s in 90 % of 10 s windows")
+        assert (found.outcome, found.method) == ("inconclusive", "none")
+
+
+class TestBursts:
+    def test_what_bursts_leave_open_says_so(self, tmp_path: Path) -> None:
+        values = np.full(3000, 0.02)
+        values[500:505] = values[1500:1505] = 0.1
+        found = one(samples_of(tmp_path, Played(30, values)), "latency.p99 < 60 ms")
+        assert (found.outcome, found.over, found.bursts) == ("inconclusive", 10, 2)
+        assert found.effective_n is not None
+        assert found.effective_n < 300
+        assert "in 2 bursts" in found.reason
+        assert "one by one would have decided" in found.settle
+
+    def test_what_a_pass_withstands(self, tmp_path: Path) -> None:
+        found = one(samples_of(tmp_path, Played(30, latencies(3000))), "latency.p99 < 60 ms")
+        assert found.share is not None
+        assert found.share.withstands == pytest.approx(5.5, abs=0.1)
+
+    def test_of_baseline_needs_a_baseline(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(90)))
+        found = one(samples, "throughput.mean >= 97 % of baseline")
+        assert (found.outcome, found.limit) == ("inconclusive", None)
+        assert "--against" in found.settle

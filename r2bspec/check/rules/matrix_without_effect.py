@@ -1,0 +1,43 @@
+"""Variables of a matrix that nothing uses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    choice = context.loaded.choice
+    for name in choice.values if choice is not None else ():
+        if name not in context.loaded.used_variables:
+            yield Finding(
+                message=f"the matrix varies {quote(name)}, but nothing uses it",
+                path=("variables", name),
+                help=f"write {quote(f'$(var {name})')} where its value belongs",
+                explains=frozenset({subjects.value(("variables", name))}),
+            )
+
+
+RULE = Rule(
+    code="R2B606",
+    title="a matrix that varies what nothing uses",
+    severity=Severity.WARNING,
+    why="Its cases are all the same, and each is a run of its own.",
+    failing=example(
+        variables="{threads: 1}",
+        matrix="{cases: {many: {threads: 4}}}",
+    ),
+    passing=example(
+        variables="{threads: 1}",
+        matrix="{cases: {many: {threads: 4}}}",
+        benchmark="{iterations: $(var threads), rates: [30 Hz]}",
+    ),
+    find=_find,
+)

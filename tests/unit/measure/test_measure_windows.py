@@ -1,0 +1,89 @@
+"""An iteration cut into windows: which steps are in which, and what a window's values are."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from run_simulation import Played, Simulation
+
+from r2bspec.measure.catalogue import METRICS
+from r2bspec.measure.samples import SegmentSamples, read_samples
+from r2bspec.measure.windows import has_windows, window_values, windows
+
+SECOND = 10**9
+
+
+def iteration(path: Path, latency: NDArray[np.float64], rate_hz: float = 10.0) -> SegmentSamples:
+    run = Simulation(segments=[Played(rate_hz, latency)]).write(path)
+    (found,) = read_samples(run).iterations[rate_hz]
+    return found
+
+
+def values(samples: SegmentSamples, metric: str, window_ns: int = SECOND) -> tuple[float, ...]:
+    return window_values(METRICS[metric], "detections", samples, window_ns, math.inf).values
+
+
+@pytest.mark.parametrize("rate_hz", [7.0, 10.0, 29.97, 30.0])
+def test_every_step_of_whole_windows_is_in_one(tmp_path: Path, rate_hz: float) -> None:
+    steps = round(5 * rate_hz)
+    samples = iteration(tmp_path, np.full(steps, 0.02), rate_hz)
+    found = list(windows(samples.monitors["detections"], samples.segment.ended_ns, SECOND))
+    assert len(found) in {4, 5}
+    assert all(abs(one.sent - rate_hz) <= 1 for one in found)
+
+
+def test_what_is_left_at_the_end_is_left_out(tmp_path: Path) -> None:
+    latency = np.full(25, 0.02)
+    latency[20:] = 9.0
+    assert values(iteration(tmp_path, latency), "latency.max") == pytest.approx((0.02, 0.02))
+
+
+def test_a_late_answer_is_in_the_window_in_which_it_was_asked_for(tmp_path: Path) -> None:
+    latency = np.full(30, 0.02)
+    latency[9] = 1.5
+    samples = iteration(tmp_path, latency)
+    assert values(samples, "latency.max") == pytest.approx((1.5, 0.02, 0.02))
+
+
+def test_losses_count_in_their_window(tmp_path: Path) -> None:
+    latency = np.full(30, 0.02)
+    latency[12] = np.nan
+    samples = iteration(tmp_path, latency)
+    assert values(samples, "drop_rate") == pytest.approx((0.0, 0.1, 0.0))
+    assert values(samples, "missed") == (0, 1, 0)
+    assert values(samples, "latency.max") == pytest.approx((0.02, math.inf, 0.02))
+    assert values(samples, "latency.p50") == pytest.approx((0.02, 0.02, 0.02))
+    assert values(samples, "throughput.mean") == pytest.approx((10, 80 / 9, 10))
+
+
+def test_a_silent_window_is_the_worst(tmp_path: Path) -> None:
+    latency = np.full(30, 0.02)
+    latency[10:20] = np.nan
+    samples = iteration(tmp_path, latency)
+    for metric in ("latency.mean", "interval.max", "throughput.mean", "jitter.p50"):
+        assert values(samples, metric)[1] == math.inf
+
+
+def test_a_window_with_too_few_messages_for_the_metric(tmp_path: Path) -> None:
+    samples = iteration(tmp_path, np.full(30, 0.02))
+    found = window_values(METRICS["jitter.p50"], "detections", samples, SECOND // 5, math.inf)
+    assert (found.values, found.without) == ((), 15)
+
+
+def test_no_steps_and_no_length(tmp_path: Path) -> None:
+    samples = iteration(tmp_path, np.empty(0))
+    assert values(samples, "latency.p50") == ()
+    full = iteration(tmp_path / "full", np.full(10, 0.02))
+    with pytest.raises(ValueError, match="longer"):
+        values(full, "latency.p50", 0)
+
+
+def test_metrics_that_have_windows() -> None:
+    for name in ("latency.p99", "interval.max", "throughput.mean", "drop_rate", "missed"):
+        assert has_windows(METRICS[name])
+    for name in ("duplicates", "sent", "cpu.system.mean", "peak.rate", "playback.lateness.p99"):
+        assert not has_windows(METRICS[name])
