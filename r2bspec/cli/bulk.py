@@ -8,7 +8,6 @@ CPU; the order of the results is that of the files in either case.
 from __future__ import annotations
 
 import gc
-import multiprocessing
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -67,6 +66,8 @@ def check_files(files: Sequence[str], options: Options) -> Iterator[Checked]:
     if len(files) < FEWEST or workers < 2 or "-" in files:
         yield from map(check_one, files)
         return
+    import multiprocessing
+
     # The first file brings in all modules, which the processes then have from the beginning.
     yield check_one(files[0])
     with multiprocessing.get_context("fork").Pool(workers) as pool:

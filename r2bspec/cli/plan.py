@@ -7,10 +7,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.options import parse_variables, sets_option, variables_option
+from r2bspec.cli.options import (
+    allow_path_option,
+    case_option,
+    parse_variables,
+    sets_option,
+    variables_option,
+)
 
 if TYPE_CHECKING:
     from r2bspec.plan.model import Plan
+    from r2bspec.spec.load import Loaded
 
 _SPEC = click.Path(path_type=Path, dir_okay=False)
 
@@ -29,8 +36,17 @@ _SPEC = click.Path(path_type=Path, dir_okay=False)
     metavar="OTHER",
     help="Show instead how SPEC differs from OTHER, a spec or a plan; exit status 1 if it does.",
 )
+@click.option(
+    "--explain",
+    "explained",
+    metavar="PATH",
+    help="Show instead where a value came from, such as benchmark.rates[0]: every file, line and "
+    "option on its way.",
+)
 @sets_option
 @variables_option
+@case_option
+@allow_path_option
 @click.option(
     "--output",
     "-o",
@@ -41,8 +57,11 @@ def command(
     spec: Path,
     graph: str | None,
     other: Path | None,
+    explained: str | None,
     sets: tuple[str, ...],
     variables: tuple[str, ...],
+    case: str,
+    allow_paths: tuple[Path, ...],
     output: Path | None,
 ) -> int:
     """Compile SPEC and print its plan.
@@ -50,8 +69,15 @@ def command(
     SPEC is a spec, or a plan that this command wrote. The same spec and the same data give the
     same bytes on every machine. Nothing is started.
     """
-    if graph is not None and other is not None:
-        raise click.UsageError("--graph and --diff exclude each other")
+    if sum(each is not None for each in (graph, other, explained)) > 1:
+        raise click.UsageError("--graph, --diff and --explain exclude each other")
+    if explained is not None:
+        from r2bspec.spec.load import load_spec
+
+        values = parse_variables(variables)
+        loaded = load_spec(spec, sets=sets, variables=values, case=case, allow_paths=allow_paths)
+        _write(_provenance(loaded, explained).encode(), output)
+        return 0
     plan = _plan(spec, sets, variables)
     if other is not None:
         from r2bspec.plan.diff import diff_plans
@@ -61,6 +87,24 @@ def command(
         return 1 if differences else 0
     _write(_shown(plan, graph), output)
     return 0
+
+
+def _provenance(loaded: Loaded, path: str) -> str:
+    """Where a value came from.
+
+    Raises:
+        UsageError: the path leads to nothing, or the file is no document.
+    """
+    from r2bspec.errors import UsageError
+    from r2bspec.report.findings.show import show
+    from r2bspec.spec.provenance import UnknownPathError, provenance
+
+    if loaded.spec is None:
+        show(loaded.diagnostics, loaded.texts)
+    try:
+        return provenance(loaded, path).text()
+    except UnknownPathError as error:
+        raise UsageError(str(error), hint=error.hint) from None
 
 
 def _plan(path: Path, sets: tuple[str, ...], variables: tuple[str, ...]) -> Plan:

@@ -32,6 +32,7 @@ from r2bspec.execute.external import wait_for_external
 from r2bspec.execute.floor import measure_floor, usual_rate_hz
 from r2bspec.execute.graph import Launcher, diagnose_silence, readers_wanted, wait_until_matched
 from r2bspec.execute.interrupts import Interrupts
+from r2bspec.execute.iterations import play_iterations
 from r2bspec.execute.machine import describe_machine, describe_versions
 from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
 from r2bspec.execute.preprocess import preprocess
@@ -365,23 +366,7 @@ class _Controller:
             self._sustained += [prober.sustain(rate_hz).probe for rate_hz in plan.sustained_hz]
         if plan.play:
             self._phase("play", "playing at fixed rates")
-            self._play_iterations(stage)
-
-    def _play_iterations(self, stage: Stage) -> None:
-        """All rates in turn in each iteration, so that a slow drift of the machine hits all."""
-        for index in range(1, max(each.iterations for each in self._plan.play) + 1):
-            for play in self._plan.play:
-                if index > play.iterations:
-                    continue
-                steps = max(2, round(play.duration_ns / 1e9 * play.rate_hz))
-                stage.play(
-                    "iteration",
-                    f"rate-{play.rate_hz:g}Hz-{index:03d}",
-                    play.rate_hz,
-                    steps,
-                    title=f"{play.rate_hz:g} Hz, iteration {index} of {play.iterations}",
-                    index=index,
-                )
+            play_iterations(plan, stage, self._folder, self._note)
 
     def _keep_record(self) -> None:
         """Write the record as it stands, so that a killed run can be read, too."""

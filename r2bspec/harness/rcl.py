@@ -85,16 +85,27 @@ def publication(publisher: object, message: bytearray) -> Callable[[], None] | N
     library, pointer = _library(), getattr(publisher, "pointer", None)
     if library is None or pointer is None or not message:
         return None
-    view = (ctypes.c_char * len(message)).from_buffer(message)
-    serialised = _Serialised(ctypes.addressof(view), len(message), len(message), library.allocator)
-    call, reference = library.publish, ctypes.byref(serialised)
+    return _Publication(library, pointer, message)
 
-    def publish() -> None:
-        if status := call(pointer, reference, None):
-            library.reset_error()
+
+class _Publication:
+    """Publishes one message from where it lies in memory, which it keeps alive."""
+
+    def __init__(self, library: _Library, pointer: int, message: bytearray) -> None:
+        self._library = library
+        self._call = library.publish
+        self._pointer = pointer
+        # The view holds the bytes; rcl is given their bare address.
+        self._view = (ctypes.c_char * len(message)).from_buffer(message)
+        self._message = _Serialised(
+            ctypes.addressof(self._view), len(message), len(message), library.allocator
+        )
+        self._reference = ctypes.byref(self._message)
+
+    def __call__(self) -> None:
+        if status := self._call(self._pointer, self._reference, None):
+            self._library.reset_error()
             raise RclError(f"a message could not be published (rcl status {status})")
-
-    return publish
 
 
 class Taker:

@@ -35,7 +35,7 @@ _KNOWN_PREFIXES = (BASIC, RESOURCE, "CPUProfilingMetrics")
 class NotAReportError(R2bspecError):
     """A file that is no report of ros2_benchmark."""
 
-    code = "R2B664"
+    code = "R2B662"
     exit_code = 2
 
 

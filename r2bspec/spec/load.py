@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Any
 
-from r2bspec.diagnostics import Diagnostic, Severity, Span, did_you_mean
+from r2bspec.diagnostics import Diagnostic, Path, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
 from r2bspec.spec.collector import collector_paused
 from r2bspec.spec.exclusive import exclusive_errors
@@ -28,6 +28,9 @@ from r2bspec.spec.tree import MapNode, TreeNode, UnknownNode, child, to_plain, w
 from r2bspec.spec.typed import to_spec
 from r2bspec.spec.validator import obeys, schema
 from r2bspec.spec.variables import substitute
+
+_MISSING = ("R2B102", "R2B113")
+_MISSING_FILE = (*_MISSING, "R2B114", "R2B118", "R2B119", "R2B120", "R2B121", "R2B136", "R2B137")
 
 __all__ = ["Loaded", "load_cases", "load_spec"]
 
@@ -102,6 +105,8 @@ def _chosen(opened: Opened, matrix: Matrix | None, case: str) -> tuple[Choice, .
     """The cases that are meant; what is wrong with the matrix is added to the findings."""
     if matrix is not None:
         opened.found += matrix.problems.found
+        if any(one.severity is Severity.ERROR for one in matrix.problems.found):
+            return ()
     wanted = case.partition("[")[2].removesuffix("]") if case.endswith("]") else case
     choices = matrix.choices if matrix is not None else ()
     if not wanted or opened.tree is None or (matrix is not None and not choices):
@@ -146,6 +151,8 @@ def _finish(opened: Opened, choice: Choice | None, environ: Mapping[str, str] | 
             tree = without(tree, MATRIX)
         if all(one.severity is not Severity.ERROR for one in found):
             spec = to_spec(plain)
+    if opened.incomplete:
+        found = [one for one in found if not _follows(one, opened.incomplete)]
     routes = Routes(opened.files, entries)
     return Loaded(
         opened.file,
@@ -166,6 +173,13 @@ def _violations(tree: TreeNode, plain: Any, sources: Mapping[str, Source]) -> li
     from r2bspec.spec.violations import explain_violations
 
     return explain_violations(tree, plain, sources)
+
+
+def _follows(one: Diagnostic, incomplete: set[Path]) -> bool:
+    """Whether a finding may only say that what is missing was to come from elsewhere."""
+    if () in incomplete:
+        return one.code in _MISSING_FILE
+    return one.code in _MISSING and one.path in incomplete
 
 
 def _named_in_conditions(root: TreeNode) -> frozenset[str]:

@@ -26,6 +26,7 @@ class Opened:
         tree: None where the text is not YAML.
         files: for each file that is extended, the places that led to it.
         entries: for each entry that builds on a sibling, the place that says so.
+        incomplete: what builds on something that is not there; the empty path is the document.
     """
 
     file: str
@@ -34,6 +35,7 @@ class Opened:
     sources: dict[str, Source]
     files: dict[str, tuple[Related, ...]] = field(default_factory=dict)
     entries: dict[Path, tuple[Related, ...]] = field(default_factory=dict)
+    incomplete: set[Path] = field(default_factory=set)
 
     @property
     def base_dir(self) -> FilePath:
@@ -64,6 +66,7 @@ def open_document(
         opened.found += problems.found
     opened.sources |= extended.sources | overridden.sources
     opened.files, opened.entries = extended.ways, siblings.ways
+    opened.incomplete = siblings.incomplete | (set() if extended.complete else {()})
     opened.tree = without_extensions(overridden.tree, schema())
     return opened
 

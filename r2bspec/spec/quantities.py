@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from decimal import Decimal
+from functools import lru_cache
 from typing import ClassVar, Self
 
 from r2bspec.diagnostics.quote import quote
@@ -107,6 +108,7 @@ class Quantity:
         raise NotImplementedError
 
     @classmethod
+    @lru_cache(maxsize=4096)
     def _scaled(cls, text: str) -> Decimal:
         if len(text) > _LONGEST:
             raise QuantityError(f"this is too long for a {cls.kind}", suggestion=cls.example)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+from functools import lru_cache
 from typing import Literal, TypeVar
 
 import msgspec
@@ -143,6 +144,7 @@ class Requirement:
         raise ValueError(f"{self.text!r} is not a comparison")
 
 
+@lru_cache(maxsize=4096)
 def parse_requirement(text: str) -> Requirement:
     """Parse one requirement.
 

@@ -3,8 +3,8 @@
 The rules:
 
 - It happens in values, and in keys of maps whose keys are topics; nowhere below unknown keys.
-- A value that is one reference and nothing else takes the type of what it refers to; in any
-  other text, the variable's own text is inserted.
+- A value that is one reference and nothing else takes the type of what it refers to, unless only
+  text may stand there; in any other text, the variable's own text is inserted.
 - Values of `variables:` may refer to the environment, not to other variables: order would begin
   to matter, and cycles would be possible.
 - Inside an entry with `repeat`, the variables of the instance come before all others; the entry
@@ -96,6 +96,7 @@ class _Substitution:
         self._sections = sections
         self._local: Mapping[str, TreeNode] = {}
         self._scope: object = None
+        self._here: tuple[Related, ...] = ()
         self._repeated = 0
         self._done: dict[tuple[int, int, int], TreeNode] = {}
         self._alive: list[object] = []  # so that no id is used twice
@@ -127,7 +128,10 @@ class _Substitution:
         if not isinstance(rule, dict):
             return node
         if isinstance(node, ScalarNode):
-            return self._scalar(node)
+            found = self._scalar(node)
+            if found is not node and rule.get("type") == "string":
+                return _as_text(found)
+            return found
         if isinstance(node, UnknownNode):
             return node
         name = (id(node), id(rule), id(self._scope))
@@ -179,10 +183,10 @@ class _Substitution:
             local = {name: self._scalar(value) for name, value in instance.variables.items()}
             self._local, self._scope = local, instance
             whole = f"{key}_{name}"
+            self._here = (Related(f"the instance '{name}' of '{key}'", instance.span),)
+            self.ways[(*section, whole)] = self._here
             made[whole] = Entry(instance.span, self.walk(found.entry, rule), entry.known)
-            self._local, self._scope = {}, None
-            message = f"the instance '{name}' of '{key}'"
-            self.ways[(*section, whole)] = (Related(message, instance.span),)
+            self._local, self._scope, self._here = {}, None, ()
         return made
 
     def _count(self, node: TreeNode) -> None:
@@ -287,9 +291,7 @@ class _Substitution:
                     f"there is no variable '{name}'",
                     span,
                     way_out,
-                    related=(Related(f"'{close}' is declared here", declared[close].key_span),)
-                    if close
-                    else (),
+                    related=(*self._here, *_declared_at(close, declared)),
                 )
             return None
         self.used.add(name)
@@ -333,6 +335,11 @@ class _Substitution:
         return inner_span(source, node.span, node.text, offset, length)
 
 
+def _as_text(node: ScalarNode | UnknownNode) -> ScalarNode | UnknownNode:
+    """A word of a command line that is a variable is text, also if the variable is a number."""
+    return replace(node, value=node.text) if isinstance(node, ScalarNode) else node
+
+
 def as_unquoted(text: str) -> ScalarValue:
     """What a text from outside means: as if it stood unquoted in the document."""
     if not text:
@@ -352,6 +359,12 @@ def _listed(root: MapNode) -> dict[str, Span]:
         for item in items
         if isinstance(item, ScalarNode) and isinstance(item.value, str)
     }
+
+
+def _declared_at(name: str, declared: Mapping[str, Entry]) -> tuple[Related, ...]:
+    if not name:
+        return ()
+    return (Related(f"'{name}' is declared here", declared[name].key_span),)
 
 
 def _known_variables(name: str, declared: Mapping[str, object]) -> str:

@@ -129,7 +129,7 @@ class Chromium:
         *,
         scripts: bool = True,
         dark: bool = False,
-        media: str = "screen",
+        media: str = "",
         width: int = 1100,
     ) -> Iterator[Page]:
         """Open a page, loaded and laid out."""

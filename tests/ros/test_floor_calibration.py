@@ -114,6 +114,16 @@ def test_messages_arrive_as_they_were_at_the_time_of_publication(pair: Pair) -> 
         assert pair.take(pair.reader.take)[0] == bytes(message)
 
 
+def test_a_publication_keeps_its_message(pair: Pair) -> None:
+    expected = bytes(messages([5_000])[0])
+    publish = pair.writer.publication(messages([5_000])[0])
+    # Whatever would be put into memory that was given back.
+    others = [bytearray(b"\xff") * len(expected) for _ in range(50)]
+    publish()
+    assert pair.take(pair.reader.take)[0] == expected
+    assert others
+
+
 def test_a_head_tells_stamp_and_size_of_small_and_large_messages_in_turn(pair: Pair) -> None:
     for number, message in enumerate(messages([1_000_000, 3, 40_000, 0, 2_000_000]), 1):
         pair.writer.publication(message)()

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from rich.table import Table
 from rich.text import Text
 
-from r2bspec.report.wording import OUTCOME_WORDS
-from r2bspec.slo.model import OverallOutcome
+from r2bspec.report.wording import OUTCOME_WORDS, verdict_word
+from r2bspec.slo.model import OverallOutcome, RequirementVerdict
 
 _STYLES: dict[OverallOutcome, str] = {
     "pass": "bold green",
@@ -24,6 +24,11 @@ QUIET = "dim"
 def outcome_text(outcome: OverallOutcome) -> Text:
     """An outcome as a word with its mark and colour."""
     return Text(OUTCOME_WORDS[outcome], style=_STYLES[outcome])
+
+
+def verdict_text(one: RequirementVerdict) -> Text:
+    """The same for a requirement, which need not fail the run."""
+    return Text(verdict_word(one), style=_STYLES[one.outcome])
 
 
 def heading(text: str, aside: str = "") -> Text:

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from r2bspec.measure.units import show
-from r2bspec.report.terminal.style import QUIET, heading, outcome_text
+from r2bspec.report.terminal.style import QUIET, heading, verdict_text
 from r2bspec.report.wording import (
     bounds_text,
     estimate_text,
@@ -68,7 +68,7 @@ def _lines(verdict: Verdict) -> list[_Line]:
 
 def _widths(lines: list[_Line], width: int) -> tuple[int, int, int, int]:
     """Column widths that suit all lines; where there is no room, the requirements are wrapped."""
-    outcome = max(outcome_text(line.verdict.outcome).cell_len for line in lines)
+    outcome = max(verdict_text(line.verdict).cell_len for line in lines)
     estimate = max(len(line.estimate) for line in lines)
     bounds = max(len(line.bounds) for line in lines)
     room = width - _INDENT - outcome - estimate - bounds - 2 * 3
@@ -81,8 +81,8 @@ def _requirement(line: _Line, widths: tuple[int, int, int, int]) -> list[Rendera
     for number, column in enumerate(widths):
         cells.add_column(width=column, overflow="fold", justify="left" if number < 2 else "right")
     one = line.verdict
-    cells.add_row(outcome_text(one.outcome), *map(Text, (line.text, line.estimate, line.bounds)))
-    said = [Text(one.reason)]
+    cells.add_row(verdict_text(one), *map(Text, (line.text, line.estimate, line.bounds)))
+    said = [Text(one.reason), *(Text(note, style=QUIET) for note in one.notes)]
     if one.settle:
         said.append(Text(one.settle, style=QUIET))
     return [

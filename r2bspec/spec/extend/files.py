@@ -36,12 +36,14 @@ class Extended:
 
     Attributes:
         ways: for each file, the places that led to it, the nearest first.
+        complete: whether all of them could be read.
     """
 
     tree: TreeNode
     problems: Problems = field(default_factory=Problems)
     sources: dict[str, Source] = field(default_factory=dict)
     ways: dict[str, tuple[Related, ...]] = field(default_factory=dict)
+    complete: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +88,9 @@ class _Files:
         base: MapNode | None = None
         for node in named:
             below = self._base(node, place)
-            if below is not None:
+            if below is None:
+                self._result.complete = False
+            else:
                 base = below if base is None else overlay(base, below)
         return own if base is None else overlay(base, own)
 

@@ -26,10 +26,15 @@ DEEPEST = 50
 
 @dataclass(slots=True)
 class Siblings:
-    """The tree with all entries written out, what was wrong, and what was made of what."""
+    """The tree with all entries written out, what was wrong, and what was made of what.
+
+    Attributes:
+        incomplete: entries of which nobody can say what they lack.
+    """
 
     tree: TreeNode
     problems: Problems = field(default_factory=Problems)
+    incomplete: set[Path] = field(default_factory=set)
     ways: dict[Path, tuple[Related, ...]] = field(default_factory=dict)
 
 
@@ -49,6 +54,7 @@ class _Section:
         self._result = result
         self._section = section
         self._entries = entries
+        self._failed: set[str] = set()
         self._done: dict[str, MapNode] = {}
         self._depth: dict[str, int] = {}
 
@@ -59,6 +65,7 @@ class _Section:
             else entry
             for name, entry in self._entries.entries.items()
         }
+        self._result.incomplete |= {(*self._section, name) for name in self._failed}
         return MapNode(entries, self._entries.span)
 
     def _resolved(self, name: str) -> MapNode:
@@ -69,6 +76,8 @@ class _Section:
             if base is None:
                 break
             chain.append(base)
+        broken = [index for index, each in enumerate(chain) if each in self._failed]
+        self._failed.update(chain[: max(broken, default=-1) + 1])
         done = self._done.get(chain[-1])
         depth = self._depth.get(chain[-1], 0)
         for each in reversed(chain):
@@ -104,6 +113,7 @@ class _Section:
                 span,
                 f"did you mean '{close}'? {known}" if close and close != chain[-1] else known,
             )
+            self._failed.add(chain[-1])
             return None
         self._result.ways[(*self._section, chain[-1])] = (
             Related(f"'{chain[-1]}' builds on '{base}' here", span),
@@ -118,6 +128,7 @@ class _Section:
             self._result.problems.error(
                 "R2B135", message, span, "remove one of the 'extends' of this chain"
             )
+            self._failed.add(chain[-1])
             return None
         return base
 

@@ -75,6 +75,10 @@ def published_schema_text() -> str:
 
 def _publish(schema: Schema) -> Schema:
     public = {key: value for key, value in schema.items() if key not in _OWN}
+    if "extends" in schema.get("properties", {}) and "required" in public:
+        # What is missing here may stand where this builds on.
+        public["if"] = {"not": {"required": ["extends"]}}
+        public["then"] = {"required": public.pop("required")}
     kind = schema.get(KIND)
     if kind is not None:
         public |= _judged_by_pattern(kind)

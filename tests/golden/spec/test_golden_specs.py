@@ -13,9 +13,11 @@ from pathlib import Path
 import pytest
 
 from r2bspec.report.findings import text
-from r2bspec.spec.load import load_spec
+from r2bspec.spec.cases import findings_of_cases
+from r2bspec.spec.load import load_cases, load_spec
 
 HERE = Path(__file__).parent
+OK = ("ok_minimal", "ok_full", "ok_everything", "ok_live", "yaml_bom")
 ENVIRON = {"HOME": "/home/someone", "R2B_TEST_DATA": "/data", "R2B_TEST_COUNT": "7"}
 
 
@@ -29,4 +31,21 @@ def test_what_is_said(file: Path) -> None:
     assert said == beside.read_text(encoding="utf-8")
     has_errors = any(found.severity == "error" for found in loaded.diagnostics)
     assert (loaded.spec is None) == has_errors
-    assert has_errors or file.stem in ("ok_minimal", "yaml_bom", "ok_full")
+    assert has_errors or file.stem in OK
+
+
+@pytest.mark.parametrize(
+    "file", sorted((HERE / "extending").glob("*.r2b.yaml")), ids=lambda file: file.stem
+)
+def test_what_is_said_of_files_that_build_on_files(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(file.parent)
+    cases = load_cases(Path(file.name), environ=ENVIRON)
+    found = findings_of_cases(cases, [case.diagnostics for case in cases])
+    said = text.render(found, cases[0].texts)
+    beside = file.with_suffix("").with_suffix(".out")
+    if os.environ.get("R2BSPEC_REWRITE"):
+        beside.write_text(said, encoding="utf-8")
+    assert said == beside.read_text(encoding="utf-8")
+    assert (said == "") == file.name.startswith("ok_")

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from report_runs import HOSTILE_RUN, SIMULATIONS, TWO, USUAL
@@ -252,3 +253,24 @@ def test_ranks_of_a_large_run_stay_few(tmp_path: Path) -> None:
     assert ranks.size <= 300
     assert ranks[-1] == 200_000
     assert np.all(np.diff(ranks) > 0)
+
+
+@pytest.mark.parametrize("name", ["text", "markdown", "junit", "html", "github"])
+def test_a_requirement_that_only_warns_is_told_as_one(tmp_path: Path, name: str) -> None:
+    run = USUAL.write(tmp_path / "run")
+    result = result_of(run)
+    warned = tuple(
+        msgspec.structs.replace(one, level="warn", notes=("A look at half of it was open.",))
+        for one in result.verdict.requirements
+    )
+    verdict = msgspec.structs.replace(result.verdict, requirements=warned, outcome="pass")
+    changed = msgspec.structs.replace(result, verdict=verdict)
+    text = renderer(name)(Reported(result=changed, run=run)).decode()
+    assert "A look at half of it was open." in text
+    if name == "github":
+        assert "::error" not in text
+        assert "::warning" in text
+    else:
+        assert "✘ FAIL (warning)" in text
+    if name == "junit":
+        assert 'failures="0"' in text

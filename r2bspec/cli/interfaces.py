@@ -1,0 +1,83 @@
+"""``r2bspec interfaces``: start each node once and record what it reads, writes and takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from r2bspec.cli.options import parse_variables, sets_option, variables_option
+
+_HEAD = (
+    "# What the node {name} has, recorded by 'r2bspec interfaces'. 'validate' and 'plan' read it;\n"
+    "# record it anew when the node changes.\n"
+)
+
+
+@click.command("interfaces")
+@click.argument("spec", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--node", "only", multiple=True, metavar="KEY", help="Only this node; repeatable.")
+@click.option(
+    "--timeout",
+    "patience_s",
+    type=click.FloatRange(1.0, 600.0),
+    default=20.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long a node may take to appear.",
+)
+@sets_option
+@variables_option
+def command(
+    spec: Path,
+    only: tuple[str, ...],
+    patience_s: float,
+    sets: tuple[str, ...],
+    variables: tuple[str, ...],
+) -> int:
+    """Start each node of SPEC once, on real ROS 2, and record its interface.
+
+    The topics, types, profiles, services and parameters of a node go to 'interfaces/KEY.yaml'
+    beside SPEC, where every other verb finds them. Launch files and external nodes are left out.
+    Exit status 4 if a node could not be looked at.
+    """
+    from r2bspec.api import load
+    from r2bspec.diagnostics import did_you_mean
+    from r2bspec.execute.interfaces import record_interfaces
+
+    loaded = load(spec, sets=sets, variables=parse_variables(variables))
+    known = {**loaded.preprocessors, **loaded.graph.nodes}
+    for each in only:
+        if each not in known:
+            close = did_you_mean(each, known)
+            hint = f"; did you mean {close!r}?" if close else f"; there are {', '.join(known)}"
+            raise click.UsageError(f"the spec has no node {each!r}{hint}")
+    failed = 0
+    for found in record_interfaces(
+        loaded,
+        spec.parent,
+        only=only,
+        patience_s=patience_s,
+        told=lambda name: click.echo(f"starting {name}", err=True),
+    ):
+        if found.interface is None:
+            failed += 1
+            click.echo(f"error: {found.node}: {found.problem}", err=True)
+            if found.hint:
+                click.echo(f"  help: {found.hint}", err=True)
+            continue
+        click.echo(_write(spec.parent, found.node, found.interface))
+    return 4 if failed else 0
+
+
+def _write(folder: Path, name: str, interface: dict[str, Any]) -> str:
+    """Write a node's file, whole or not at all; returns its path as the user would write it."""
+    from r2bspec.record.files import write_whole
+    from r2bspec.spec.dump import to_yaml
+    from r2bspec.wiring.beside import interface_file
+
+    file = interface_file(folder, name)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(file, (_HEAD.format(name=name) + to_yaml(interface)).encode())
+    return str(file)

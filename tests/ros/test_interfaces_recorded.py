@@ -1,0 +1,105 @@
+"""``r2bspec interfaces``: what is recorded of real nodes is what they really have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from click.testing import CliRunner
+from ros_runs import nothing_left as nothing_left
+
+from r2bspec.check import check
+from r2bspec.cli.interfaces import command
+from r2bspec.spec.load import load_spec
+from r2bspec.wiring.beside import read_beside
+
+IMAGE = "sensor_msgs/msg/Image"
+NODES = '''
+from rcl_interfaces.srv import ListParameters
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Image
+
+
+def make(**kwargs):
+    """A node of which its file says nothing literally."""
+    node = Node("any", **kwargs)
+    count = node.declare_parameter("cameras", 1).value
+    node.declare_parameter("gain", 0.5)
+    for index in range(count):
+        node.create_subscription(Image, f"camera{index}", lambda _: None, qos_profile_sensor_data)
+    node.create_publisher(Image, "merged", 10)
+    node.create_publisher(Image, "~/preview", 10)
+    node.create_service(ListParameters, "reset", lambda request, response: response)
+    return node
+
+
+def broken(**kwargs):
+    raise RuntimeError("no camera")
+'''
+SPEC = """
+r2bspec: 1
+name: example
+data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}
+playback: {inputs: {camera0: {from: image_raw, format: sensor_msgs/msg/Image}}}
+graph:
+  nodes:
+    merge:
+      python: ./nodes.py:make
+      parameters: {cameras: 2}
+      remappings: {camera1: camera0}
+    broken: {python: ./nodes.py:broken}
+monitors: {merged: {topic: merged, format: sensor_msgs/msg/Image}}
+benchmark: {rates: [30 Hz]}
+"""
+
+
+@pytest.fixture
+def spec(tmp_path: Path) -> Path:
+    (tmp_path / "nodes.py").write_text(NODES, encoding="utf-8")
+    file = tmp_path / "spec.r2b.yaml"
+    file.write_text(SPEC, encoding="utf-8")
+    return file
+
+
+@pytest.mark.usefixtures("nothing_left")
+def test_topics_profiles_services_and_parameters_are_recorded(spec: Path) -> None:
+    done = CliRunner().invoke(
+        command, [str(spec), "--node", "merge"], standalone_mode=False, catch_exceptions=False
+    )
+    assert done.return_value == 0
+    loaded = load_spec(spec)
+    assert loaded.spec is not None
+    found = read_beside(loaded.spec, spec.parent).interfaces["merge"]
+    assert found.subscribes == {"camera0": IMAGE, "camera1": IMAGE}
+    assert found.publishes == {"merged": IMAGE, "~/preview": IMAGE}
+    assert found.services == {"reset": "rcl_interfaces/srv/ListParameters"}
+    assert found.qos["camera0"].reliability == "best_effort"
+    assert found.qos["merged"].reliability == "reliable"
+    assert found.parameters is not None
+    assert {name: each.type for name, each in found.parameters.items()} == {
+        "cameras": "integer",
+        "gain": "double",
+    }
+    assert found.parameters["gain"].default == 0.5
+    assert found.parameters["cameras"].default is None, "the spec decided that"
+
+
+@pytest.mark.usefixtures("nothing_left")
+def test_a_node_that_cannot_be_made_is_told_and_the_others_are_recorded(spec: Path) -> None:
+    done = CliRunner().invoke(command, [str(spec)], standalone_mode=False, catch_exceptions=False)
+    assert done.return_value == 4
+    assert "no camera" in done.stderr
+    assert sorted(each.name for each in (spec.parent / "interfaces").iterdir()) == ["merge.yaml"]
+
+
+@pytest.mark.usefixtures("nothing_left")
+def test_what_was_recorded_is_what_rules_go_by(spec: Path) -> None:
+    CliRunner().invoke(command, [str(spec), "--node", "merge"], standalone_mode=False)
+    text = spec.read_text(encoding="utf-8").replace("    broken: {python: ./nodes.py:broken}\n", "")
+    assert check(load_spec(text, file=str(spec))) == []
+    wrong = text.replace("cameras: 2", "cameras: 2, gian: 1.0").replace("camera1:", "camera3:")
+    assert {each.code for each in check(load_spec(wrong, file=str(spec)))} == {"R2B204", "R2B211"}

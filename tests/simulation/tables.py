@@ -1,0 +1,242 @@
+"""The tables of docs/verdicts.md, printed anew by
+
+    PYTHONPATH=tests/support python tests/simulation/tables.py
+
+Seeds are fixed; it takes a minute or two.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from simulated_batches import KINDS, aa_gates
+from simulated_gates import (
+    bootstrap_gate,
+    history_gate,
+    looked_gate,
+    mean_gate,
+    paired_gate,
+    share_gate,
+    stored_gate,
+)
+from simulated_queues_near_capacity import Kind, probe
+from simulated_runs import judged
+from simulated_worlds import WORLDS
+
+from r2bspec.slo.looks import Looks
+from r2bspec.slo.statistics.binomial import upper_bound
+from r2bspec.slo.statistics.power import smallest_detectable
+
+RUNS = 2000
+
+
+def show(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    lines = [title, "", f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    lines += [f"| {' | '.join(map(str, row))} |" for row in rows]
+    sys.stdout.write("\n".join(lines) + "\n\n")
+    sys.stdout.flush()
+
+
+def messages() -> None:
+    def least(over: int, share: float) -> int:
+        n = over + 1
+        while upper_bound(over, n, 0.95) > share:
+            n += 1
+        return n
+
+    show(
+        "Messages that pass, by how many are over the limit",
+        ["over the limit", "p50", "p90", "p95", "p99", "p99.9"],
+        (
+            [over, *(f"{least(over, share):,}" for share in (0.5, 0.1, 0.05, 0.01, 0.001))]
+            for over in (0, 1, 2, 5, 10)
+        ),
+    )
+
+
+def shares() -> None:
+    def row(name: str) -> Iterable[object]:
+        yield name
+        for allowed, number in ((0.01, 300), (0.01, 1000), (0.1, 300)):
+            for plain in (True, False):
+                yield share_gate(
+                    WORLDS[name], allowed, allowed, runs=RUNS, messages=number, plain=plain
+                )
+
+    show(
+        "Wrong passes / wrong fails, in % of runs",
+        [
+            "world",
+            "p99, 3,000: plain",
+            "effective",
+            "p99, 10,000: plain",
+            "effective",
+            "p90, 3,000: plain",
+            "effective",
+        ],
+        ([*row(name)] for name in WORLDS),
+    )
+
+
+def means() -> None:
+    random = np.random.default_rng(1)
+
+    def made(world: str, m: int) -> NDArray[np.float64]:
+        shape = (RUNS // 2, m, 300)
+        match world:
+            case "stationary, 2 % variation":
+                return random.normal(1, 0.02, (RUNS, m))
+            case "drifting by 6 %":
+                return random.normal(1, 0.02, (RUNS, m)) + np.linspace(-0.03, 0.03, m)
+            case "log-normal messages (sigma 1), 300 each":
+                return np.asarray(np.exp(random.normal(0, 1, shape) - 0.5).mean(axis=2))
+        return np.asarray((2 * random.pareto(3, shape)).mean(axis=2))
+
+    worlds = (
+        "stationary, 2 % variation",
+        "drifting by 6 %",
+        "log-normal messages (sigma 1), 300 each",
+        "Pareto messages (index 3), 300 each",
+    )
+    show(
+        "Means: wrong passes / wrong fails, in % of runs",
+        ["world", "3 iterations", "5", "10", "20"],
+        ([name, *(mean_gate(made(name, m), 1.0) for m in (3, 5, 10, 20))] for name in worlds),
+    )
+
+
+def power() -> None:
+    random = np.random.default_rng(2)
+    p99_ms = float(stats.lognorm.ppf(0.99, 0.3)) * 20
+
+    def caught(loss: float, variation: float, pairs: int) -> str:
+        found = paired_gate(1 - loss, 0.97, pairs=pairs, runs=600, variation=variation)
+        return f"{100 * found.failed:.0f}"
+
+    def failed(slower: float, iterations: int) -> str:
+        made = [
+            judged(
+                stats.lognorm.rvs(
+                    0.3, scale=0.02 * slower, size=(iterations, 300), random_state=random
+                ),
+                f"latency.p99 < {1.03 * p99_ms:.5f} ms",
+            ).outcome
+            for _ in range(60)
+        ]
+        return f"{100 * made.count('fail') / 60:.0f}"
+
+    show(
+        "latency.p99, limit 3 % above what it was: caught, in % of runs",
+        ["slower by", "3 iterations", "5", "10", "20"],
+        (
+            [f"{round(100 * (slower - 1))} %", *(failed(slower, m) for m in (3, 5, 10, 20))]
+            for slower in (1.05, 1.1, 1.2)
+        ),
+    )
+    show(
+        "Interleaved pairs, limit 97 % of baseline: caught, in % of runs",
+        ["loss", "variation", "3 pairs", "5", "10", "20"],
+        (
+            [
+                f"{loss:.0%}",
+                f"{variation:.0%}",
+                *(caught(loss, variation, n) for n in (3, 5, 10, 20)),
+            ]
+            for variation in (0.02, 0.05)
+            for loss in (0.05, 0.1, 0.2)
+        ),
+    )
+    show(
+        "Smallest regression beyond the limit that is found nine times in ten",
+        ["noise floor", "5 pairs", "10", "20", "40"],
+        (
+            [
+                f"{floor:.0%}",
+                *(
+                    f"{100 * np.expm1(smallest_detectable(floor, n, 0.95)):.1f} %"
+                    for n in (5, 10, 20, 40)
+                ),
+            ]
+            for floor in (0.01, 0.02, 0.03, 0.05)
+        ),
+    )
+
+
+def looks() -> None:
+    plan = Looks((10, 20, 40))
+    names = ("stationary", "bursts of 5", "autocorrelated, 0.9", "heavy-tailed")
+
+    def row(name: str) -> Iterable[object]:
+        flags = WORLDS[name](np.random.default_rng(3), (RUNS, 40, 75), 0.1)
+        yield name
+        for planned in (False, True):
+            yield looked_gate(flags, 0.1, plan, planned=planned)[0]
+
+    show(
+        "Looks at 10, 20 and 40 iterations: wrong passes / wrong fails, in % of runs",
+        ["world", "unplanned: each at 95 %", "planned: the error divided"],
+        ([*row(name)] for name in names),
+    )
+
+
+def gates() -> None:
+    def row(name: str) -> Iterable[object]:
+        found = aa_gates(KINDS[name])
+        yield name
+        for share in (found.wrong_passes, found.wrong_fails, found.confirmed):
+            yield f"{100 * share:.1f}"
+
+    show(
+        "600 A/A gates of each kind, exactly on the limit, in %",
+        ["gate", "wrong passes", "wrong fails", "after confirmation"],
+        ([*row(name)] for name in KINDS),
+    )
+
+
+def baselines() -> None:
+    rows: list[Sequence[object]] = [
+        ["pairs, paired t on logs, no margin"]
+        + [f"{100 * paired_gate(1, 1, pairs=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
+        ["pairs, paired t on logs, 5 % margin"]
+        + [f"{100 * paired_gate(1, 0.95, pairs=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
+        ["pairs, bootstrap of the ratio, no margin"]
+        + [f"{100 * bootstrap_gate(1, pairs=n, runs=1000).failed:.1f}" for n in (5, 10, 30)],
+        ["two stored runs, Welch, no margin"]
+        + [f"{100 * stored_gate(n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
+        ["history of so many runs, no margin"]
+        + [f"{100 * history_gate(1, 1, history=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
+        ["history of so many runs, 5 % margin"]
+        + [f"{100 * history_gate(1, 0.95, history=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
+    ]
+    show("A against A: 'worse', in % of comparisons", ["method", "5", "10", "30"], rows)
+
+
+def sustained() -> None:
+    def cell(kind: Kind, load: float, seconds: float, number: int) -> str:
+        found = Counter(
+            probe(kind, load, seconds=seconds, seed=seed).outcome for seed in range(number)
+        )
+        valid = number - found["invalid"]
+        return f"{100 * found['pass'] / valid:.0f} / {100 * found['fail'] / valid:.0f}"
+
+    loads = (0.8, 0.9, 0.95, 1.05, 1.1, 1.2)
+    kinds: tuple[Kind, ...] = ("D/D/1", "D/M/1", "M/D/1", "M/M/1")
+    show(
+        "sustained: passes / fails, in % of probes, by load",
+        ["queue, length of the probe", *(f"{load:.0%}" for load in loads)],
+        (
+            [f"{kind}, {seconds} s", *(cell(kind, load, seconds, number) for load in loads)]
+            for kind in kinds
+            for seconds, number in ((3, 150), (10, 60))
+        ),
+    )
+
+
+if __name__ == "__main__":
+    for table in (messages, shares, means, power, looks, gates, baselines, sustained):
+        table()
