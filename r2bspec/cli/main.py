@@ -7,6 +7,7 @@ that the verb cannot use · 3 inconclusive · 4 the run itself failed or is inva
 from __future__ import annotations
 
 import importlib
+import keyword
 import os
 import sys
 
@@ -16,13 +17,18 @@ from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
 
 _VERBS = {
-    "init": "Write a spec to begin with.",
+    "init": "Write a commented spec to begin with.",
     "validate": "Prove specs right before anything starts.",
     "explain": "Explain a diagnostic code, or list all.",
+    "interfaces": "Start each node once and write down what it has.",
     "plan": "Show what a run will do, as canonical JSON or as a drawing.",
     "run": "Run a benchmark on real ROS 2 and judge it by its SLOs.",
     "judge": "Judge a finished run again, also by other SLOs.",
+    "report": "Write reports of a finished run: HTML, JUnit, Markdown and others.",
+    "compare": "Compare runs: improved, worse, the same, or can't tell.",
+    "import": "Read a report of ros2_benchmark, to compare with.",
     "data": "List, make, inspect and verify datasets.",
+    "doctor": "Explain this machine: what helps and what hinders a benchmark.",
     "schema": "Print a JSON Schema.",
 }
 """Each verb and its line in the help, so that listing them imports none."""
@@ -37,7 +43,9 @@ class _Verbs(click.Group):
     def get_command(self, _ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _VERBS:
             return None
-        module = importlib.import_module(f"r2bspec.cli.{cmd_name}")
+        # A module cannot be called like a keyword: `import` is in `import_`.
+        name = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
+        module = importlib.import_module(f"r2bspec.cli.{name}")
         found: click.Command = module.command
         return found
 

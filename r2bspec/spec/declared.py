@@ -61,10 +61,13 @@ def is_declared_text(declared: TreeNode) -> bool:
     return isinstance(kind, ScalarNode) and kind.value == "string"
 
 
-def judge_declared(name: str, declared: MapNode, span: Span, problems: Problems) -> None:
+def judge_declared(name: str, declared: MapNode, span: Span, problems: Problems) -> bool:
     """Report what is wrong with the value of a declared variable; `span` is that of its name.
 
     Values of types that no variable can have are left to the schema.
+
+    Returns:
+        Whether the value, right or wrong, is of its type.
     """
     given = [key for key in _VALUE_KEYS if key in declared.entries]
     if len(given) == 2:
@@ -75,13 +78,13 @@ def judge_declared(name: str, declared: MapNode, span: Span, problems: Problems)
             "keep the one that is meant",
             related=(Related("the first one", declared.entries[given[0]].key_span),),
         )
-        return
+        return True
     value = declared_value(declared)
     if value is None:
         message = f"the variable {quote(name)} has no value"
         help_text = f"add 'value: ...', or give one with --var {name}=..."
         problems.error("R2B132", message, span, help_text)
-        return
+        return True
     kind = child(declared, "type")
     known = kind.value if isinstance(kind, ScalarNode) else None
     choices = child(declared, "choices")
@@ -93,6 +96,7 @@ def judge_declared(name: str, declared: MapNode, span: Span, problems: Problems)
             ok &= _judge_type(name, one, known, kind, problems)
     if ok and sound and isinstance(value, ScalarNode) and _scalar(value):
         _judge_choice(name, value, sound, problems)
+    return ok
 
 
 def _scalar(node: ScalarNode) -> bool:

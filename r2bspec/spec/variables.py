@@ -120,7 +120,9 @@ class _Substitution:
         if isinstance(value, ScalarNode):
             node = with_value(node, self._scalar(value)) if OPENING in value.text else node
         if isinstance(node, MapNode):
-            judge_declared(name, node, entry.key_span, self.problems)
+            sound = judge_declared(name, node, entry.key_span, self.problems)
+            if value is not None and not sound:  # said here, and not again wherever it is used
+                return with_value(node, UnknownNode(value.span))
         return node
 
     def walk(self, node: TreeNode, rule: Any) -> TreeNode:
@@ -192,7 +194,8 @@ class _Substitution:
     def _count(self, node: TreeNode) -> None:
         """Bound what repeating makes of a document."""
         before = self._repeated
-        self._repeated += 1 + len(node.entries if isinstance(node, MapNode) else ())
+        if isinstance(node, MapNode | ListNode):
+            self._repeated += 1 + len(node.entries if isinstance(node, MapNode) else node.items)
         if before <= MOST_SHARED < self._repeated:
             message = f"written out, 'repeat' makes more than {MOST_SHARED:,} values"
             self.problems.error("R2B129", message, node.span, "use fewer instances")

@@ -115,8 +115,9 @@ def test_messages_arrive_as_they_were_at_the_time_of_publication(pair: Pair) -> 
 
 
 def test_a_publication_keeps_its_message(pair: Pair) -> None:
-    expected = bytes(messages([5_000])[0])
-    publish = pair.writer.publication(messages([5_000])[0])
+    made = messages([5_000])
+    expected = bytes(made[0])
+    publish = pair.writer.publication(made.pop())
     # Whatever would be put into memory that was given back.
     others = [bytearray(b"\xff") * len(expected) for _ in range(50)]
     publish()

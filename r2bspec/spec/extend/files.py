@@ -125,11 +125,11 @@ class _Files:
             message = f"'extends' leads through more than {limit}"
             self._problems.error("R2B135", message, node.span, "merge some of them", related=way)
             return None
+        self._result.ways.setdefault(file, way)
         below = self._composed(node, file)
         if below is None:
             return None
         inner = _Place(file, real, way, (*place.outer, real))
-        self._result.ways.setdefault(file, way)
         whole = self.merged(below, inner) if KEY in below.entries else below
         moved = posixpath.dirname(posixpath.normpath(text))
         if not moved:

@@ -97,7 +97,10 @@ def test_nothing_is_said_about_the_specs_that_are_shipped(
     loaded = load_spec(file)
     from r2bspec.check import check
 
-    assert check(loaded) == []
+    # Packages of ROS that no wheel has may be missing here.
+    missing = [each for each in check(loaded) if each.code == "R2B622"]
+    assert check(loaded) == missing
+    assert all(each.certainty == "environment" for each in missing)
     first = loaded.texts[str(file)].splitlines()[0]
     assert first.startswith("# yaml-language-server: $schema=")
     assert (file.parent / first.partition("=")[2]).resolve().is_file()

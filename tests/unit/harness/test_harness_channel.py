@@ -50,6 +50,8 @@ COMMANDS: list[protocol.Command] = [
         service="/r2b/start", type="std_srvs/srv/SetBool", request={"data": True}, timeout_ns=1
     ),
     protocol.Subscribe(),
+    protocol.Watch(monitors=(MONITOR,)),
+    protocol.Unwatch(),
     protocol.CountMatches(),
     protocol.Discover(topics=("/a", "/b")),
     protocol.Survey(),

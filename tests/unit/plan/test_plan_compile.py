@@ -9,8 +9,8 @@ import pytest
 from plan_specs import BAG, IMAGE, INFO, PREPROCESSED, STRAIGHT, plan, spec
 
 from r2bspec.data.model import TopicInfo
-from r2bspec.plan.compile import compile_plan
 from r2bspec.plan.argv import HARNESS_ARGV, parameter_text
+from r2bspec.plan.compile import compile_plan
 from r2bspec.plan.model import BagTopicPlan, PlayPlan, ProcessPlan, TopicPlan
 from r2bspec.plan.processes import process_names
 from r2bspec.wiring.build import build_wiring

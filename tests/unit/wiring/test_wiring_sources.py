@@ -1,0 +1,276 @@
+"""Where knowledge of a node's interface comes from: files, catalogue, source; best first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from r2bspec.spec import codec
+from r2bspec.spec.model import Node, ParameterSource, Spec
+from r2bspec.wiring.beside import interface_file, read_beside
+from r2bspec.wiring.build import build_wiring
+from r2bspec.wiring.literal import read_literally
+from r2bspec.wiring.model import NodeWiring
+from r2bspec.wiring.parameter_files import matches, merged_parameters, read_parameter_file
+from r2bspec.wiring.wellknown import nodes_of, packages, well_known
+
+IMAGE = "sensor_msgs/msg/Image"
+INFO = "sensor_msgs/msg/CameraInfo"
+
+
+def node(**fields: Any) -> Node:
+    return msgspec.convert(fields, Node, dec_hook=codec.decode)
+
+
+def wired(node: dict[str, Any], base_dir: Path | None = None) -> NodeWiring:
+    document = {
+        "r2bspec": 1,
+        "name": "test",
+        "data_loader": {"bag": {"dataset": "d"}, "topics": {"/camera": "raw"}},
+        "playback": {"inputs": {"image": {"from": "raw", "format": IMAGE}}},
+        "graph": {"nodes": {"n": node}},
+        "monitors": {"out": {"topic": "out", "format": IMAGE}},
+    }
+    spec = msgspec.convert(document, Spec, dec_hook=codec.decode)
+    if base_dir is None:
+        return build_wiring(spec).measure.nodes[0]
+    return build_wiring(spec, beside=read_beside(spec, base_dir)).measure.nodes[0]
+
+
+# The catalogue
+
+
+def test_every_entry_of_the_catalogue_is_well_formed() -> None:
+    for package in packages():
+        for name, entry in nodes_of(package).items():
+            assert entry.subscribes, name
+            assert entry.publishes, name
+            assert entry.parameters, name
+            assert entry.executable, name
+            assert entry.made_for == f"{package} of ROS 2 Jazzy"
+
+
+def test_a_component_is_known_by_plugin_and_by_executable() -> None:
+    plugin = well_known(node(package="image_proc", plugin="image_proc::RectifyNode"))
+    assert plugin is well_known(node(package="image_proc", executable="rectify_node"))
+    assert plugin is not None
+    assert well_known(node(package="image_proc", plugin="image_proc::Other")) is None
+    assert well_known(node(package="other", plugin="image_proc::RectifyNode")) is None
+
+
+@pytest.mark.parametrize(
+    ("remappings", "topics"),
+    [
+        ({}, {"image": "/r2b/image", "camera_info": "/r2b/camera_info"}),
+        (
+            {"image": "left/image_raw"},
+            {"image": "/r2b/left/image_raw", "/r2b/left/camera_info": "/r2b/left/camera_info"},
+        ),
+        (
+            {"image": "left/image_raw", "left/camera_info": "info"},
+            {"image": "/r2b/left/image_raw", "/r2b/left/camera_info": "/r2b/info"},
+        ),
+    ],
+)
+def test_camera_info_is_looked_for_beside_the_remapped_image(
+    remappings: dict[str, str], topics: dict[str, str]
+) -> None:
+    document = {
+        "r2bspec": 1,
+        "name": "test",
+        "data_loader": {"bag": {"dataset": "d"}, "topics": {"/camera": "raw"}},
+        "playback": {"inputs": {"image": {"from": "raw", "format": IMAGE}}},
+        "graph": {
+            "nodes": {
+                "rectify": {
+                    "package": "image_proc",
+                    "plugin": "image_proc::RectifyNode",
+                    "remappings": remappings,
+                }
+            }
+        },
+        "monitors": {"out": {"topic": "image_rect", "format": IMAGE}},
+    }
+    measure = build_wiring(msgspec.convert(document, Spec, dec_hook=codec.decode)).measure
+    ends = measure.owned_by("/r2b/rectify")
+    assert {each.own_name: each.topic for each in ends if not each.writes} == topics
+
+
+# Source, read literally
+
+
+def literal(tmp_path: Path, body: str, base: str = "Node") -> Any:
+    file = tmp_path / "nodes.py"
+    lines = "\n".join(f"        {line}" for line in body.splitlines())
+    file.write_text(
+        "from rclpy.node import Node\n"
+        "import sensor_msgs.msg as m\n"
+        "from std_msgs.msg import String as Text\n"
+        f"class N({base}):\n    def __init__(self, **kwargs):\n"
+        f"        super().__init__('n', **kwargs)\n{lines}\n",
+        encoding="utf-8",
+    )
+    return read_literally(file, "N")
+
+
+def test_literal_calls_are_understood(tmp_path: Path) -> None:
+    found = literal(
+        tmp_path,
+        "self.pub = self.create_publisher(m.Image, 'out', 5)\n"
+        "self.create_subscription(Text, topic='words', callback=print, qos_profile=1)\n"
+        "self.declare_parameter('gain', 0.5)\n"
+        "self.declare_parameter('name')",
+    )
+    assert found.publishes == {"out": IMAGE}
+    assert found.subscribes == {"words": "std_msgs/msg/String"}
+    assert found.qos["out"].depth == 5
+    assert found.parameters["gain"].type == "double"
+    assert found.parameters["name"].type == ""
+
+
+@pytest.mark.parametrize(
+    ("body", "publishes", "subscribes", "parameters"),
+    [
+        ("self.create_publisher(m.Image, NAME, 1)", None, {}, {}),
+        ("if kwargs:\n    self.create_publisher(m.Image, 'out', 1)", None, {}, {}),
+        ("for t in 'ab':\n    self.create_subscription(m.Image, t, print, 1)", {}, None, {}),
+        ("self.create_publisher(kwargs['type'], 'out', 1)", None, {}, {}),
+        ("self.declare_parameters('', [])", {}, {}, None),
+    ],
+)
+def test_what_is_not_literal_is_unknown(
+    body: str, publishes: Any, subscribes: Any, parameters: Any, tmp_path: Path
+) -> None:
+    found = literal(tmp_path, body)
+    assert (found.publishes, found.subscribes) == (publishes, subscribes)
+    assert found.parameters == parameters
+
+
+@pytest.mark.parametrize(
+    ("body", "base"), [("pass", "Other"), ("pass", "Node, Other"), ("Helper(self)", "Node")]
+)
+def test_a_class_that_is_more_than_its_text_is_unknown(
+    body: str, base: str, tmp_path: Path
+) -> None:
+    assert literal(tmp_path, body, base) is None
+
+
+def test_files_of_which_nothing_can_be_said(tmp_path: Path) -> None:
+    file = tmp_path / "nodes.py"
+    assert read_literally(file, "N") is None
+    file.write_text("class N(:", encoding="utf-8")
+    assert read_literally(file, "N") is None
+    file.write_text("def N(**kwargs): ...", encoding="utf-8")
+    assert read_literally(file, "N") is None
+
+
+# Parameter files
+
+
+@pytest.mark.parametrize(
+    ("key", "name", "expected"),
+    [
+        ("/r2b/relay", "/r2b/relay", True),
+        ("/relay", "/r2b/relay", False),
+        ("/**", "/r2b/relay", True),
+        ("/**", "/relay", True),
+        ("/*", "/relay", True),
+        ("/*", "/r2b/relay", False),
+        ("/r2b/*", "/r2b/relay", True),
+        ("/**/relay", "/a/b/relay", True),
+        ("/r2b/rel.y", "/r2b/relay", False),
+    ],
+)
+def test_keys_match_full_names(key: str, name: str, expected: bool) -> None:
+    assert matches(key, name) is expected
+
+
+def test_files_and_values_apply_in_order(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(
+        "/**:\n  ros__parameters: {gain: 1.0, camera: {width: 640}}\n"
+        "r2b:\n  relay:\n    ros__parameters: {gain: 2.0}\n"
+        "other:\n  ros__parameters: {gain: 9.0}\n",
+        encoding="utf-8",
+    )
+    files = {"a.yaml": read_parameter_file(tmp_path / "a.yaml")}
+    source, own = ParameterSource(file="a.yaml"), ParameterSource(values={"gain": 3.0})
+
+    def merged(*sources: ParameterSource) -> dict[str, Any]:
+        return merged_parameters(Node(parameter_sources=sources), "/r2b/relay", files)
+
+    assert merged(source) == {"gain": 2.0, "camera.width": 640}
+    assert merged(source, own)["gain"] == 3.0
+    assert merged(own, source)["gain"] == 2.0
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("[1, 2]", "is not a map of nodes"),
+        ("a: 1", "has no 'ros__parameters' below 'a'"),
+        ("a: {ros__parameters: 1}", "has something else than a map in 'ros__parameters' of 'a'"),
+        ("a: [", "is not YAML in line 2"),
+        ("a: {ros__parameters: {x: !!python/object:os.system {}}}", "is not YAML in line 1"),
+    ],
+)
+def test_files_that_ros_could_not_read(text: str, problem: str, tmp_path: Path) -> None:
+    file = tmp_path / "p.yaml"
+    file.write_text(text, encoding="utf-8")
+    assert read_parameter_file(file).problem == problem
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    assert read_parameter_file(tmp_path / "p.yaml").missing
+
+
+# Recorded interfaces
+
+
+def test_a_recorded_interface_is_better_than_the_catalogue_but_not_than_the_spec(
+    tmp_path: Path,
+) -> None:
+    file = interface_file(tmp_path, "n")
+    file.parent.mkdir()
+    file.write_text(
+        f"subscribes: {{frame: {IMAGE}}}\npublishes: {{out: {IMAGE}}}\n"
+        "services: {reset: std_srvs/srv/Trigger}\n"
+        "qos: {out: {reliability: best_effort}}\nparameters: {gain: {type: double}}\n",
+        encoding="utf-8",
+    )
+    component = {"package": "image_proc", "plugin": "image_proc::RectifyNode"}
+    found = wired(component, tmp_path).interface
+    assert (found.subscribes, found.subscribes_from) == ({"frame": IMAGE}, "file")
+    assert found.qos["out"].reliability == "best_effort"
+    assert found.also_remapped[0] == "reset"
+    stated = wired({**component, "subscribes": {"x": INFO}}, tmp_path).interface
+    assert (stated.subscribes_from, stated.publishes_from) == ("spec", "file")
+    assert wired(component).interface.subscribes_from == "catalogue"
+
+
+def test_an_interface_file_that_cannot_be_used_is_said_to_be_so(tmp_path: Path) -> None:
+    file = interface_file(tmp_path, "n")
+    file.parent.mkdir()
+    document = {
+        "r2bspec": 1,
+        "name": "t",
+        "playback": {"mode": "live"},
+        "graph": {"nodes": {"n": {"command": ["x"]}}},
+        "monitors": {},
+    }
+    spec = msgspec.convert(document, Spec, dec_hook=codec.decode)
+    for text in ("x: [", "[1]", "parameters: {a: 1}", "qos: {a: {depth: x}}"):
+        file.write_text(text, encoding="utf-8")
+        found = read_beside(spec, tmp_path)
+        assert found.broken["n"]
+        assert not found.interfaces
+
+
+def test_source_outside_of_the_folder_is_not_read(tmp_path: Path) -> None:
+    literal(tmp_path, "self.create_publisher(m.Image, 'out', 5)")
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    assert wired({"python": "../nodes.py:N"}, inside).interface.publishes is None
+    assert wired({"python": "./nodes.py:N"}, tmp_path).interface.publishes == {"out": IMAGE}
