@@ -24,7 +24,7 @@ def subscribe(
     node can't use: it is logged, and the node goes on with the next.
     """
     pairs: StampPairs[Any, Any] = StampPairs(QOS_DEPTH)
-    logger: Any = node.get_logger()  # type: ignore[no-untyped-call]
+    logger: Any = node.get_logger()
 
     reported = 0
 

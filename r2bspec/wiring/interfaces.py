@@ -22,6 +22,7 @@ from r2bspec.spec.model import Node, ParameterValue, QoS
 from r2bspec.wiring.names import expand, remap
 
 _TABLE = Path(__file__).parents[1] / "nodes" / "interfaces.yaml"
+_DEEPEST = 100
 _PARAMETER = re.compile(r"\$\(parameter ([^)]*)\)")
 _BESIDE = re.compile(r"\$\(beside ([^)]*)\)")
 
@@ -125,7 +126,7 @@ def reference_table() -> Table:
 
 def read_table(file: Path, *, origin: InterfaceSource = "table", made_for: str = "") -> Table:
     """Read a file of interfaces that goes with r2bspec, and is therefore right."""
-    rows: dict[str, dict[str, Any]] = read_yaml(file.read_text(encoding="utf-8"))
+    rows: dict[str, Any] = read_yaml(file.read_text(encoding="utf-8"))
     return {name: table_entry(row, origin, made_for) for name, row in rows.items()}
 
 
@@ -133,35 +134,54 @@ def read_yaml(text: str) -> Any:
     """The values of a YAML document, read as plain data.
 
     Raises:
-        yaml.YAMLError: it is none.
+        yaml.YAMLError: it is none, or is nested deeper than anybody writes by hand.
     """
     import yaml
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    depth = 0
+    # Loading recurses, in C, once for every level.
+    for event in yaml.parse(text, Loader=loader):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise yaml.YAMLError(f"it is nested more than {_DEEPEST} deep")
     return yaml.load(text, Loader=loader)  # noqa: S506 -- both are safe
 
 
-def table_entry(
-    row: Mapping[str, Any], origin: InterfaceSource = "table", made_for: str = ""
-) -> TableEntry:
+class _Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A node in an interface file."""
+
+    subscribes: dict[str, str] | None = None
+    publishes: dict[str, str] | None = None
+    parameters: dict[str, _Parameter] | None = None
+    services: dict[str, str] | None = None
+    qos: dict[str, QoS] | None = None
+    executable: str = ""
+
+
+class _Parameter(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A declared parameter in an interface file."""
+
+    type: ParameterType | Literal[""]
+    default: ParameterValue | None = None
+
+
+def table_entry(row: Any, origin: InterfaceSource = "table", made_for: str = "") -> TableEntry:
     """A row of an interface file.
 
     Raises:
-        msgspec.ValidationError, TypeError, KeyError, AttributeError: it has another form.
+        msgspec.ValidationError: it has another form.
     """
+    read = msgspec.convert(row, _Row, dec_hook=codec.decode)
+    parameters = (read.parameters or {}).items()
     return TableEntry(
-        subscribes=dict(row.get("subscribes") or {}),
-        publishes=dict(row.get("publishes") or {}),
-        parameters={
-            name: ParameterInfo(each["type"], each.get("default"))
-            for name, each in (row.get("parameters") or {}).items()
-        },
-        services=dict(row.get("services") or {}),
-        qos={
-            name: msgspec.convert(each, QoS, dec_hook=codec.decode)
-            for name, each in (row.get("qos") or {}).items()
-        },
-        executable=row.get("executable", ""),
+        subscribes=read.subscribes or {},
+        publishes=read.publishes or {},
+        parameters={name: ParameterInfo(each.type, each.default) for name, each in parameters},
+        services=read.services or {},
+        qos=read.qos or {},
+        executable=read.executable,
         origin=origin,
         made_for=made_for,
     )

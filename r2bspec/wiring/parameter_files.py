@@ -24,6 +24,9 @@ from r2bspec.wiring.interfaces import read_yaml
 
 _LARGEST_BYTES = 1_000_000
 _DEEPEST = 50
+_MOST = 10_000
+"""Keys of a file; aliases could make a small one stand for more."""
+
 _MARK = "ros__parameters"
 
 
@@ -59,15 +62,33 @@ def read_parameter_file(path: Path) -> ParameterFile:
     if not isinstance(document, dict):
         return ParameterFile(problem="is not a map of nodes")
     try:
-        return ParameterFile(tuple(_nodes(document, "", 0)))
+        return ParameterFile(tuple(_nodes(document, "", 0, _Budget())))
     except ValueError as error:
         return ParameterFile(problem=str(error))
 
 
+class _Budget:
+    """How much may still be looked at."""
+
+    def __init__(self) -> None:
+        self._left = _MOST
+
+    def spend(self) -> None:
+        """Take note of one more value.
+
+        Raises:
+            ValueError: there have been too many.
+        """
+        self._left -= 1
+        if self._left < 0:
+            raise ValueError(f"stands for more than {_MOST:,} values")
+
+
 def _nodes(
-    document: Mapping[Any, Any], above: str, depth: int
+    document: Mapping[Any, Any], above: str, depth: int, budget: _Budget
 ) -> Iterator[tuple[str, Mapping[str, ParameterValue]]]:
     for key, value in document.items():
+        budget.spend()
         name = f"{above}/{str(key).strip('/')}"
         if not isinstance(value, dict) or depth > _DEEPEST:
             raise ValueError(f"has no '{_MARK}' below {str(key)!r}")
@@ -75,16 +96,19 @@ def _nodes(
             given = value[_MARK]
             if not isinstance(given, dict | None):
                 raise ValueError(f"has something else than a map in '{_MARK}' of {str(key)!r}")
-            yield name, dict(_flat(given or {}, "", 0))
+            yield name, dict(_flat(given or {}, "", 0, budget))
         elif value:
-            yield from _nodes(value, name, depth + 1)
+            yield from _nodes(value, name, depth + 1, budget)
 
 
-def _flat(given: Mapping[Any, Any], above: str, depth: int) -> Iterator[tuple[str, Any]]:
+def _flat(
+    given: Mapping[Any, Any], above: str, depth: int, budget: _Budget
+) -> Iterator[tuple[str, Any]]:
     for key, value in given.items():
+        budget.spend()
         name = f"{above}{key}"
         if isinstance(value, dict) and depth <= _DEEPEST:
-            yield from _flat(value, f"{name}.", depth + 1)
+            yield from _flat(value, f"{name}.", depth + 1, budget)
         elif isinstance(value, bool | int | float | str | list):
             yield name, value
 

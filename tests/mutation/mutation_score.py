@@ -88,9 +88,11 @@ def _plan(loaded: Loaded) -> str:
 
     if loaded.spec is None:
         return ""
-    source = loaded.spec.data_loader.bag
-    location = locate(source.dataset or source.path, loaded.base_dir)
-    return plan_hash(compile_plan(loaded.spec, index(location)))
+    bags = [
+        index(locate(source.dataset or source.path, loaded.base_dir))
+        for source in loaded.spec.data_loader.sources
+    ]
+    return plan_hash(compile_plan(loaded.spec, bags))
 
 
 def table(counts: Counter[tuple[str, str]]) -> Iterator[str]:

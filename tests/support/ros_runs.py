@@ -183,7 +183,6 @@ class Bench:
         return [each for each in psutil.process_iter() if _belongs(each, self.folder, ids)]
 
 
-_BEGAN_S = time.time()
 _benches: list[Bench] = []
 _seen_segments: set[str] = set()
 _NODE_IMPORTS = "from rclpy.node import Node\nfrom sensor_msgs.msg import Image\n"
@@ -195,6 +194,8 @@ class Running:
     def __init__(self, bench: Bench, arguments: list[str], folder: Path) -> None:
         self.folder = folder
         self._bench = bench
+        # Runs also use, and leave alone, what the dead of others have left.
+        self._before = set(os.listdir(_SHARED_MEMORY)) if _SHARED_MEMORY.is_dir() else set()
         self._output = {
             name: (bench.folder / f".{name}-{len(os.listdir(bench.folder))}")
             for name in ("stdout", "stderr")
@@ -268,7 +269,7 @@ class Running:
     def sample(self) -> None:
         """Take note of the shared memory that its processes use."""
         for each in self._bench.processes():
-            _seen_segments.update(_maps(each.pid))
+            _seen_segments.update(_maps(each.pid) - self._before)
 
     def _watch(self) -> None:
         while not self._ended.wait(0.25):
@@ -304,16 +305,9 @@ def _maps(pid: int) -> set[str]:
 
 def segments_left() -> list[str]:
     """Segments that a run of these tests has used, that are still there, and that nobody uses."""
-    there = [name for name in sorted(_seen_segments) if _is_of_these_tests(name)]
+    there = [name for name in sorted(_seen_segments) if (_SHARED_MEMORY / name).exists()]
     used = {name for each in psutil.process_iter() for name in _maps(each.pid)} if there else set()
     return [name for name in there if name not in used]
-
-
-def _is_of_these_tests(name: str) -> bool:
-    """Whether a segment is there and was not there before: runs also use what others have left."""
-    with contextlib.suppress(OSError):
-        return (_SHARED_MEMORY / name).stat().st_mtime >= _BEGAN_S
-    return False
 
 
 def left_behind() -> list[str]:
@@ -341,5 +335,6 @@ def nothing_left() -> Iterator[None]:
                 for process in bench.processes():
                     with contextlib.suppress(psutil.Error):
                         process.kill()
+            _seen_segments.clear()
             pytest.fail("left behind:\n" + "\n".join(left))
         time.sleep(0.1)

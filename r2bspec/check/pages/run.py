@@ -1,10 +1,16 @@
-"""R2B620 and R2B630 to R2B671: what can go wrong while a benchmark runs, and with its folder."""
+"""R2B619 to R2B671: what can go wrong while a benchmark runs, and with its folder."""
 
 from __future__ import annotations
 
 from r2bspec.check.pages._page import error_page
 
 RUN_PAGES = (
+    error_page(
+        "R2B619",
+        "the plan asks for what this version does not carry out",
+        "It is valid, and can be planned and drawn. The message names the parts of the plan that "
+        "a later version will run.",
+    ),
     error_page(
         "R2B620",
         "ROS 2 is not installed",
@@ -40,6 +46,22 @@ RUN_PAGES = (
         "The node did not do its work, so what was measured is not the graph's performance.",
     ),
     error_page(
+        "R2B635",
+        "a process uses more memory than it may",
+        "Its resident memory exceeded the 'memory_limit' that the spec sets for it.",
+    ),
+    error_page(
+        "R2B636",
+        "a processor is not there",
+        "'cpus' names processors, counted from 0, that this machine does not have or does not "
+        "give to this user.",
+    ),
+    error_page(
+        "R2B637",
+        "a process may not be given this priority",
+        "A 'nice' below 0 puts a process before others, which only a privileged user may do.",
+    ),
+    error_page(
         "R2B640",
         "the graph did not come up as planned",
         "Within 'benchmark.start_timeout' not every planned writer found its reader. The message "
@@ -71,6 +93,30 @@ RUN_PAGES = (
         "R2B645",
         "the player did not finish in time",
         "The machine may be overloaded, or a publication blocks.",
+    ),
+    error_page(
+        "R2B646",
+        "a probe of readiness was not met in time",
+        "The file, the service, the topic or the line of output that 'ready' waits for did not "
+        "appear within its timeout.",
+    ),
+    error_page(
+        "R2B647",
+        "a service call failed",
+        "The service is not there, is of another type, refuses the request, or does not answer "
+        "within the timeout of its step.",
+    ),
+    error_page(
+        "R2B648",
+        "a step failed",
+        "A command under 'setup' or 'after_ready' ended with an error, took longer than its "
+        "timeout, or did not make the file that it 'creates'. Its output is in the run folder.",
+    ),
+    error_page(
+        "R2B649",
+        "an external node does not run",
+        "A node that is 'external' must run before the benchmark starts, in the ROS domain of the "
+        "run.",
     ),
     error_page(
         "R2B650",

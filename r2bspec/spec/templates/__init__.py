@@ -1,16 +1,17 @@
-"""Specs to begin with: each is valid as it is, runs on a synthetic dataset, and explains itself.
+"""Specs to begin with: each is valid as it is, and explains itself.
 
 A template is a file ``NAME.r2b.yaml`` beside this module; its first comment says what it is for.
 """
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from importlib.resources import files
 
 SUFFIX = ".r2b.yaml"
-PLACEHOLDER = "my_benchmark"
-"""The name of the benchmark in every template."""
+
+_NAME = re.compile(r"^name: .*$", re.MULTILINE)
 
 
 @cache
@@ -39,4 +40,4 @@ def filled(template: str, name: str, schema: str) -> str:
         schema: where its JSON Schema is, relative to the file, for editors.
     """
     line = f"# yaml-language-server: $schema={schema}\n\n"
-    return line + template.replace(PLACEHOLDER, name)
+    return line + _NAME.sub(f"name: {name}", template, count=1)

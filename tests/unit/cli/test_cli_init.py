@@ -9,6 +9,7 @@ import pytest
 
 from r2bspec.api import compile_plan, validate
 from r2bspec.cli.main import main
+from r2bspec.diagnostics import Certainty
 from r2bspec.spec.templates import filled, purpose, templates
 
 ROOT = Path(__file__).parents[3]
@@ -23,7 +24,7 @@ def _empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_template_is_valid_and_has_a_plan(template: str) -> None:
     assert main(["init", "camera", "--template", template]) == 0
     file = Path("camera.r2b.yaml")
-    assert {one.code for one in validate(file)} <= {"R2B622"}  # a package that is not installed
+    assert {one.certainty for one in validate(file)} <= {Certainty.ENVIRONMENT}
     assert compile_plan(file).name == "camera"
 
 
@@ -82,11 +83,11 @@ def test_the_list_says_what_each_is_for(capsys: pytest.CaptureFixture[str]) -> N
     assert all(
         purpose(text) in line for text, line in zip(templates().values(), lines, strict=True)
     )
-    assert max(map(len, lines)) <= 100
+    assert max(map(len, lines)) <= 140
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "specs" / "templates").glob("*.r2b.yaml")))
 def test_the_templates_in_specs_are_the_same(file: Path) -> None:
-    text = templates()[file.name.removesuffix(".r2b.yaml")]
-    schema = "../../schemas/r2bspec-v1.schema.json"
-    assert file.read_text() == filled(text, "my_benchmark", schema)
+    schema_line, text = file.read_text().split("\n\n", 1)
+    assert templates()[file.name.removesuffix(".r2b.yaml")] == text, "copy it to r2bspec/spec"
+    assert filled(text, "other", "x").startswith(f"{schema_line.split('=')[0]}=x\n\n{text[:80]}")

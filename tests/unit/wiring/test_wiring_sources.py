@@ -222,6 +222,21 @@ def test_files_that_ros_could_not_read(text: str, problem: str, tmp_path: Path) 
     assert read_parameter_file(file).problem == problem
 
 
+@pytest.mark.parametrize("deep", ["[" * 100_000, "{a: " * 100_000, "- " * 100_000])
+def test_a_file_nested_without_end_is_refused(deep: str, tmp_path: Path) -> None:
+    file = tmp_path / "p.yaml"
+    file.write_text(deep, encoding="utf-8")
+    assert read_parameter_file(file).problem.startswith("is not YAML")
+
+
+def test_a_file_that_aliases_blow_up_is_refused(tmp_path: Path) -> None:
+    lines = ["a0: &a0 {}", *(f"a{i}: &a{i} {{p: *a{i - 1}, q: *a{i - 1}}}" for i in range(1, 45))]
+    file = tmp_path / "p.yaml"
+    body = "\n".join(f"    {line}" for line in lines)
+    file.write_text(f"n:\n  ros__parameters:\n{body}\n", encoding="utf-8")
+    assert read_parameter_file(file).problem == "stands for more than 10,000 values"
+
+
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     assert read_parameter_file(tmp_path / "p.yaml").missing
 
@@ -261,7 +276,14 @@ def test_an_interface_file_that_cannot_be_used_is_said_to_be_so(tmp_path: Path) 
         "monitors": {},
     }
     spec = msgspec.convert(document, Spec, dec_hook=codec.decode)
-    for text in ("x: [", "[1]", "parameters: {a: 1}", "qos: {a: {depth: x}}"):
+    for text in (
+        "x: [",
+        "[1]",
+        "parameters: {a: 1}",
+        "qos: {a: {depth: x}}",
+        "publishes: {a: 1}",
+        "x: 1",
+    ):
         file.write_text(text, encoding="utf-8")
         found = read_beside(spec, tmp_path)
         assert found.broken["n"]
