@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import re
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -78,17 +79,32 @@ def load(path: Path | str, *, sets: Sequence[str] = (), variables: Variables | N
 def validate(
     path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None
 ) -> tuple[Diagnostic, ...]:
-    """Everything that is wrong with a spec, sorted by place. Executes nothing that it names."""
-    from r2bspec.check import check
-    from r2bspec.spec.load import load_spec
+    """Everything that is wrong with any case of a spec, sorted by place.
 
-    return tuple(check(load_spec(Path(path), sets=sets, variables=variables)))
+    Nothing that the spec names is executed.
+    """
+    from r2bspec.check import check_cases
+    from r2bspec.spec.load import load_cases
+
+    return tuple(check_cases(load_cases(Path(path), sets=sets, variables=variables)))
 
 
 def prepare(
-    path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None
+    path: Path | str,
+    *,
+    sets: Sequence[str] = (),
+    variables: Variables | None = None,
+    case: str = "",
+    allow_paths: Iterable[Path] = (),
 ) -> Prepared:
     """Check a spec and compile its plan, or read a plan from a ``.json`` file.
+
+    Args:
+        path: the spec, or a plan that was written before.
+        sets: values to replace, each as ``path=value``.
+        variables: values for declared variables.
+        case: which case of its matrix is meant, where the spec has several.
+        allow_paths: folders from which files may be extended, beside that of the spec.
 
     Raises:
         InvalidSpecError: the spec has errors.
@@ -100,12 +116,15 @@ def prepare(
         from r2bspec.plan.canonical import read_plan
 
         return Prepared(plan=read_plan(path), base_dir=path.parent.absolute(), spec_text="")
+    import msgspec
+
     from r2bspec.check import check
     from r2bspec.data.locate import index, locate
     from r2bspec.plan.compile import compile_plan
     from r2bspec.spec.load import load_spec
+    from r2bspec.wiring.beside import read_beside
 
-    loaded = load_spec(path, sets=sets, variables=variables)
+    loaded = load_spec(path, sets=sets, variables=variables, case=case, allow_paths=allow_paths)
     diagnostics = check(loaded)
     if loaded.spec is None or any(each.severity == "error" for each in diagnostics):
         raise InvalidSpecError(loaded, diagnostics)
@@ -113,8 +132,10 @@ def prepare(
         index(locate(source.dataset or source.path, loaded.base_dir))
         for source in loaded.spec.data_loader.sources
     ]
+    plan = compile_plan(loaded.spec, bags, beside=read_beside(loaded.spec, loaded.base_dir))
     return Prepared(
-        plan=compile_plan(loaded.spec, bags),
+        # The case is part of the name under which results are kept and compared.
+        plan=msgspec.structs.replace(plan, name=loaded.id) if loaded.case else plan,
         base_dir=loaded.base_dir.absolute(),
         spec_text=loaded.resolved_yaml(),
         diagnostics=tuple(diagnostics),
@@ -192,4 +213,5 @@ def judge(run: Run) -> Result:
 def new_folder(name: str) -> Path:
     """Where a run of that name goes if nothing else is said: a folder below ``runs/``."""
     now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-    return Path("runs") / f"{name}-{now}-{secrets.token_hex(2)}"
+    plain = re.sub(r"[^A-Za-z0-9_.=-]+", "_", name).rstrip("_")
+    return Path("runs") / f"{plain}-{now}-{secrets.token_hex(2)}"

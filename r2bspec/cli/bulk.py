@@ -43,6 +43,7 @@ class Checked:
 
     Attributes:
         file: its name for the user.
+        cases: how many cases of it were checked; 1 where it has no matrix.
         complete: whether all rules were applied, which takes a document that is right itself.
         found: everything that is wrong with it, sorted by place.
         texts: the texts that the findings point into, by file name.
@@ -51,6 +52,7 @@ class Checked:
     """
 
     file: str
+    cases: int
     complete: bool
     found: tuple[Diagnostic, ...]
     texts: Mapping[str, str]
@@ -80,6 +82,7 @@ def check_file(file: str, options: Options) -> Checked:
     found = _findings(cases, options)
     return Checked(
         file=cases[0].file,
+        cases=len(cases),
         complete=all(each.spec is not None for each in cases),
         found=tuple(found),
         texts={name: text for each in cases for name, text in each.texts.items()} if found else {},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -78,11 +78,12 @@ def command(
         loaded = load_spec(spec, sets=sets, variables=values, case=case, allow_paths=allow_paths)
         _write(_provenance(loaded, explained).encode(), output)
         return 0
-    plan = _plan(spec, sets, variables)
+    values = parse_variables(variables)
+    plan = _plan(spec, sets=sets, variables=values, case=case, allow_paths=allow_paths)
     if other is not None:
         from r2bspec.plan.diff import diff_plans
 
-        differences = diff_plans(_plan(other, (), ()), plan)
+        differences = diff_plans(_plan(other, allow_paths=allow_paths), plan)
         _write("".join(f"{each}\n" for each in differences).encode(), output)
         return 1 if differences else 0
     _write(_shown(plan, graph), output)
@@ -107,13 +108,13 @@ def _provenance(loaded: Loaded, path: str) -> str:
         raise UsageError(str(error), hint=error.hint) from None
 
 
-def _plan(path: Path, sets: tuple[str, ...], variables: tuple[str, ...]) -> Plan:
+def _plan(path: Path, **options: Any) -> Plan:
     """The plan of a spec, or the one in a file; findings go to standard error."""
     from r2bspec import api
     from r2bspec.report.findings.show import show
 
     try:
-        prepared = api.prepare(path, sets=sets, variables=parse_variables(variables))
+        prepared = api.prepare(path, **options)
     except api.InvalidSpecError as error:
         show(error.diagnostics, error.loaded.texts)
         raise

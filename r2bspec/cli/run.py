@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from r2bspec.cli.options import (
+    allow_path_option,
+    case_option,
     junit_option,
     parse_variables,
     reports_option,
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 )
 @sets_option
 @variables_option
+@case_option
+@allow_path_option
 @click.option("--format", "output_format", type=click.Choice(["text", "json"]), default="text")
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
 @reports_option
@@ -40,6 +44,8 @@ def command(
     output: Path | None,
     sets: tuple[str, ...],
     variables: tuple[str, ...],
+    case: str,
+    allow_paths: tuple[Path, ...],
     output_format: str,
     quiet: bool,
     reports: tuple[Asked, ...],
@@ -57,7 +63,13 @@ def command(
     from r2bspec.report.write import takes_stdout, write_of_folder
 
     try:
-        prepared = api.prepare(spec, sets=sets, variables=parse_variables(variables))
+        prepared = api.prepare(
+            spec,
+            sets=sets,
+            variables=parse_variables(variables),
+            case=case,
+            allow_paths=allow_paths,
+        )
     except api.InvalidSpecError as error:
         show(error.diagnostics, error.loaded.texts)
         raise

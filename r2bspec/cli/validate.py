@@ -113,6 +113,9 @@ def _summary(checked: list[Checked], found: list[Diagnostic], *, offline: bool) 
     errors = sum(one.severity == "error" for one in found)
     warnings = sum(one.severity == "warning" for one in found)
     parts = [_counted(len(checked), "file")]
+    cases = sum(each.cases for each in checked)
+    if cases > len(checked):
+        parts.append(_counted(cases, "case"))
     if errors or warnings:
         parts += [_counted(errors, "error"), _counted(warnings, "warning")]
     else:

@@ -38,6 +38,7 @@ from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
 from r2bspec.execute.preprocess import preprocess
 from r2bspec.execute.probes import wait_for_probe
 from r2bspec.execute.probing import Prober
+from r2bspec.execute.programs import resolve_argv
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.search import PeakSearch
@@ -153,6 +154,7 @@ class _Controller:
         self._resources.start()
         with self._domain() as domain:
             self._set_up(domain)
+            self._refuse_missing()
             self._load()
             if "preprocess" in self._plan.phases:
                 self._phase("preprocess", "running the preprocessors")
@@ -180,6 +182,11 @@ class _Controller:
                 + "; ".join(f"{each.what} ({each.path})" for each in missing),
                 hint="The spec is right, and can be validated and planned; it cannot be run yet.",
             )
+
+    def _refuse_missing(self) -> None:
+        """See that every program is there before any is started; a setup step may have made it."""
+        for process in self._plan.processes:
+            resolve_argv(process)
 
     def _domain(self) -> contextlib.AbstractContextManager[int]:
         """A domain of the run's own; the user's where nodes of theirs take part."""

@@ -14,7 +14,17 @@ from collections.abc import Callable
 from typing import Any
 
 from r2bspec.spec.kinds import judge
-from r2bspec.spec.schema.build import KIND, LOADER, NOUN, PATH, POSITIVE, TOPIC_KEYS, WORDS
+from r2bspec.spec.schema.build import (
+    ALONE,
+    KIND,
+    LOADER,
+    NOUN,
+    PATH,
+    POSITIVE,
+    TOPIC_KEYS,
+    UNLESS_LIVE,
+    WORDS,
+)
 
 Judge = Callable[[Any], bool]
 
@@ -29,6 +39,7 @@ _TYPES: dict[str, tuple[type, ...]] = {
 _SAY_NOTHING = frozenset(
     {
         "additionalProperties",
+        ALONE,
         "default",
         "defaultSnippets",
         "description",
@@ -39,7 +50,7 @@ _SAY_NOTHING = frozenset(
         PATH,
         POSITIVE,
         TOPIC_KEYS,
-        "r2b-unless-live",
+        UNLESS_LIVE,
     }
 )
 
@@ -57,7 +68,8 @@ def judge_of(schema: dict[str, Any]) -> Judge:
 
 
 def _build(schema: dict[str, Any], build: Callable[[dict[str, Any]], Judge]) -> Judge:
-    strings, arrays, objects = _strings(schema), _arrays(schema, build), _objects(schema, build)
+    strings = build(schema["items"]) if ALONE in schema else _strings(schema)
+    arrays, objects = _arrays(schema, build), _objects(schema, build)
     by_type: dict[type, Judge] = {
         str: strings,
         list: arrays,

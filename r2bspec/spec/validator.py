@@ -10,7 +10,7 @@ from r2bspec.diagnostics.model import Path
 from r2bspec.spec.kinds import judge
 from r2bspec.spec.obeys import Judge, judge_of
 from r2bspec.spec.schema import strict_schema
-from r2bspec.spec.schema.build import KIND, WORDS
+from r2bspec.spec.schema.build import ALONE, KIND, WORDS
 
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
@@ -91,12 +91,20 @@ def _validator(*, live: bool) -> Validator:
         if KIND not in schema and isinstance(instance, str) and instance not in words:
             yield ValidationError("not a known word")
 
+    def check_alone(
+        validator: Any, alone: bool, instance: object, schema: dict[str, Any]
+    ) -> Iterator[ValidationError]:
+        del alone
+        if isinstance(instance, str):
+            yield from validator.descend(instance, schema["items"])
+
     # To JSON Schema 1.0 is an integer; to a ROS parameter and to YAML it is not.
     types = Draft7Validator.TYPE_CHECKER.redefine(
         "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
     )
     # jsonschema's own additionalProperties goes through a set: another order in each process.
     changed = {
+        ALONE: check_alone,
         KIND: check_kind,
         WORDS: check_words,
         "additionalProperties": check_other_keys,

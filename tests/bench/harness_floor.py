@@ -47,7 +47,7 @@ def main() -> int:
     made = _ablations(changes) if options.ablate else _cases(changes, options.without)
     cases = [each for each in made if options.only in each.title]
     found: dict[Case, list[Figures]] = {case: [] for case in cases}
-    loads = []
+    loads = [os.getloadavg()[0]]
     for repeat in range(1, options.repeats + 1):
         for case in cases:
             loads.append(os.getloadavg()[0])
@@ -59,7 +59,8 @@ def main() -> int:
         f"{statistics.median(loads):.1f} (median), {max(loads):.1f} (most); medians of "
         f"{options.repeats} runs of {options.seconds:g} s.\n"
     )
-    _print_floors({case: medians(several) for case, several in found.items()})
+    if cases:
+        _print_floors({case: medians(several) for case, several in found.items()})
     if options.rates:
         _print("")
         _print_rates(options)

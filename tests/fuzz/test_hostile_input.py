@@ -54,6 +54,15 @@ TEXTS: dict[str, tuple[str | bytes, str]] = {
     "dashes 10,000 deep": (MINIMAL + "labels:\n  " + "- " * 10_000, "R2B025"),
     "indented 2,000 deep": ("\n".join(" " * n + "a:" for n in range(2000)), "R2B025"),
     "closed brackets 10,000 deep": ("[" * 10_000 + "]" * 10_000, "R2B025"),
+    "extends itself": (MINIMAL + "extends: ./hostile.r2b.yaml\n", "R2B135"),
+    "extends a device": (MINIMAL + "extends: /dev/zero\n", "R2B13"),
+    "extends very many": (MINIMAL + f"extends: [{'./none.r2b.yaml, ' * 20_000}]\n", "R2B13"),
+    "a matrix without end": (
+        MINIMAL
+        + "variables: {a: 1, b: 1, c: 1, d: 1, e: 1, f: 1}\nmatrix:\n  axes:\n"
+        + "".join(f"    {name}: [{', '.join(map(str, range(100)))}]\n" for name in "abcdef"),
+        "R2B1",
+    ),
     "duplicate keys": (MINIMAL + "name: other\n", "R2B023"),
     "a tab": (MINIMAL + "labels:\n\ta: 1\n", "R2B011"),
     "a byte-order mark": ("\ufeff" + MINIMAL, "R2B004"),

@@ -216,8 +216,9 @@ def _other_types(node: TreeNode) -> Iterator[tuple[str, str]]:
     shown = json.dumps(node.text, ensure_ascii=False)
     yield "in a list", f"[{shown}]"
     yield "in a map", f"{{x: {shown}}}"
-    if isinstance(node.value, str):
+    if isinstance(node.value, str) or node.value is True or node.value is False:
         yield "the number 7 instead", "7"
-    else:
+    if not isinstance(node.value, str):
         yield "as text", shown
-    yield "a truth value instead", "true"
+    if not isinstance(node.value, bool):
+        yield "a truth value instead", "true"

@@ -72,6 +72,8 @@ def _has_default(mutant: Mutant) -> str:
 def _parameter(mutant: Mutant) -> str:
     if "parameters" not in mutant.path[:-1]:
         return ""
+    if mutant.kind == "retype" and "instead" in mutant.note:
+        return "the value came from a variable of the same type, which other nodes still use"
     if mutant.kind == "delete":
         return "the node has a default for the parameter"
     if mutant.kind == "swap":

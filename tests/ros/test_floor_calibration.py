@@ -10,12 +10,11 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ros_runs import Bench, Finished, relay_spec
-from ros_runs import nothing_left as nothing_left
-
 from r2bspec.harness import rcl, ros
 from r2bspec.harness.stamps import read_stamp, write_stamp
 from r2bspec.spec.model import QoS
+from ros_runs import Bench, Finished, relay_spec
+from ros_runs import nothing_left as nothing_left
 
 IMAGE = "sensor_msgs/msg/Image"
 WAIT_S = 30.0

@@ -17,48 +17,58 @@ from ros_runs import (
     relay_spec,
 )
 
+# What these do cannot be told without running them: topics and parameters have made-up names.
 NODES = """
 import time
 from std_msgs.msg import String
 
-
-class Raises(Node):
-    def __init__(self, **kwargs):
-        super().__init__("raises", **kwargs)
-        raise ValueError("the calibration file is missing")
-
-
-class Hangs(Node):
-    def __init__(self, **kwargs):
-        super().__init__("hangs", **kwargs)
-        time.sleep(600)
-
-
-class Dies(Node):
-    def __init__(self, **kwargs):
-        super().__init__("dies", **kwargs)
-        print("no licence", flush=True)
-        raise SystemExit(7)
-
-
-class Deaf(Node):
-    def __init__(self, **kwargs):
-        super().__init__("deaf", **kwargs)
-        self.out = self.create_publisher(Image, "output", 10)
-
-
-class OfAnotherType(Node):
-    def __init__(self, **kwargs):
-        super().__init__("of_another_type", **kwargs)
-        self.out = self.create_publisher(String, "output", 10)
-        self.create_subscription(Image, "input", lambda _: None, 10)
+OUTPUT, INPUT = "".join(["out", "put"]), "".join(["in", "put"])
 
 
 class Mute(Node):
     def __init__(self, **kwargs):
         super().__init__("mute", **kwargs)
-        self.out = self.create_publisher(Image, "output", 10)
-        self.create_subscription(Image, "input", lambda _: None, 10)
+        self.out = self.create_publisher(Image, OUTPUT, 10)
+        self.create_subscription(Image, INPUT, lambda _: None, 10)
+
+
+class Raises(Mute):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        raise ValueError("the calibration file is missing")
+
+
+class Hangs(Mute):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        time.sleep(600)
+
+
+class Dies(Mute):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        print("no licence", flush=True)
+        raise SystemExit(7)
+
+
+class Secretive(Mute):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        for name in ("spe" + "ed", "ra" + "te"):
+            self.declare_parameter(name, 0)
+
+
+class Deaf(Node):
+    def __init__(self, **kwargs):
+        super().__init__("deaf", **kwargs)
+        self.out = self.create_publisher(Image, OUTPUT, 10)
+
+
+class OfAnotherType(Node):
+    def __init__(self, **kwargs):
+        super().__init__("of_another_type", **kwargs)
+        self.out = self.create_publisher(String, OUTPUT, 10)
+        self.create_subscription(Image, INPUT, lambda _: None, 10)
 
 
 def nothing(**kwargs):
@@ -162,6 +172,14 @@ def test_what_is_not_installed_is_named(bench: Bench, node: dict[str, Any], word
     assert words in done.stderr
 
 
+def test_a_program_that_is_missing_is_missed_before_any_is_started(bench: Bench) -> None:
+    spec = graph_of({"command": ["no-such-program"], "publishes": {"output": IMAGE}})
+    spec["graph"]["nodes"]["other"] = relay_node(remappings={"output": "elsewhere"})
+    done = bench.run(spec)
+    assert "process relay: there is no program 'no-such-program' on PATH" in done.error
+    assert done.run().record.processes == ()
+
+
 # While the graph comes up
 
 
@@ -175,10 +193,10 @@ def failed(done: Finished) -> str:
 
 
 def test_a_parameter_that_no_node_declares(bench: Bench) -> None:
-    node = {"python": "./nodes.py:Mute", "parameters": {"rtae": 3}}
+    node = {"python": "./nodes.py:Secretive", "parameters": {"rtae": 3}}
     said = failed(bench.run(graph_of(node)))
     assert "node /r2b/relay declares no parameter 'rtae'" in said
-    assert "use_sim_time" in said
+    assert "it declares rate, speed" in said
 
 
 def test_a_constructor_that_raises(bench: Bench) -> None:

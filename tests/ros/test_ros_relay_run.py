@@ -14,13 +14,15 @@ from ros_runs import Bench, Finished, nothing_left as nothing_left, relay_node, 
 from r2bspec.record.model import SearchRecord, Segment
 
 SERVICE_S = 0.010
-RATES_HZ = (20.0, 30.0)
+# So low that a loaded machine, too, publishes within half a period of the due time.
+RATES_HZ = (4.0, 8.0)
+DURATION_S = 2
 ITERATIONS = 2
 
 SPEC = relay_spec(
     graph={"nodes": {"relay": relay_node(1e3 * SERVICE_S)}},
     benchmark={
-        "duration": "1 s",
+        "duration": f"{DURATION_S} s",
         "iterations": ITERATIONS,
         "rates": [f"{rate:g} Hz" for rate in RATES_HZ],
         "warm_up": "100 ms",
@@ -28,7 +30,7 @@ SPEC = relay_spec(
         "search": {"min": "10 Hz", "max": "300 Hz", "precision": "4 %", "probe": "2 s"},
     },
     # The busy wait alone takes longer, on any machine.
-    slos={"impossible": {"at": "20 Hz", "require": ["latency.max < 2 ms"]}},
+    slos={"impossible": {"at": "4 Hz", "require": ["latency.max < 2 ms"]}},
 )
 
 
@@ -39,7 +41,12 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
 
 @pytest.fixture(scope="module")
 def done(bench: Bench) -> Finished:
-    return bench.run(SPEC)
+    # An invalid run is safe to try again.
+    for _ in range(3):
+        found = bench.run(SPEC)
+        if found.status != 4 or found.outcome != "invalid":
+            return found
+    pytest.skip("this machine is too loaded to play 8 messages a second on time")
 
 
 def segments(done: Finished, kind: str) -> list[Segment]:
@@ -86,9 +93,9 @@ def test_the_phases_come_in_the_order_of_the_plan(done: Finished) -> None:
 
 def test_every_process_of_the_plan_ran_and_ended_politely(done: Finished) -> None:
     run = done.run()
-    assert [each.name for each in run.record.processes] == [
+    assert {each.name for each in run.record.processes} == {
         each.name for each in run.plan.processes
-    ]
+    }
     assert [each.exit_code for each in run.record.processes] == [0, 0, 0]
 
 
@@ -113,7 +120,7 @@ def test_every_step_was_sent_received_and_matched(done: Finished) -> None:
     run = done.run()
     for segment in segments(done, "iteration"):
         playback, monitor = run.playback(segment), run.monitor(segment, "out")
-        assert playback.size == segment.steps == round(segment.rate_hz)
+        assert playback.size == segment.steps == round(DURATION_S * segment.rate_hz)
         assert sorted(monitor["stamp_ns"]) == sorted(playback["stamp_ns"])
 
 
@@ -156,7 +163,8 @@ def test_every_process_was_sampled_while_it_ran(done: Finished) -> None:
     for number in range(3):
         used = rows[rows["process"] == number]["cpu_s"]
         assert np.all(np.diff(used) >= 0)
-    relay = rows[rows["process"] == 1]
+    names = [each.name for each in done.run().record.processes]
+    relay = rows[rows["process"] == names.index("relay")]
     assert relay["cpu_s"].max() > 0.1
     assert relay["memory_bytes"].max() > 10_000_000
 
@@ -169,7 +177,7 @@ def test_the_result_agrees_with_the_samples(done: Finished) -> None:
     assert [each["offered_hz"] for each in result["metrics"]["rates"]] == list(RATES_HZ)
     for rate in result["metrics"]["rates"]:
         pooled = rate["pooled"]["monitors"]["out"]
-        steps = ITERATIONS * round(rate["offered_hz"])
+        steps = ITERATIONS * round(DURATION_S * rate["offered_hz"])
         assert pooled["sent"] == pooled["received"] == pooled["answered"] == steps
         assert pooled["missed"] == pooled["duplicates"] == pooled["unmatched"] == 0
         latencies = []
@@ -242,7 +250,7 @@ def test_judging_again_gives_the_same_result(bench: Bench, done: Finished) -> No
 
 
 def test_judging_by_another_spec_can_pass(bench: Bench, done: Finished) -> None:
-    easy = SPEC | {"slos": {"easy": {"at": "20 Hz", "require": ["missed == 0"]}}}
+    easy = SPEC | {"slos": {"easy": {"at": "4 Hz", "require": ["missed == 0"]}}}
     assert bench.judge(done.folder, "--spec", str(bench.write(easy, "easy"))).status == 0
 
 

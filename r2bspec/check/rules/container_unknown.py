@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 from r2bspec.check.context import Context
 from r2bspec.check.example import example
-from r2bspec.check.finding import Finding
+from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
 from r2bspec.check.words import suggestion
+from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.model import Severity
 from r2bspec.diagnostics.quote import quote
 
@@ -18,11 +19,17 @@ def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
         name = node.node.container
         if name and name not in containers:
+            close = did_you_mean(name, containers)
             yield Finding(
                 message=f"there is no container {quote(name)}",
                 path=(*node.path, "container"),
                 help=suggestion(name, containers, "declared are")
                 or f"declare it: {quote(f'containers: {{{name}: {{}}}}')}",
+                related=(
+                    Pointer(f"{quote(close)} is declared here", ("containers", close), key=True),
+                )
+                if close
+                else (),
                 explains=frozenset({"containers"}),
             )
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from r2bspec.check.context import Context
 from r2bspec.check.example import example
-from r2bspec.check.finding import Finding
+from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.metrics import unknown_metrics
 from r2bspec.check.rule import Rule
 from r2bspec.check.words import listed
@@ -24,7 +24,16 @@ def _find(context: Context) -> Iterator[Finding]:
             help=f"did you mean {quote(error.suggestion)}?"
             if error.suggestion
             else f"there are {listed(error.known)}",
+            related=_declaration(error.suggestion, each.placed.requirement.text, context),
         )
+
+
+def _declaration(suggestion: str, written: str, context: Context) -> tuple[Pointer, ...]:
+    """Where the monitor is declared that was probably meant."""
+    monitor = suggestion.partition(".")[0]
+    if monitor not in context.spec.monitors or written.lstrip().startswith(f"{monitor}."):
+        return ()
+    return (Pointer(f"{quote(monitor)} is declared here", ("monitors", monitor), key=True),)
 
 
 RULE = Rule(

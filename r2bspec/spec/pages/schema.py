@@ -156,4 +156,14 @@ SCHEMA_PAGES = (
         "playback: {mode: looping, timeline: {speed: 50 %}}\n",
         "playback: {mode: timeline, timeline: {speed: 50 %}}\n",
     ),
+    _page(
+        "R2B150",
+        "two keys have each other's content",
+        "Each content is wrong where it stands and right under the other key, so the keys were "
+        "exchanged.",
+        "monitors: {duration: 10 s}\n"
+        "benchmark: {tags: {topic: tags, format: geometry_msgs/msg/PoseArray}}\n",
+        "benchmark: {duration: 10 s}\n"
+        "monitors: {tags: {topic: tags, format: geometry_msgs/msg/PoseArray}}\n",
+    ),
 )

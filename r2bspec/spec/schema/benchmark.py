@@ -5,6 +5,7 @@ from __future__ import annotations
 from r2bspec.spec.quantities import Duration, Rate, Share
 from r2bspec.spec.schema import names
 from r2bspec.spec.schema.build import (
+    ALONE,
     Schema,
     choice,
     integer,
@@ -40,6 +41,7 @@ _SEARCH = record(
                 examples=["drop_rate <= 5 %", ["drop_rate <= 5 %", "latency.p99 < 100 ms"]],
             ),
             "type": ["array", "string"],
+            ALONE: True,
         },
         "probe": quantity(
             Duration,

@@ -11,7 +11,8 @@ before anything is published:
 - ``r2b-words``: the words that a string may be, where the value may also be a map or a quantity,
 - ``r2b-path``: the string is a path, relative to the file in which it is written,
 - ``r2b-loader``: the loader uses the key up; no typed value has it,
-- ``r2b-unless-live``: keys that are required unless nothing is played.
+- ``r2b-unless-live``: keys that are required unless nothing is played,
+- ``r2b-alone``: a text in place of the list is its only item.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ WORDS = "r2b-words"
 PATH = "r2b-path"
 LOADER = "r2b-loader"
 UNLESS_LIVE = "r2b-unless-live"
+ALONE = "r2b-alone"
 SCALAR_TYPES = ["string", "number", "boolean"]
 
 QUANTITIES: dict[str, type[Quantity]] = {kind.kind: kind for kind in (Duration, Rate, Size, Share)}

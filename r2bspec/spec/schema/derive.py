@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from r2bspec.spec.schema.build import (
+    ALONE,
     KIND,
     LOADER,
     NOUN,
@@ -29,7 +30,7 @@ from r2bspec.spec.schema.document import DOCUMENT
 TITLE = "r2bspec, version 1"
 FILE_NAME = "r2bspec-v1.schema.json"
 
-_OWN = (KIND, LOADER, NOUN, PATH, POSITIVE, TOPIC_KEYS, UNLESS_LIVE, WORDS)
+_OWN = (ALONE, KIND, LOADER, NOUN, PATH, POSITIVE, TOPIC_KEYS, UNLESS_LIVE, WORDS)
 _REFERENCE = r"\$\((?:var|env) +[A-Za-z_][A-Za-z0-9_]* *\)"
 _WHOLE = f"^{_REFERENCE}$"
 _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
@@ -82,6 +83,9 @@ def _publish(schema: Schema) -> Schema:
     kind = schema.get(KIND)
     if kind is not None:
         public |= _judged_by_pattern(kind)
+    if ALONE in schema:
+        alone = ("pattern", "patternErrorMessage")
+        public |= {key: public["items"][key] for key in alone}
     if WORDS in schema:
         public |= _or_words(schema[WORDS], public.get("pattern"))
     if schema.get("additionalProperties") is False:

@@ -17,6 +17,7 @@ from r2bspec.spec.schema.build import KIND, WORDS
 from r2bspec.spec.source import Source
 from r2bspec.spec.tree import MapNode, TreeNode, UnknownNode, lookup
 from r2bspec.spec.validator import schema_errors
+from r2bspec.spec.violations.exchanged import exchanged
 from r2bspec.spec.violations.keys import misnamed, missing_keys, name_forgotten
 from r2bspec.spec.violations.model import Violation
 from r2bspec.spec.violations.unknown import unknown_keys
@@ -63,16 +64,21 @@ def explain_violations(
     unnamed = list(name_forgotten(violations))
     found += (diagnostic for _, diagnostic in unnamed)
     explained = {path for path, _ in unnamed}
+    for paths, diagnostic in exchanged(violations):
+        if not explained & set(paths):
+            found.append(diagnostic)
+            explained |= set(paths)
+    violations = [one for one in violations if not _below(one.path, explained)]
     renamed: set[Path] = set()
     for one in violations:
-        if one.keyword == "additionalProperties" and one.path not in explained:
+        if one.keyword == "additionalProperties":
             for diagnostic, meant in unknown_keys(one):
                 found.append(diagnostic)
                 renamed.add((*one.path, meant))
     found += missing_keys([one for one in violations if one.keyword == "required"], renamed)
     for one in violations:
         explanation = _EXPLANATIONS.get(one.keyword)
-        if explanation is not None and not _below(one.path, explained):
+        if explanation is not None:
             found.append(explanation(one))
     return list(_once(found))
 

@@ -25,7 +25,7 @@ def plain(name: str) -> Any:
 
 
 SOUND = [plain(f"ok_{name}.yaml") for name in ("minimal", "full", "everything", "live")]
-ODD = st.sampled_from(
+ODD: st.SearchStrategy[Any] = st.sampled_from(
     [
         *(None, True, 0, -1, 3, 0.5, 1e9, [], {}, [[]], {"a": 1}, ["x"], {"x": {}}),
         *("", "x", "/a/b", "a b", "30 Hz", "0 Hz", "10 s", "-1 s", "peak", "default", "live"),

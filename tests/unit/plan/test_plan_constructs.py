@@ -209,7 +209,7 @@ def test_transforms_are_written_by_the_harness() -> None:
 
 
 def test_taps_are_the_topics_on_the_way() -> None:
-    nodes = {
+    nodes: dict[str, Any] = {
         "a": {**RELAY, "remappings": {"input": "image", "output": "b"}},
         "c": {**RELAY, "remappings": {"input": "b"}},
         "d": {**RELAY, "remappings": {"input": "b", "output": "aside"}},

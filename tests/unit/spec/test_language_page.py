@@ -14,7 +14,7 @@ from r2bspec.spec.schema.reference import with_tables
 PAGE = Path(__file__).parents[3] / "docs" / "language.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^```yaml\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
-ROWS = re.findall(r"^\| [^|]+ \| (\d+) \| [^|]+ \| `(.+)` \|$", TEXT, re.MULTILINE)
+ROWS = re.findall(r"^\| [^|]+ \| ([\d–]+) \| [^|]+ \| `(.+)` \|$", TEXT, re.MULTILINE)
 ENVIRON = {"HOME": "/home/someone"}
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.spec.quantities import Duration, Quantity, QuantityError, Rate, Share, Size
-from r2bspec.spec.requirement import RequirementError, parse_requirement
+from r2bspec.spec.requirement import Bound, RequirementError, parse_requirement
 
 NS = st.integers(0, 10**18)
 
@@ -126,3 +126,17 @@ def test_any_text_is_a_requirement_or_says_where_not(text: str) -> None:
     except RequirementError as error:
         broken_at = error.column
     assert broken_at is None or 0 <= broken_at <= len(text)
+
+
+def test_a_share_of_windows() -> None:
+    found = parse_requirement("tags.latency.p99 < 60 ms in 99 % of 500 ms windows")
+    assert (found.windows_share, found.window_ns) == (0.99, 500_000_000)
+    assert found.bound == Bound(value=0.06, dimension="time")
+    assert found.text[found.windows_column :].startswith("in 99 %")
+    whole = parse_requirement("latency.p99 < 60 ms")
+    assert (whole.windows_share, whole.window_ns) == (None, 0)
+
+
+def test_a_bound_relative_to_an_earlier_run() -> None:
+    bound = parse_requirement("latency.p50 <= 105 % of baseline").bound
+    assert bound == Bound(value=1.05, dimension="share", of_baseline=True)

@@ -142,3 +142,76 @@ def test_validate_imports_nothing_heavy() -> None:
     command = [sys.executable, "-c", code, str(GOLDEN / "ok_minimal.yaml")]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+# ---- files that build on files, and cases ------------------------------------------------------
+
+CASES = """extends: base.yaml
+name: some
+variables: {threads: 1}
+matrix: {axes: {threads: [1, 2]}}
+labels: {queue: $(var threads)}
+"""
+
+
+@pytest.fixture
+def cases(folder: Path) -> Path:
+    (folder / "base.yaml").write_text((GOLDEN / "ok_minimal.yaml").read_text())
+    (folder / "cases.r2b.yaml").write_text(CASES)
+    (folder / "deep" / "outside.r2b.yaml").write_text("extends: ../base.yaml\n")
+    return folder
+
+
+def test_every_case_is_checked(cases: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("cases.r2b.yaml") == 0
+    assert run("cases.r2b.yaml", "--case", "threads=2") == 0
+    capsys.readouterr()
+    assert run("cases.r2b.yaml", "--set", "matrix.axes.threads=[1, two words, x]") == 0
+    capsys.readouterr()
+    assert run("cases.r2b.yaml", "--case", "threads=3") == 1
+    out = capsys.readouterr().out
+    assert "cases.r2b.yaml:4:1: error[R2B140]: the document has no case 'threads=3'" in out
+
+
+def test_every_case_is_resolved(cases: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("cases.r2b.yaml", "--resolved") == 0
+    documents = capsys.readouterr().out.split("---\n")
+    heads = [document.splitlines()[0] for document in documents]
+    assert heads == ["# cases.r2b.yaml [threads=1]", "# cases.r2b.yaml [threads=2]"]
+    assert "queue: 2" in documents[1]
+    assert "extends" not in documents[1]
+    assert "matrix" not in documents[1]
+
+
+def test_a_folder_must_be_allowed(cases: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("deep/outside.r2b.yaml") == 1
+    assert "R2B134" in capsys.readouterr().out
+    assert run("deep/outside.r2b.yaml", "--allow-path", ".") == 0
+
+
+def test_plan_explains_where_a_value_came_from(
+    cases: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = "labels.queue"
+    assert main(["plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", path]) == 0
+    assert capsys.readouterr().out == (
+        f"{path} = 2\n"
+        "  cases.r2b.yaml:5:17: written here, as $(var threads)\n"
+        "  cases.r2b.yaml:4:30: 'threads' gets its value here\n"
+        "  cases.r2b.yaml:4:30: in the case threads=2 of the matrix\n"
+    )
+    assert main(["plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", "graph.nods"]) == 2
+    assert "did you mean 'nodes'?" in capsys.readouterr().err
+
+
+def test_a_document_without_mistakes_needs_no_jsonschema() -> None:
+    code = (
+        "import sys; from pathlib import Path; from r2bspec.spec.load import load_spec;"
+        "load_spec(Path(sys.argv[1]), environ={'R2B_TEST_COUNT': '7'});"
+        "print([m for m in ('jsonschema', 'r2bspec.spec.violations') if m in sys.modules])"
+    )
+    file = str(GOLDEN / "ok_everything.yaml")
+    done = subprocess.run(
+        [sys.executable, "-c", code, file], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"

@@ -178,6 +178,6 @@ def test_the_table_of_the_reference_nodes_is_well_formed() -> None:
     assert "r2bspec.nodes.RelayNode" in table
     for name, entry in table.items():
         node = Node(python=name)
-        for kind in {**entry.subscribes, **entry.publishes}.values():
+        for kind in {**(entry.subscribes or {}), **(entry.publishes or {})}.values():
             assert "/msg/" in kind or kind.startswith("$(parameter "), name
         assert "$(" not in str(interface_of(node, table).subscribes)

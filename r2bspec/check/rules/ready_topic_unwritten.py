@@ -1,0 +1,48 @@
+"""Ready probes that wait for a topic which nobody publishes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check import subjects
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.check.words import listed, suggestion
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.build import harness_topic
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    phase = context.wiring.measure
+    for name, probe in context.spec.ready.items():
+        topic = harness_topic(probe.topic, context.wiring.namespace) if probe.topic else ""
+        if not topic or phase.writers(topic):
+            continue
+        unknown = [node.key for node in phase.may_write]
+        written = [context.shown(each) for each in phase.topics if phase.writers(each)]
+        advice = suggestion(context.shown(topic), written, "topics that there are")
+        if unknown:
+            advice += f"; or state what {listed(unknown)} publishes under 'publishes:' there"
+        yield Finding(
+            message=f"nobody publishes {quote(context.shown(topic))}, so this probe never holds"
+            if not unknown
+            else f"nobody is known to publish {quote(context.shown(topic))}, which is waited for",
+            path=("ready", name, "topic"),
+            help=advice,
+            severity=Severity.WARNING if unknown else None,
+            about=frozenset({subjects.topic(phase.phase, topic)}),
+        )
+
+
+RULE = Rule(
+    code="R2B413",
+    title="a ready probe that waits for a topic which nobody publishes",
+    severity=Severity.ERROR,
+    why="The run would wait until the timeout of the probe, and then give up.",
+    failing=example(ready="{relay: {topic: outptu}}"),
+    passing=example(ready="{relay: {topic: output}}"),
+    find=_find,
+)

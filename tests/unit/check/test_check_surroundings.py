@@ -1,0 +1,172 @@
+"""Rules about what lies beside a spec, or on this machine, and so in no example."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from check_specs import codes, findings, write_bag
+
+from r2bspec.check.bag_cache import cached_index
+from r2bspec.check.example import example
+from r2bspec.data import locate_bag
+from r2bspec.diagnostics import Certainty
+
+
+def relay(fields: str, **sections: str) -> str:
+    """The example with a relay that has further fields."""
+    graph = (
+        "nodes: {relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}, "
+        f"{fields}}}}}"
+    )
+    return example(graph=graph, **sections)
+
+
+@pytest.fixture
+def spec_file(tmp_path: Path) -> str:
+    return str(tmp_path / "spec.r2b.yaml")
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (None, ["R2B614"]),
+        ("[", ["R2B614"]),
+        ("relay: {ros__parameters: {seed: 1}}", ["R2B618"]),
+        ("/r2b/relay: {ros__parameters: {seed: 1}}", []),
+        ("/**: {ros__parameters: {seed: 1, of_another_node: 2}}", []),
+        ("/**: {ros__parameters: {seed: a}}", ["R2B212"]),
+        ("/**: {ros__parameters: {seed: []}}", ["R2B213"]),
+    ],
+)
+def test_parameter_files(content: str | None, expected: list[str], spec_file: str) -> None:
+    if content is not None:
+        Path(spec_file).with_name("p.yaml").write_text(content, encoding="utf-8")
+    assert codes(relay("parameters: ./p.yaml"), file=spec_file) == expected
+    assert codes(relay("parameters: [./p.yaml, {seed: 3}]"), file=spec_file) == [
+        code for code in expected if code not in {"R2B212", "R2B213"}
+    ], "the later value counts"
+
+
+def test_a_file_for_a_node_without_namespace_is_explained(spec_file: str) -> None:
+    Path(spec_file).with_name("p.yaml").write_text("relay: {ros__parameters: {}}", encoding="utf-8")
+    (found,) = findings(relay("parameters: ./p.yaml"), file=spec_file)
+    assert "write '/r2b/relay', or '/**' for any node" in found.help
+
+
+def test_parameters_in_a_list_are_pointed_into(spec_file: str) -> None:
+    (found,) = findings(relay("parameters: [{seed: 1}, {seeed: 2}]"), file=spec_file)
+    assert (found.code, found.path[-3:]) == ("R2B211", ("parameters", 1, "seeed"))
+
+
+def test_a_recorded_interface_that_cannot_be_used(spec_file: str) -> None:
+    folder = Path(spec_file).with_name("interfaces")
+    folder.mkdir()
+    (folder / "relay.yaml").write_text("subscribes: [image]", encoding="utf-8")
+    assert codes(example(), file=spec_file) == ["R2B223"]
+
+
+@pytest.mark.parametrize(
+    ("key", "container", "expected"),
+    [("a", "", []), ("rectify_container", "", ["R2B215"]), ("rectify_container", "c", [])],
+)
+def test_names_that_a_plan_gives_to_containers(
+    key: str, container: str, expected: list[str], spec_file: str
+) -> None:
+    inside = f"container: {container}, " if container else ""
+    graph = f"""
+        nodes:
+          rectify: {{package: image_proc, plugin: image_proc::RectifyNode, {inside}
+            remappings: {{image_rect: rect}}}}
+          {key}: {{python: r2bspec.nodes.RelayNode, remappings: {{input: rect}}}}
+    """
+    text = example(containers="{c: {}}" if container else "{}", graph=graph)
+    found = set(codes(text, file=spec_file)) - {"R2B622", "R2B207"}
+    assert found == set(expected)
+
+
+def test_a_component_that_a_well_known_package_does_not_have(spec_file: str) -> None:
+    graph = "nodes: {r: {package: image_proc, plugin: image_proc::RectifyNod}}"
+    found = {each.code: each for each in findings(example(graph=graph), file=spec_file)}
+    assert found["R2B639"].help == "did you mean 'image_proc::RectifyNode'?"
+    assert found["R2B639"].certainty is Certainty.ENVIRONMENT
+
+
+def test_more_shared_memory_than_there_is(spec_file: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Usage:
+        total = 64 << 20
+
+    monkeypatch.setattr("shutil.disk_usage", lambda _: Usage)
+    text = example(transport="{kind: shared_memory, segment: 32 MiB}")
+    (found,) = findings(text, file=spec_file)
+    assert (found.code, found.certainty) == ("R2B629", Certainty.ENVIRONMENT)
+
+
+def test_a_launch_file_of_a_package_is_looked_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spec_file: str
+) -> None:
+    share = tmp_path / "ros" / "share"
+    (share / "ament_index/resource_index/packages").mkdir(parents=True)
+    (share / "ament_index/resource_index/packages/cameras").touch()
+    (share / "cameras/launch").mkdir(parents=True)
+    (share / "cameras/launch/camera.launch.py").touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ros"))
+
+    def said(file: str) -> list[str]:
+        graph = f"""
+            nodes:
+              camera:
+                launch: {{package: cameras, file: {file}}}
+                subscribes: {{image: sensor_msgs/msg/Image}}
+                publishes: {{output: sensor_msgs/msg/Image}}
+        """
+        return codes(example(graph=graph), file=spec_file)
+
+    assert said("camera.launch.py") == []
+    assert said("camra.launch.py") == ["R2B613"]
+
+
+def test_indexes_of_large_bags_are_kept_until_a_file_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    bag = write_bag(tmp_path / "bag", {"/talk": [0, 1]})
+    location = locate_bag("./bag", tmp_path)
+    cached_index(location)
+    assert not (tmp_path / "cache").exists(), "small bags are not worth it"
+    monkeypatch.setattr("r2bspec.check.bag_cache._SLOWER_THAN_BYTES", 1)
+    first = cached_index(location)
+    (entry,) = (tmp_path / "cache/r2bspec/indexes").iterdir()
+    assert cached_index(location) == first
+    entry.write_text("damaged", encoding="utf-8")
+    assert cached_index(location) == first
+    next(bag.glob("*.mcap")).unlink()
+    with pytest.raises(Exception, match=r"mcap"):
+        cached_index(location)
+
+
+def test_several_recordings_are_one(tmp_path: Path, spec_file: str) -> None:
+    loader = "{bags: [r2b_storage, r2b_lounge], topics: {/d455_1_rgb_image: image_raw}}"
+    assert codes(example(data_loader=loader), file=spec_file) == []
+    broken = loader.replace("r2b_lounge", "./nowhere")
+    (found,) = findings(example(data_loader=broken), file=spec_file)
+    assert (found.code, found.path) == ("R2B301", ("data_loader", "bags", 1))
+
+
+@pytest.mark.parametrize(
+    "benchmark", ["{duration: 5 s}", "{duration: 5 s, iterations: 20, max_iterations: 40}"]
+)
+def test_a_live_graph_needs_nothing_that_is_played(benchmark: str, spec_file: str) -> None:
+    text = f"""
+r2bspec: 1
+name: live
+playback: {{mode: live}}
+graph:
+  nodes:
+    driver: {{command: [sh], publishes: {{image: sensor_msgs/msg/Image}}}}
+    relay: {{python: r2bspec.nodes.RelayNode, remappings: {{input: image}}}}
+monitors: {{output: {{topic: output, format: sensor_msgs/msg/Image}}}}
+benchmark: {benchmark}
+slos: {{steady: {{require: [latency.p50 < 1 s]}}}}
+"""
+    assert codes(text, file=spec_file) == []
