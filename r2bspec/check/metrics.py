@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 from r2bspec.check.context import Context
 from r2bspec.check.requirements import Placed
@@ -42,7 +43,12 @@ def unknown_metrics(context: Context) -> Iterator[Unknown]:
             yield each
 
 
-def _resolved(context: Context) -> Iterator[Known | Unknown]:
+@lru_cache(maxsize=1)  # many rules ask, one after the other, about the same spec
+def _resolved(context: Context) -> tuple[Known | Unknown, ...]:
+    return tuple(_resolve_all(context))
+
+
+def _resolve_all(context: Context) -> Iterator[Known | Unknown]:
     for placed in context.requirements:
         try:
             monitor, info = resolve(

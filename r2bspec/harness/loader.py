@@ -126,6 +126,8 @@ class Loader:
         for recording in self._recordings:
             recording.expect({stamp_ns: number for number, stamp_ns in enumerate(stamps)})
         for stamp_ns, topic, message in schedule:
+            if self._interrupted():
+                break
             if stamp_ns not in in_flight:
                 self._wait_for_room(in_flight, patience_ns)
                 in_flight.append(stamp_ns)
@@ -150,7 +152,7 @@ class Loader:
     def _wait_for_room(self, in_flight: list[int], patience_ns: int) -> None:
         """Record outputs until fewer than `_IN_FLIGHT` stamps are under way, or patience ends."""
         last_ns = time.monotonic_ns()
-        while len(in_flight) >= _IN_FLIGHT:
+        while len(in_flight) >= _IN_FLIGHT and not self._interrupted():
             if self._record(0.05):
                 last_ns = time.monotonic_ns()
                 in_flight[:] = [stamp_ns for stamp_ns in in_flight if not self._answered(stamp_ns)]
@@ -160,11 +162,15 @@ class Loader:
 
     def _collect_rest(self, in_flight: list[int], patience_ns: int) -> None:
         last_ns = time.monotonic_ns()
-        while not all(self._answered(stamp_ns) for stamp_ns in in_flight):
+        while not (self._interrupted() or all(map(self._answered, in_flight))):
             if self._record(0.05):
                 last_ns = time.monotonic_ns()
             elif time.monotonic_ns() - last_ns > patience_ns:
                 return
+
+    def _interrupted(self) -> bool:
+        """Whether a command waits: while loading there is but one, to shut down."""
+        return self._channel.wait(0.0)
 
     def _answered(self, stamp_ns: int) -> bool:
         return all(each.answered(stamp_ns) for each in self._recordings)

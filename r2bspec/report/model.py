@@ -7,7 +7,7 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.measure.model import RunMetrics
-from r2bspec.record.model import ProcessRecord
+from r2bspec.record.model import FloorRecord, ProcessRecord
 from r2bspec.slo.model import Verdict
 from r2bspec.spec.model import Scalar
 
@@ -25,6 +25,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         status: how the run itself went; `reason` says why, where it is not complete.
         plan_hash: names the plan that was carried out.
+        floor: what harness and transport take with nothing under test; contained in every
+            latency, and never subtracted.
         dataset: the recorded messages that were played, with their hash.
         machine: where the run was made.
         versions: what took part, by name.
@@ -48,6 +50,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     machine: dict[str, Any]
     versions: dict[str, str]
     processes: tuple[ProcessRecord, ...]
+    floor: tuple[FloorRecord, ...] = ()
     spec: str
     judged_by: str
     objectives: dict[str, ObjectiveText]

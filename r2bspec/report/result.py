@@ -49,6 +49,7 @@ def result_of(
         machine=record.machine,
         versions=record.versions,
         processes=record.processes,
+        floor=record.floor,
         spec=run.spec_text(),
         judged_by=judged_by,
         objectives={name: _text(objective) for name, objective in asked.items()},

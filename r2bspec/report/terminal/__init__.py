@@ -11,7 +11,7 @@ from rich.console import Console
 from r2bspec.report.findings.show import wants_colour
 from r2bspec.report.model import Result
 from r2bspec.report.result import to_json
-from r2bspec.report.terminal.load import load_section
+from r2bspec.report.terminal.load import floor_section, load_section
 from r2bspec.report.terminal.monitors import monitor_sections
 from r2bspec.report.terminal.notes import header, notes_section, overall, search_section
 from r2bspec.report.terminal.verdicts import verdict_section
@@ -54,6 +54,7 @@ def print_report(result: Result, folder: Path | None, console: Console) -> None:
         verdict_section(result.verdict, width),
         *monitor_sections(result.metrics, width),
         load_section(result.metrics, width),
+        floor_section(result.floor),
         search_section(result.metrics.search),
         notes_section(result),
     )

@@ -1,4 +1,4 @@
-"""What the run cost: how late the playback was, and the CPU and memory of each process."""
+"""What the run cost: lateness of the playback, CPU and memory of each process, and the floor."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from rich.console import Group, RenderableType
 
 from r2bspec.measure.model import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.measure.units import show, significant
+from r2bspec.record.model import FloorRecord
 from r2bspec.report.terminal.style import heading, table
 
 _MEMORY_WIDTH = 9
@@ -28,6 +29,26 @@ def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
         heading("load", "CPU mean (max), where 100 % is one core"),
         *(_table(rates[start : start + across]) for start in range(0, len(rates), across)),
     )
+
+
+def floor_section(floor: tuple[FloorRecord, ...]) -> RenderableType | None:
+    """What harness and transport take with nothing under test; None if it was not measured."""
+    if not floor:
+        return None
+    made = table(["input", "size", "at", "p50", "p99", "received"])
+    for each in floor:
+        made.add_row(
+            each.topic,
+            show(float(each.bytes), "B"),
+            show(each.rate_hz, "Hz"),
+            *(_ns(value) for value in (each.latency_p50_ns, each.latency_p99_ns)),
+            f"{each.received} of {each.sent}",
+        )
+    return Group(heading("floor", "latency without the graph; contained above"), made)
+
+
+def _ns(value: int | None) -> str:
+    return "-" if value is None else show(value / 1e9, "s")
 
 
 def _table(rates: tuple[RateMetrics, ...]) -> RenderableType:
