@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 
 from r2bspec.diagnostics import Diagnostic
+from r2bspec.diagnostics.waivers import may_waive
 from r2bspec.spec.cases import findings_of_cases
 from r2bspec.spec.load import Loaded, load_cases
 
@@ -107,8 +108,9 @@ def _load(source: Path | str, file: str, options: Options) -> tuple[Loaded, ...]
 
 
 def _findings(cases: tuple[Loaded, ...], options: Options) -> list[Diagnostic]:
-    """Everything that is wrong; the rules are imported only for a document that is right."""
-    if all(each.spec is None for each in cases):
+    """Everything that is wrong; rules are imported only where there is something for them."""
+    waived = any(may_waive(text) for each in cases for text in each.texts.values())
+    if not waived and all(each.spec is None for each in cases):
         return findings_of_cases(cases, [each.diagnostics for each in cases])
     from r2bspec.check.engine import check_cases
 

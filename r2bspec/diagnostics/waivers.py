@@ -93,9 +93,14 @@ def apply_waivers(
     return left
 
 
+def may_waive(text: str) -> bool:
+    """Whether a text may hold a waiver; quick, and wrong where a value looks like a comment."""
+    return _COMMENT.search(text) is not None
+
+
 def waivers_in(text: str, file: str) -> Iterator[Waiver]:
     """Every waiver in the comments of a text."""
-    if not _COMMENT.search(text):
+    if not may_waive(text):
         return
     lines = split_lines(text)
     hidden = _inside_values(text)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import os
+import shutil
 import tempfile
 import time
 from pathlib import Path
@@ -27,6 +28,7 @@ from r2bspec.execute.errors import (
     NoOutputError,
     RunError,
     UnsupportedError,
+    UnwritableRunError,
 )
 from r2bspec.execute.external import wait_for_external
 from r2bspec.execute.floor import measure_floor, usual_rate_hz
@@ -48,6 +50,7 @@ from r2bspec.harness.buffers import largest_message_bytes, read_index
 from r2bspec.plan.canonical import canonical_json, plan_hash
 from r2bspec.plan.model import Plan
 from r2bspec.plan.unsupported import unsupported
+from r2bspec.record.errors import RecordError
 from r2bspec.record.model import FloorRecord, Probe, RunRecord
 from r2bspec.record.store import RunFolder
 from r2bspec.spec.quantities import Size
@@ -134,18 +137,31 @@ class _Controller:
     def run(self) -> RunRecord:
         """Carry the plan out, clean up, and write the record, in that order, whatever happens."""
         failure: BaseException | None = None
-        self._keep_record()
         try:
+            self._keep_record()
             self._carry_out()
+        except (OSError, RecordError) as error:
+            failure = _unwritable(error, self._folder.path)
+            raise failure from error
         except BaseException as error:
             failure = error
             raise
         finally:
-            killed = self._children.close()
-            if killed:
-                self._note(f"had to be killed: {', '.join(sorted(set(killed)))}")
+            record = self._finish(failure)
+        return record
+
+    def _finish(self, failure: BaseException | None) -> RunRecord:
+        """End all that still runs, and write what is known."""
+        killed = self._children.close()
+        if killed:
+            self._note(f"had to be killed: {', '.join(sorted(set(killed)))}")
+        record = self._record(failure)
+        # Should the disk be full, then this is what the record finds room in.
+        shutil.rmtree(self._buffer_dir, ignore_errors=True)
+        # Of several failures the first one is to be told.
+        with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._folder.write_resources(self._resources.stop())
-            record = self._record(failure)
+        with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._folder.write_record(record)
         return record
 
@@ -413,6 +429,14 @@ class _Controller:
             events=tuple(self._events),
             floor=self._floor,
         )
+
+
+def _unwritable(error: OSError | RecordError, folder: Path) -> RunError:
+    text = str(error)
+    if isinstance(error, OSError):
+        text = f"{error.filename or folder} cannot be written: {error.strerror or error}"
+    hint = "Make room on that disk, or choose another folder with --output."
+    return UnwritableRunError(text, hint=hint)
 
 
 def _reason(failure: BaseException | None) -> str:

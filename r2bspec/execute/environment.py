@@ -121,6 +121,10 @@ class RunEnvironment:
         self, plan: Plan, *, run_id: str, domain: int, scratch: Path, largest_message_bytes: int
     ) -> None:
         self._common = inherited(os.environ, plan.environment)
+        if path := self._common.get("PYTHONPATH"):
+            # Processes run in the folder of the spec; the user means where they are themselves.
+            folders = map(os.path.abspath, path.split(os.pathsep))
+            self._common["PYTHONPATH"] = os.pathsep.join(folders)
         self._common |= {
             RUN_ID_VARIABLE: run_id,
             "ROS_DOMAIN_ID": str(domain),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.errors import R2bspecError
+from r2bspec.record.errors import RUN_UNWRITABLE
 
 
 class RunError(R2bspecError):
@@ -74,3 +75,9 @@ class MemoryLimitError(RunError):
     """A process uses more memory than the spec allows it."""
 
     code = "R2B635"
+
+
+class UnwritableRunError(RunError):
+    """The file system refuses in mid-run what the run has to write."""
+
+    code = RUN_UNWRITABLE

@@ -12,11 +12,11 @@ from typing import Any
 import msgspec
 import pytest
 from chromium import Chromium, Page, find_chromium
-from report_runs import HOSTILE_RUN, USUAL
 
 from r2bspec.report.html import render
 from r2bspec.report.reported import Reported
 from r2bspec.report.result import result_of
+from report_runs import HOSTILE_RUN, USUAL
 
 PROGRAM = find_chromium()
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium is installed")

@@ -20,8 +20,10 @@ from ros_runs import (
     Bench,
     Finished,
     Running,
-    nothing_left as nothing_left,
     relay_spec,
+)
+from ros_runs import (
+    nothing_left as nothing_left,
 )
 
 NODES = """

@@ -11,18 +11,19 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from r2bspec.measure.matching import match
+from r2bspec.record.model import Segment
 from ros_runs import (
     IMAGE,
     STRING,
     Bench,
     Finished,
-    nothing_left as nothing_left,
     relay_node,
     relay_spec,
 )
-
-from r2bspec.measure.matching import match
-from r2bspec.record.model import Segment
+from ros_runs import (
+    nothing_left as nothing_left,
+)
 
 NODES = """
 from rclpy.qos import qos_profile_sensor_data

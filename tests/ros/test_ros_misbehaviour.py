@@ -8,7 +8,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ros_runs import Bench, Finished, nothing_left as nothing_left, relay_spec
+from ros_runs import Bench, Finished, relay_spec
+from ros_runs import nothing_left as nothing_left
 
 NODES = """
 import os
@@ -170,5 +171,3 @@ def test_two_runs_at_once_do_not_meet(bench: Bench) -> None:
         assert pooled(done)["received"] == pooled(done)["sent"] == 2 * STEPS
         domains.add(done.run().record.run_id)
     assert len(domains) == 2
-
-

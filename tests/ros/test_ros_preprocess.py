@@ -15,9 +15,11 @@ from ros_runs import (
     STRING,
     Bench,
     Finished,
-    nothing_left as nothing_left,
     relay_node,
     relay_spec,
+)
+from ros_runs import (
+    nothing_left as nothing_left,
 )
 
 COUNT = 40

@@ -12,9 +12,11 @@ from ros_runs import (
     IMAGE,
     Bench,
     Finished,
-    nothing_left as nothing_left,
     relay_node,
     relay_spec,
+)
+from ros_runs import (
+    nothing_left as nothing_left,
 )
 
 # What these do cannot be told without running them: topics and parameters have made-up names.
@@ -80,7 +82,9 @@ def nothing(**kwargs):
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     found = Bench(tmp_path_factory.mktemp("refusals"))
     found.write_node("nodes.py", NODES)
-    (found.folder / "broken.py").write_text("import a_module_that_is_not_there\nclass Broken: ...\n")
+    (found.folder / "broken.py").write_text(
+        "import a_module_that_is_not_there\nclass Broken: ...\n"
+    )
     return found
 
 
@@ -246,5 +250,3 @@ def test_a_node_that_publishes_nothing(bench: Bench) -> None:
     assert "/r2b/input: writers: /r2bspec/player" in said
     assert "/r2b/relay" in said
     assert bench.judge(done.folder).status in {3, 4}
-
-

@@ -9,9 +9,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ros_runs import Bench, Finished, nothing_left as nothing_left, relay_node, relay_spec
-
 from r2bspec.record.model import SearchRecord, Segment
+from ros_runs import Bench, Finished, relay_node, relay_spec
+from ros_runs import nothing_left as nothing_left
 
 SERVICE_S = 0.010
 # So low that a loaded machine, too, publishes within half a period of the due time.
@@ -152,7 +152,9 @@ def test_no_answer_comes_sooner_than_the_node_can_give_it(done: Finished) -> Non
 
 def test_messages_arrive_as_large_as_they_were_sent(done: Finished) -> None:
     run = done.run()
-    sizes = {int(n) for each in segments(done, "iteration") for n in run.monitor(each, "out")["bytes"]}
+    sizes = {
+        int(n) for each in segments(done, "iteration") for n in run.monitor(each, "out")["bytes"]
+    }
     assert len(sizes) == 1
     assert sizes.pop() > 64 * 48 * 3
 
@@ -235,9 +237,10 @@ def test_an_impossible_objective_exits_1_and_names_requirement_value_and_bound(
     assert done.status == 1
     (requirement,) = done.result()["verdict"]["requirements"]
     assert requirement["outcome"] == "fail"
-    assert requirement["estimate"] == done.result()["metrics"]["rates"][0]["pooled"]["monitors"][
-        "out"
-    ]["latency"]["max"]
+    assert (
+        requirement["estimate"]
+        == done.result()["metrics"]["rates"][0]["pooled"]["monitors"]["out"]["latency"]["max"]
+    )
     assert "latency.max < 2 ms" in done.stdout
     assert f"{1e3 * requirement['estimate']:.3g} ms" in done.stdout
 
@@ -263,5 +266,3 @@ def test_a_folder_that_holds_a_run_is_not_overwritten(bench: Bench, done: Finish
     assert again.status == 2
     assert "is not empty" in again.error
     assert (done.folder / "record.json").read_bytes() == before
-
-

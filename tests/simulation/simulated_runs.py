@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from run_simulation import EPOCH_NS, Played, monitor_rows, objective, playback_rows
 
 from r2bspec.measure.samples import (
     RunSamples,
@@ -16,6 +15,7 @@ from r2bspec.record.model import RunRecord, Segment
 from r2bspec.slo.judge import judge
 from r2bspec.slo.model import Verdict
 from r2bspec.slo.terms import Terms
+from run_simulation import EPOCH_NS, Played, monitor_rows, objective, playback_rows
 
 RATE_HZ = 30.0
 

@@ -6,11 +6,11 @@ import itertools
 
 import numpy as np
 import pytest
-from run_simulation import objective
 from simulated_runs import judged, run_of
 
 from r2bspec.measure.catalogue import names
 from r2bspec.slo.judge import judge
+from run_simulation import objective
 
 pytestmark = pytest.mark.simulation
 

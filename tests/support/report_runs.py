@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from run_simulation import Played, Simulation, objective, probe
 
 from r2bspec.plan.model import NodePlan, Plan, ProcessPlan, TopicPlan
 from r2bspec.record.model import SearchRecord
+from run_simulation import Played, Simulation, objective, probe
 
 HOSTILE = (
     "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&|`*_[a](http://b)\n"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from run_simulation import Played, Simulation, objective, probe
 
 from r2bspec.record.model import SearchRecord
+from run_simulation import Played, Simulation, objective, probe
 
 
 def _latency(n: int, base_s: float, start: int) -> NDArray[np.float64]:

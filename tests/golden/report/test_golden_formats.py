@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 from example_runs import BROKEN, USUAL
-from run_simulation import Simulation
 
 from r2bspec.report.registry import renderer
 from r2bspec.report.reported import Reported
 from r2bspec.report.result import result_of
+from run_simulation import Simulation
 
 SPEC = """\
 r2bspec: 1

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 from example_runs import BROKEN, USUAL
-from run_simulation import Simulation
 
 from r2bspec.report.result import result_of
 from r2bspec.report.terminal import to_text
+from run_simulation import Simulation
 
 
 @pytest.mark.parametrize("width", [80, 100, 120])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from run_simulation import EPOCH_NS
 
 from r2bspec.measure.latency import arrivals, intervals, jitter, latencies
 from r2bspec.measure.matching import match
@@ -13,6 +12,7 @@ from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.throughput import silence, throughput
 from r2bspec.measure.units import show
 from r2bspec.record.arrays import MONITOR, PLAYBACK, Rows
+from run_simulation import EPOCH_NS
 
 finite = st.floats(min_value=0, max_value=1e3, allow_nan=False)
 samples = st.lists(finite, min_size=1, max_size=60).map(np.array)

@@ -7,7 +7,6 @@ import math
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from run_simulation import EPOCH_NS, objective
 
 from r2bspec.measure.matching import UNKNOWN
 from r2bspec.measure.samples import (
@@ -22,6 +21,7 @@ from r2bspec.slo.judge import judge
 from r2bspec.slo.model import RequirementVerdict
 from r2bspec.slo.statistics.binomial import lower_bound, upper_bound
 from r2bspec.slo.statistics.student import mean_interval
+from run_simulation import EPOCH_NS, objective
 
 ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
 

@@ -40,7 +40,7 @@ def test_fix_keeps_all_but_the_mistake(spec: Path, capsys: pytest.CaptureFixture
     out, err = capsys.readouterr()
     assert out.startswith("1 file, no problems")
     assert err == "2 problems repaired in 1 of 1 files\n"
-    assert os.listdir() == ["a.r2b.yaml"]  # noqa: PTH208 - no temporary file is left
+    assert os.listdir() == ["a.r2b.yaml"]
 
 
 def test_fix_again_changes_nothing(spec: Path, capsys: pytest.CaptureFixture[str]) -> None:

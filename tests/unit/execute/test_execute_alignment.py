@@ -63,9 +63,7 @@ def test_an_input_without_a_header_goes_by_order_and_starts_again_when_it_is_sho
 
 
 def test_inputs_that_all_lack_headers_are_as_many_steps_as_the_longest() -> None:
-    aligned = align(
-        [recorded("/a", 1, 2, 3, header=False), recorded("/b", 7, 8, header=False)], 0
-    )
+    aligned = align([recorded("/a", 1, 2, 3, header=False), recorded("/b", 7, 8, header=False)], 0)
     assert aligned.steps == ((0, 0), (1, 1), (2, 0))
 
 

@@ -15,7 +15,6 @@ import psutil
 import pytest
 
 from family_trees import alive, wait_for
-
 from r2bspec.execute import children as module
 from r2bspec.execute.children import Child, Children, describe_exit
 from r2bspec.execute.errors import (
@@ -119,9 +118,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_child_answers_what_it_is_asked(stage: Stage) -> None:
     child = stage.start(ANSWERS)
-    answer = stage.children.ask(
-        child, protocol.Play(rate_hz=1.0, steps=7), protocol.Played, HANG_S
-    )
+    answer = stage.children.ask(child, protocol.Play(rate_hz=1.0, steps=7), protocol.Played, HANG_S)
     assert answer == protocol.Played(steps=7)
 
 
@@ -167,7 +164,9 @@ def test_a_command_that_a_stopped_child_does_not_take_blocks_nobody(
 
 
 def test_a_death_is_reported_with_the_last_lines_of_the_log(stage: Stage) -> None:
-    stage.start("for n in range(99): print('line', n)\nprint('no GPU', file=sys.stderr); sys.exit(3)")
+    stage.start(
+        "for n in range(99): print('line', n)\nprint('no GPU', file=sys.stderr); sys.exit(3)"
+    )
     with pytest.raises(ProcessDiedError) as raised:
         stage.pump_for_ever()
     message = str(raised.value)
@@ -357,7 +356,7 @@ GRANDCHILD = (
     "subprocess.Popen([sys.executable, '-c', "
     "'import os, signal, sys, time\\n"
     "for each in (signal.SIGINT, signal.SIGTERM): signal.signal(each, signal.SIG_IGN)\\n"
-    "print(\"grandchild\", os.getpid(), flush=True)\\n"
+    'print("grandchild", os.getpid(), flush=True)\\n'
     "time.sleep(600)'], start_new_session={own})\n"
 )
 
@@ -380,9 +379,7 @@ def test_stubborn_grandchildren_end_with_the_run(
         assert [name.startswith("python") for name in killed] == [True]
 
 
-def test_grandchildren_outlive_their_parent_but_not_the_run(
-    stage: Stage, impatient: None
-) -> None:
+def test_grandchildren_outlive_their_parent_but_not_the_run(stage: Stage, impatient: None) -> None:
     stage.start(GRANDCHILD.format(own=False) + "time.sleep(0.5)\nsys.exit(4)")
     pid = grandchild(stage)
     with pytest.raises(ProcessDiedError):

@@ -11,8 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from run_simulation import Simulation
-
 from r2bspec.execute.environment import (
     RunEnvironment,
     inherited,
@@ -20,6 +18,7 @@ from r2bspec.execute.environment import (
     transport_profile,
 )
 from r2bspec.plan.model import Plan
+from run_simulation import Simulation
 
 NAMESPACE = {"dds": "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"}
 
@@ -73,9 +72,7 @@ def test_what_ros_programs_need_is_inherited(name: str) -> None:
     assert inherited({name: "value"}, ()) == {name: "value"}
 
 
-def test_no_process_of_a_run_gets_a_secret(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_process_of_a_run_gets_a_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in SECRETS.items():
         monkeypatch.setenv(name, value)
     made = environment(tmp_path, plan(environment=("PASSWORD",)))
@@ -96,6 +93,15 @@ def test_every_process_has_the_run_id_and_a_domain_of_this_host_only(
         assert each["ROS_DOMAIN_ID"] == "7"
         assert each["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
         assert "ROS_LOCALHOST_ONLY" not in each
+
+
+def test_modules_are_found_although_processes_run_in_the_folder_of_the_spec(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", "/opt/lib:src")
+    made = environment(tmp_path, plan())
+    assert made.of_node({})["PYTHONPATH"] == f"/opt/lib:{tmp_path}/src"
 
 
 def test_a_node_gets_the_changes_of_the_spec_and_nothing_of_the_harness(tmp_path: Path) -> None:

@@ -6,11 +6,10 @@ Promise: a rate at which the backlog grows does not hold, however deep the queue
 from __future__ import annotations
 
 import pytest
+from simulated_queues import DEEP, SHALLOW, Server, probe
 
 from r2bspec.execute.holding import Criterion, judge_finished_probe, judge_probe
 from r2bspec.measure.delivery import Delivery
-
-from simulated_queues import DEEP, SHALLOW, Server, probe
 
 DEPTHS = pytest.mark.parametrize("depth", [DEEP, SHALLOW, 1], ids=["deep", "shallow", "one"])
 CAPACITIES = pytest.mark.parametrize("capacity_hz", [20.0, 100.0, 400.0])
@@ -81,9 +80,7 @@ def test_a_probe_with_random_service_times_is_not_stopped_early_for_the_wrong_re
 
 
 def test_a_rate_that_random_times_cannot_settle_early_is_played_to_its_end() -> None:
-    stopped = [
-        probe(Server(100.0, spread=1.0, seed=seed), 100.0).stopped_s for seed in range(20)
-    ]
+    stopped = [probe(Server(100.0, spread=1.0, seed=seed), 100.0).stopped_s for seed in range(20)]
     assert sum(each >= 2.9 for each in stopped) >= 15
 
 

@@ -96,7 +96,7 @@ def test_a_run_in_a_thread_does_without_signals() -> None:
         try:
             with Interrupts() as interrupts:
                 interrupts.check()
-        except BaseException as error:  # noqa: BLE001
+        except BaseException as error:
             problems.append(error)
 
     thread = threading.Thread(target=run)

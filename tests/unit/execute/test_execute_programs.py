@@ -88,7 +88,9 @@ def test_the_interpreter_is_the_one_that_runs_r2bspec() -> None:
     assert resolve_argv(process("$(python)", "-m", "x")) == [sys.executable, "-m", "x"]
 
 
-def test_a_program_is_looked_up_on_the_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_is_looked_up_on_the_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     program = tmp_path / "node"
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)

@@ -21,7 +21,9 @@ TYPE = "sensor_msgs/msg/Image"
 TOPICS = st.from_regex(r"(/[a-zA-Z_][a-zA-Z0-9_]*){1,4}", fullmatch=True)
 
 
-def write(folder: Path, topic: str, messages: list[tuple[int, bytes]], *, header: bool = True) -> None:
+def write(
+    folder: Path, topic: str, messages: list[tuple[int, bytes]], *, header: bool = True
+) -> None:
     writer = BufferWriter(folder, topic, TYPE, has_header=header)
     for stamp_ns, data in messages:
         writer.append(stamp_ns, data)

@@ -12,8 +12,6 @@ from pathlib import Path
 import pytest
 
 from family_trees import Family, family
-
-from r2bspec.harness import reaping
 from r2bspec.harness.protocol import RUN_ID_VARIABLE
 from r2bspec.harness.reaping import end_all, members
 
@@ -119,6 +117,6 @@ def test_one_that_may_not_be_looked_at_is_passed_over(
     def refuse(_process: psutil.Process) -> dict[str, str]:
         raise psutil.AccessDenied
 
-    monkeypatch.setattr(reaping.psutil.Process, "environ", refuse)
+    monkeypatch.setattr(psutil.Process, "environ", refuse)
     assert members(run_id, []) == []
     assert len(members(run_id, people.sessions)) == 1

@@ -113,7 +113,7 @@ def test_files_of_another_user_stay(memory: Path, monkeypatch: pytest.MonkeyPatc
     make(memory, "fastrtps_0123")
     make(memory, "fastrtps_4567", lock=False)
     before = names(memory)
-    monkeypatch.setattr(reaping.os, "getuid", lambda: os.geteuid() + 1)
+    monkeypatch.setattr(os, "getuid", lambda: os.geteuid() + 1)
     assert remove_dead_segments() == []
     assert names(memory) == before
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from run_simulation import Played, Simulation
 
 from r2bspec.interop.ros2_benchmark import (
     NotAReportError,
@@ -18,6 +17,7 @@ from r2bspec.interop.ros2_benchmark import (
 from r2bspec.report.formats.ros2_benchmark import render
 from r2bspec.report.reported import Reported
 from r2bspec.report.result import result_of
+from run_simulation import Played, Simulation
 
 
 def basic(sent: int, missed: int, duration_ms: float, **more: float) -> dict[str, float]:

@@ -7,13 +7,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from run_simulation import Played, Simulation
 
 from r2bspec.measure.catalogue import names, resolve
 from r2bspec.measure.compute import measure_run
 from r2bspec.measure.model import RunMetrics
 from r2bspec.measure.samples import read_samples
 from r2bspec.measure.values import value
+from run_simulation import Played, Simulation
 
 NAN = float("nan")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows
 
 from r2bspec.measure.latency import arrivals, intervals, jitter, latencies, latencies_from_due
 from r2bspec.measure.matching import match
@@ -12,6 +11,7 @@ from r2bspec.measure.percentiles import percentile, rank
 from r2bspec.measure.resources import use
 from r2bspec.measure.throughput import mean_rate, silence, throughput
 from r2bspec.record.arrays import RESOURCES, Rows
+from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows
 
 NAN = float("nan")
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from run_simulation import Played, Simulation
 
 from r2bspec.measure.catalogue import METRICS
 from r2bspec.measure.samples import SegmentSamples, read_samples
 from r2bspec.measure.windows import has_windows, window_values, windows
+from run_simulation import Played, Simulation
 
 SECOND = 10**9
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from run_simulation import Played, Simulation, objective
 
 from r2bspec.record.arrays import MONITOR, PLAYBACK
 from r2bspec.record.errors import RecordError
 from r2bspec.record.files import write_whole
 from r2bspec.record.store import RunFolder, open_run
+from run_simulation import Played, Simulation, objective
 
 SIMULATION = Simulation(
     segments=[Played(10, [0.01, 0.02]), Played(10, [0.01], complete=False)],

@@ -11,7 +11,6 @@ from typing import Any
 
 import click
 import pytest
-from report_runs import EMPTY, USUAL
 
 from r2bspec import api
 from r2bspec.cli.compare import command as compare
@@ -20,6 +19,7 @@ from r2bspec.cli.report import command as report
 from r2bspec.cli.run import command as run_verb
 from r2bspec.errors import R2bspecError
 from r2bspec.report.errors import IncomparableError, ReportUsageError, UnreadableResultError
+from report_runs import EMPTY, USUAL
 
 
 def call(command: click.Command, *arguments: object) -> int:

@@ -10,8 +10,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from report_runs import TWO, skewed
-from run_simulation import Played, Simulation, probe
 
 from r2bspec.plan.model import Plan
 from r2bspec.record.model import SearchRecord
@@ -25,6 +23,8 @@ from r2bspec.report.formats.ros2_benchmark import render
 from r2bspec.report.reported import Reported
 from r2bspec.report.result import result_of
 from r2bspec.report.result import to_json as result_json
+from report_runs import TWO, skewed
+from run_simulation import Played, Simulation, probe
 
 
 def simulated(factor: float = 1.0, lost: int = 0, n: int = 6) -> Simulation:

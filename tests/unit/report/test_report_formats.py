@@ -14,13 +14,13 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from report_runs import HOSTILE_RUN, SIMULATIONS, TWO, USUAL
-from run_simulation import Simulation
 
 from r2bspec.report.errors import ReportError
 from r2bspec.report.registry import FORMATS, renderer
 from r2bspec.report.reported import Reported
 from r2bspec.report.result import from_json, result_of
+from report_runs import HOSTILE_RUN, SIMULATIONS, TWO, USUAL
+from run_simulation import Simulation
 
 
 def reported(simulation: Simulation, path: Path) -> Reported:

@@ -11,13 +11,13 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from report_runs import HOSTILE_RUN, SIMULATIONS, USUAL
-from run_simulation import Played, Simulation, objective
 
 from r2bspec.measure.units import show
 from r2bspec.report.html import render
 from r2bspec.report.reported import Reported
 from r2bspec.report.result import result_of
+from report_runs import HOSTILE_RUN, SIMULATIONS, USUAL
+from run_simulation import Played, Simulation, objective
 
 VOID = {"meta", "br", "link", "img", "hr"}
 

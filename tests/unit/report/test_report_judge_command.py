@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from run_simulation import Played, Simulation, objective
 
 from r2bspec.cli.main import main
+from run_simulation import Played, Simulation, objective
 
 OTHER = """\
 r2bspec: 1

@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from report_runs import USUAL
-from run_simulation import objective
 
 from r2bspec.report.formats.github import render
 from r2bspec.report.reported import Reported
 from r2bspec.report.result import result_of
+from report_runs import USUAL
+from run_simulation import objective
 
 SPEC = """\
 r2bspec: 1

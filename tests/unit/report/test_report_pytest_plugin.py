@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 from run_simulation import Played, Simulation, objective
 
 ROOT = Path(__file__).parents[3]

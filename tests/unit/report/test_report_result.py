@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
-from run_simulation import Played, Simulation, objective
 
 from r2bspec.report.result import from_json, result_of, to_json
 from r2bspec.report.schema import FILE_NAME, result_schema, result_schema_text
 from r2bspec.report.terminal import to_text
+from run_simulation import Played, Simulation, objective
 
 ROOT = Path(__file__).parents[3]
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from report_runs import EMPTY, TWO, USUAL
 
 from r2bspec.cli.judge import command as judge
 from r2bspec.cli.main import main
@@ -18,6 +17,7 @@ from r2bspec.report.errors import ReportError, ReportUsageError
 from r2bspec.report.reported import Reported
 from r2bspec.report.result import result_of
 from r2bspec.report.write import Asked, parse_asked, takes_stdout, write_reports
+from report_runs import EMPTY, TWO, USUAL
 
 
 @pytest.fixture(name="run")

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from run_simulation import Played, Simulation, objective, probe
 
 from r2bspec.measure.samples import RunSamples, read_samples
 from r2bspec.record.model import SearchRecord
 from r2bspec.slo.judge import judge
 from r2bspec.slo.model import RequirementVerdict, Verdict
+from run_simulation import Played, Simulation, objective, probe
 
 NAN = float("nan")
 

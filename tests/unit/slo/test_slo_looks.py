@@ -7,13 +7,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from run_simulation import Played, Simulation, objective
 
 from r2bspec.measure.samples import RunSamples, read_samples
 from r2bspec.slo.judge import judge
 from r2bspec.slo.looks import Looks, combine, decide_at
 from r2bspec.slo.model import Method, Outcome, RequirementVerdict
 from r2bspec.slo.terms import Terms, terms_of
+from run_simulation import Played, Simulation, objective
 
 
 def verdict_of(outcome: Outcome, method: Method = "exact binomial") -> RequirementVerdict:

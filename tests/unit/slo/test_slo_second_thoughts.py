@@ -7,7 +7,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from run_simulation import Played, Simulation, objective
 
 from r2bspec.measure.samples import read_samples
 from r2bspec.slo.confirmation import confirm_run, wants_confirmation
@@ -16,6 +15,7 @@ from r2bspec.slo.judge import judge
 from r2bspec.slo.model import Level, Outcome, Verdict
 from r2bspec.slo.severity import Policy, outcome_of
 from r2bspec.slo.terms import Disturbed, Terms
+from run_simulation import Played, Simulation, objective
 
 FAST = np.full(300, 0.02)
 SLOW = np.where(np.arange(300) % 5 == 0, 0.1, 0.02)

@@ -1,0 +1,142 @@
+"""Promise: what cannot be read or written is named, and what could be written can be used."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_runs import Bench, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+NODES = """
+import sys
+
+
+class Talkative(Node):
+    def __init__(self, **kwargs):
+        super().__init__("talkative", **kwargs)
+        self.out = self.create_publisher(Image, "output", 100)
+        self.create_subscription(Image, "input", self.answer, 100)
+
+    def answer(self, message):
+        print("word " * 20_000, file=sys.stderr, flush=True)
+        self.out.publish(message)
+"""
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    found = Bench(tmp_path_factory.mktemp("storage"))
+    found.write_node("nodes.py", NODES)
+    return found
+
+
+@pytest.fixture
+def small_disk(bench: Bench) -> Iterator[Callable[[int], Path]]:
+    """Mounts a file system of a few kibibytes; needs the rights of root."""
+    mounted: list[Path] = []
+
+    def mount(kibibytes: int) -> Path:
+        folder = bench.folder / f"disk{kibibytes}"
+        folder.mkdir()
+        command = ["mount", "-t", "tmpfs", "-o", f"size={kibibytes}k", "tmpfs", str(folder)]
+        try:
+            subprocess.run(command, check=True, capture_output=True)
+        except (OSError, subprocess.CalledProcessError):
+            pytest.skip("this user cannot mount a small disk")
+        mounted.append(folder)
+        return folder
+
+    yield mount
+    for folder in mounted:
+        subprocess.run(["umount", str(folder)], check=True)  # noqa: S607
+
+
+def test_a_disk_without_room_for_the_messages(
+    bench: Bench, small_disk: Callable[[int], Path]
+) -> None:
+    done = bench.run(relay_spec(), output=small_disk(60) / "run")
+    assert done.status == 4
+    assert "No space left on device" in done.error
+    assert str(done.folder) in done.error
+    # What took the room is gone, so that there is some for the record.
+    assert "No space left" in done.run().record.reason
+    assert bench.judge(done.folder).status == 4
+
+
+def test_a_disk_without_room_for_the_samples(
+    bench: Bench, small_disk: Callable[[int], Path]
+) -> None:
+    done = bench.run(relay_spec(), output=small_disk(250) / "run")
+    assert done.status == 4
+    assert "No space left on device" in done.error
+    assert bench.judge(done.folder).status == 4
+
+
+def test_a_disk_that_fills_up_in_mid_run(bench: Bench, small_disk: Callable[[int], Path]) -> None:
+    spec = relay_spec(graph={"nodes": {"relay": {"python": "./nodes.py:Talkative"}}})
+    spec["benchmark"] |= {"iterations": 50}
+    done = bench.run(spec, output=small_disk(4096) / "run")
+    assert done.status == 4
+    assert "No space left on device" in done.error
+    judged = bench.judge(done.folder)
+    assert judged.status == 4
+    assert done.run().record.status == "incomplete"
+    assert [each.name for each in done.folder.iterdir() if each.name.startswith(".")] == []
+
+
+def test_a_folder_that_may_not_be_written_to(bench: Bench) -> None:
+    folder = bench.folder / "read_only"
+    folder.mkdir()
+    folder.chmod(0o500)
+    if os.access(folder, os.W_OK):
+        pytest.skip("this user may write everywhere")
+    done = bench.run(relay_spec(), output=folder / "run")
+    assert done.status == 2
+    assert "cannot be made: Permission denied" in done.error
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])
+def test_a_bag_that_was_cut_off(tmp_path: Path, share: float) -> None:
+    bench = Bench(tmp_path)
+    (storage,) = bench.bag.glob("*.db3")
+    whole = storage.read_bytes()
+    storage.write_bytes(whole[: round(share * len(whole))])
+    done = bench.run(relay_spec())
+    assert done.status == 2
+    assert storage.name in done.stderr or str(bench.bag) in done.stderr
+
+
+def test_a_bag_that_was_overwritten_in_places(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    (storage,) = bench.bag.glob("*.db3")
+    damaged = bytearray(storage.read_bytes())
+    for place in range(4096, len(damaged), 4096):
+        damaged[place : place + 64] = b"\xff" * 64
+    storage.write_bytes(damaged)
+    done = bench.run(relay_spec())
+    assert done.status == 2
+    assert storage.name in done.stderr or str(bench.bag) in done.stderr
+
+
+def test_secrets_reach_neither_processes_nor_the_run_folder(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    secret = "7c5e2b9d-not-for-anyone"
+    monkeypatch.setenv("DEPLOY_TOKEN", secret)
+    program = "import os; print(sorted(os.environ)); import time; time.sleep(600)"
+    spec: dict[str, Any] = relay_spec()
+    spec["graph"]["nodes"]["shows"] = {"command": ["python3", "-c", program]}
+    done = bench.run(spec)
+    done.assert_complete()
+    assert "ROS_DOMAIN_ID" in done.log("shows")
+    assert "DEPLOY_TOKEN" not in done.log("shows")
+    for path in done.folder.rglob("*"):
+        assert path.is_dir() or secret.encode() not in path.read_bytes(), path

@@ -1,0 +1,80 @@
+"""Many files: shared out among processes, with the results of one process, in its order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from r2bspec.api import InvalidSpecError, prepare
+from r2bspec.check.example import example
+from r2bspec.cli import bulk
+from r2bspec.cli.bulk import Options, check_files
+from r2bspec.cli.main import main
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[str]:
+    names = []
+    for number in range(40):
+        file = tmp_path / f"{number}.r2b.yaml"
+        rate = "30 Hz" if number % 3 else number
+        file.write_text(example(benchmark=f"{{rates: [{rate}]}}"))
+        names.append(str(file))
+    return names
+
+
+def test_several_processes_say_what_one_says(
+    files: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone = list(check_files(files, Options(offline=True, resolved=True)))
+    monkeypatch.setattr(bulk, "FEWEST", 2)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
+    together = list(check_files(files, Options(offline=True, resolved=True)))
+    assert together == alone
+    assert [each.file for each in together] == files
+    assert sum(not each.complete for each in together) == 14
+
+
+def test_texts_are_kept_only_where_findings_point_into_them(files: list[str]) -> None:
+    checked = list(check_files(files[:2], Options(offline=True)))
+    assert list(checked[0].texts) == [files[0]]
+    assert checked[1].texts == {}
+
+
+def test_a_waiver_holds_for_every_case_of_a_matrix(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is used if one case needs it, though another does not."""
+    monkeypatch.chdir(tmp_path)
+    document = example(
+        variables="{rate: 30 Hz}",
+        matrix="{axes: {rate: [30 Hz, 20 Hz]}}",
+        benchmark="{rates: [30 Hz, $(var rate)]}",
+    )
+    Path("a.r2b.yaml").write_text(document)
+    main(["validate", "a.r2b.yaml"])
+    assert "R2B512" in capsys.readouterr().out
+    Path("a.r2b.yaml").write_text(f"{document.rstrip()} # r2bspec: ignore[R2B512] on purpose\n")
+    assert main(["validate", "a.r2b.yaml"]) == 0
+    assert capsys.readouterr().out == "1 file, 2 cases, no problems\n"
+
+
+def test_what_is_waived_can_be_run(tmp_path: Path) -> None:
+    file = tmp_path / "a.r2b.yaml"
+    document = example(benchmark="{rates: [30 Hz, 30 Hz]}")
+    file.write_text(document)
+    assert [one.code for one in prepare(file).diagnostics] == ["R2B512"]
+    file.write_text(f"{document.rstrip()} # r2bspec: ignore[R2B512] on purpose\n")
+    assert prepare(file).diagnostics == ()
+
+
+def test_what_makes_the_document_unusable_stays_an_error(tmp_path: Path) -> None:
+    file = tmp_path / "a.r2b.yaml"
+    document = example(benchmark="{rates: [30]}").rstrip()
+    file.write_text(f"{document} # r2bspec: ignore[R2B109] on purpose\n")
+    (checked,) = check_files([str(file)], Options())
+    assert {one.code for one in checked.found} == {"R2B109", "R2B043"}
+    with pytest.raises(InvalidSpecError) as caught:
+        prepare(file)
+    assert {one.code for one in caught.value.diagnostics} == {"R2B109", "R2B043"}

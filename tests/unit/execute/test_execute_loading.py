@@ -1,0 +1,129 @@
+"""From the bag that a plan names to buffers of serialised messages."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from r2bspec.data.digest import hash_files
+from r2bspec.data.errors import DataError
+from r2bspec.execute.buffering import buffer_bags
+from r2bspec.execute.dataset import obtain
+from r2bspec.execute.errors import DatasetMismatchError
+from r2bspec.execute.progress import Silent
+from r2bspec.harness.buffers import read_index, read_messages
+from r2bspec.plan.model import BagTopicPlan, DatasetPlan
+from ros_runs import IMAGE, START_NS, STRING, image, text, write_bag
+
+MS = 1_000_000
+
+
+def topic(name: str, target: str, kind: str = IMAGE) -> BagTopicPlan:
+    return BagTopicPlan(bag_topic=name, topic=target, type=kind, count=0, rate_hz=0.0)
+
+
+def dataset(
+    *topics: BagTopicPlan, start_ms: int = 0, end_ms: int | None = None, sha256: str = ""
+) -> DatasetPlan:
+    return DatasetPlan(
+        source="./bag",
+        kind="recorded",
+        sha256=sha256,
+        start_ns=start_ms * MS,
+        end_ns=None if end_ms is None else end_ms * MS,
+        topics=topics,
+    )
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    return write_bag(
+        tmp_path / "bag",
+        {"/left": (0, 33, 66, 99), "/text": (10, 20), "/unused": (0, 33)},
+    )
+
+
+@pytest.fixture
+def buffers(tmp_path: Path) -> Path:
+    folder = tmp_path / "buffers"
+    folder.mkdir()
+    return folder
+
+
+def test_messages_are_buffered_as_they_were_recorded(bag: Path, buffers: Path) -> None:
+    plan = dataset(topic("/left", "/r2b/image"), topic("/text", "/r2b/words", STRING))
+    assert buffer_bags([bag], [plan], buffers, Silent()) == {"/r2b/image": 4, "/r2b/words": 2}
+    index = read_index(buffers, "/r2b/image")
+    assert index.has_header
+    assert index.stamps_ns == tuple(START_NS + ms * MS for ms in (0, 33, 66, 99))
+    messages = read_messages(buffers, "/r2b/image", set(range(4)))
+    assert messages == {n: image(n, index.stamps_ns[n]) for n in range(4)}
+
+
+def test_what_has_no_header_is_stamped_with_its_time_of_recording(bag: Path, buffers: Path) -> None:
+    buffer_bags([bag], [dataset(topic("/text", "/words", STRING))], buffers, Silent())
+    index = read_index(buffers, "/words")
+    assert not index.has_header
+    assert index.stamps_ns == (START_NS + 10 * MS, START_NS + 20 * MS)
+    assert read_messages(buffers, "/words", {1}) == {1: text("1")}
+
+
+def test_only_what_the_plan_names_is_buffered(bag: Path, buffers: Path) -> None:
+    buffer_bags([bag], [dataset(topic("left", "/image"))], buffers, Silent())
+    assert sorted(each.name for each in buffers.iterdir()) == ["image.cdr", "image.json"]
+
+
+def test_only_what_lies_in_the_window_is_buffered(bag: Path, buffers: Path) -> None:
+    plan = dataset(topic("/left", "/image"), start_ms=20, end_ms=70)
+    assert buffer_bags([bag], [plan], buffers, Silent()) == {"/image": 2}
+    assert read_index(buffers, "/image").stamps_ns == (START_NS + 33 * MS, START_NS + 66 * MS)
+
+
+def test_several_bags_share_one_clock(tmp_path: Path, bag: Path, buffers: Path) -> None:
+    later = write_bag(tmp_path / "later", {"/right": (50, 83, 116)})
+    plans = [
+        dataset(topic("/left", "/left"), start_ms=30, end_ms=100),
+        dataset(topic("/right", "/right"), start_ms=30, end_ms=100),
+    ]
+    counts = buffer_bags([bag, later], plans, buffers, Silent())
+    assert counts == {"/left": 3, "/right": 2}
+
+
+def test_a_bag_that_breaks_off_leaves_no_buffer_that_looks_whole(bag: Path, buffers: Path) -> None:
+    (storage,) = bag.glob("*.db3")
+    with sqlite3.connect(storage) as database:
+        database.execute("UPDATE messages SET data = NULL WHERE id = 3")
+    database.close()
+    with pytest.raises(DataError):
+        buffer_bags([bag], [dataset(topic("/left", "/image"))], buffers, Silent())
+
+
+def test_a_bag_is_found_beside_the_spec_and_hashed(tmp_path: Path, bag: Path) -> None:
+    found = obtain(dataset(topic("/left", "/image")), tmp_path, Silent())
+    assert found.path == bag
+    assert found.provenance == {
+        "source": "./bag",
+        "kind": "recorded",
+        "path": str(bag),
+        "sha256": hash_files(bag),
+    }
+
+
+@pytest.mark.parametrize("prefix", ["", "sha256:"])
+def test_the_bag_that_was_pinned_is_taken(tmp_path: Path, bag: Path, prefix: str) -> None:
+    digest = prefix + hash_files(bag).removeprefix("sha256:")
+    assert obtain(dataset(topic("/left", "/image"), sha256=digest), tmp_path, Silent()).path == bag
+
+
+def test_another_bag_than_the_one_that_was_pinned_is_refused(tmp_path: Path, bag: Path) -> None:
+    with pytest.raises(DatasetMismatchError, match="its hash is") as raised:
+        obtain(dataset(topic("/left", "/image"), sha256="0" * 64), tmp_path, Silent())
+    assert hash_files(bag) in str(raised.value)
+    assert raised.value.exit_code == 2
+
+
+def test_a_bag_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"\./bag"):
+        obtain(dataset(topic("/left", "/image")), tmp_path, Silent())

@@ -1,0 +1,78 @@
+"""Processor time and memory of real processes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from family_trees import wait_for
+from r2bspec.execute.resources import SYSTEM, ResourceSampler
+from r2bspec.record.arrays import RESOURCES
+
+BUSY = "while True: pass"
+HAS_A_BUSY_CHILD = (
+    "import subprocess, sys; subprocess.Popen([sys.executable, '-c', 'while True: pass']).wait()"
+)
+
+
+def sampled(sampler: ResourceSampler, pid: int, enough: Callable[[], bool]) -> None:
+    sampler.add(pid)
+    sampler.start()
+    wait_for(enough)
+
+
+def test_processes_are_numbered_in_the_order_in_which_they_were_added() -> None:
+    sampler = ResourceSampler()
+    sampler.add(os.getpid())
+    sampler.add(os.getppid())
+    rows = sampler.stop()
+    assert rows.dtype == RESOURCES
+    assert rows["process"].tolist() == [SYSTEM, 0, 1]
+    assert np.all(rows["memory_bytes"] > 0)
+
+
+def test_time_and_memory_of_descendants_count() -> None:
+    sampler = ResourceSampler()
+    with subprocess.Popen([sys.executable, "-c", HAS_A_BUSY_CHILD], start_new_session=True) as one:
+        began = time.process_time()
+        sampled(sampler, one.pid, lambda: sampler.resident(one.pid) > 0)
+        time.sleep(1.0)
+        rows = sampler.stop()
+        os.killpg(one.pid, 9)
+    used = rows[rows["process"] == 0]["cpu_s"]
+    # The child did the work; its parent and this process only wait.
+    assert used[-1] > used[0]
+    assert time.process_time() - began < 1.0
+
+
+def test_samples_are_cumulative_and_in_order() -> None:
+    sampler = ResourceSampler()
+    with subprocess.Popen([sys.executable, "-c", BUSY]) as process:
+        sampled(sampler, process.pid, lambda: len(sampler._rows) >= 8)
+        rows = sampler.stop()
+        process.kill()
+    for number in (SYSTEM, 0):
+        one = rows[rows["process"] == number]
+        assert one.size >= 3
+        assert np.all(np.diff(one["time_ns"]) > 0)
+        assert np.all(np.diff(one["cpu_s"]) >= 0)
+
+
+def test_a_process_that_ends_is_sampled_no_more_and_disturbs_nobody() -> None:
+    sampler = ResourceSampler()
+    with subprocess.Popen([sys.executable, "-c", ""]) as process:
+        process.wait()
+        sampler.add(process.pid)
+        sampler.add(os.getpid())
+        rows = sampler.stop()
+    assert set(rows["process"]) == {SYSTEM, 1}
+    assert sampler.resident(process.pid) == 0
+
+
+def test_what_was_never_started_can_be_stopped() -> None:
+    assert ResourceSampler().stop()["process"].tolist() == [SYSTEM]
