@@ -129,8 +129,8 @@ def test_a_bag_that_was_overwritten_in_places(tmp_path: Path) -> None:
 def test_secrets_reach_neither_processes_nor_the_run_folder(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    secret = "7c5e2b9d-not-for-anyone"
-    monkeypatch.setenv("DEPLOY_TOKEN", secret)
+    value = "7c5e2b9d-not-for-anyone"
+    monkeypatch.setenv("DEPLOY_TOKEN", value)
     program = "import os; print(sorted(os.environ)); import time; time.sleep(600)"
     spec: dict[str, Any] = relay_spec()
     spec["graph"]["nodes"]["shows"] = {"command": ["python3", "-c", program]}
@@ -139,4 +139,4 @@ def test_secrets_reach_neither_processes_nor_the_run_folder(
     assert "ROS_DOMAIN_ID" in done.log("shows")
     assert "DEPLOY_TOKEN" not in done.log("shows")
     for path in done.folder.rglob("*"):
-        assert path.is_dir() or secret.encode() not in path.read_bytes(), path
+        assert path.is_dir() or value.encode() not in path.read_bytes(), path

@@ -15,6 +15,7 @@ from ros_runs import (
     STRING,
     Bench,
     Finished,
+    quick_input,
     relay_node,
     relay_spec,
 )
@@ -76,7 +77,7 @@ def spec(folder: Path, source: str, kind: str, node: str) -> dict[str, Any]:
     return relay_spec(
         data_loader={"bag": "./bag", "topics": {"/camera": "raw"}},
         preprocessors={"prepare": {"python": f"./nodes.py:{node}"}},
-        playback={"inputs": {"input": {"from": source, "format": kind}}},
+        playback={"inputs": {"input": quick_input(source, kind)}},
         graph={"nodes": {"notebook": notes}},
     )
 
@@ -93,8 +94,8 @@ def done(bench: Bench) -> Finished:
     """One run that plays what came out on four topics of one preprocessor."""
     used = spec(bench.folder, "kept", IMAGE, "Preprocessor")
     used["playback"]["inputs"] |= {
-        "heard": {"from": "heard", "format": IMAGE},
-        "named": {"from": "named", "format": STRING},
+        "heard": quick_input("heard"),
+        "named": quick_input("named", STRING),
     }
     used["graph"]["nodes"]["listener"] = relay_node(
         remappings={"input": "heard", "output": "ignored"}
@@ -151,30 +152,20 @@ def test_outputs_that_carry_no_stamp_or_another_are_not_waited_for_in_vain(
     assert took_s < 5.0 * (COUNT // 4) / 2
 
 
-def test_a_shortfall_names_the_topic_and_the_counts(tmp_path: Path) -> None:
+def test_a_shortfall_of_a_chain_names_the_topic_and_the_counts(tmp_path: Path) -> None:
     bench = Bench(tmp_path, {"/camera": range(0, 6 * 33, 33)})
     bench.write_node("nodes.py", NODES)
-    done = bench.run(spec(tmp_path, "halved", IMAGE, "Halver"))
+    used = spec(tmp_path, "halved", IMAGE, "Halver")
+    used["data_loader"]["topics"] = {"/camera": "loaded"}
+    used["preprocessors"]["first"] = relay_node(remappings={"input": "loaded", "output": "raw"})
+    done = bench.run(used)
     done.assert_complete()
     assert "/r2b/halved: 3 messages came out of the preprocessors for 6 in" in done.events()
     numbers = {line.split()[0] for line in (tmp_path / "notes").read_text().splitlines()}
     assert numbers == {"0", "2", "4"}
-
-
-def test_a_relay_can_prepare_and_be_prepared_for(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, {"/camera": range(0, 10 * 33, 33)})
-    used = relay_spec(
-        preprocessors={
-            "first": relay_node(remappings={"input": "loaded", "output": "between"}),
-            "second": relay_node(remappings={"input": "between", "output": "prepared"}),
-        },
-        playback={"buffer": 3, "inputs": {"input": {"from": "prepared", "format": IMAGE}}},
-    )
-    done = bench.run(used)
-    done.assert_complete()
     names = [each.name for each in done.run().record.processes]
-    assert names[:3] == ["loader", "preprocess.first", "preprocess.second"]
-    assert set(names[3:]) == {"player", "relay", "monitor"}
+    assert set(names[:3]) == {"loader", "preprocess.prepare", "preprocess.first"}
+    assert set(names[3:]) == {"player", "notebook", "monitor"}
 
 
 def test_a_preprocessor_that_publishes_nothing_ends_the_run(tmp_path: Path) -> None:
@@ -187,7 +178,7 @@ def test_a_preprocessor_that_publishes_nothing_ends_the_run(tmp_path: Path) -> N
     used = relay_spec(
         data_loader={"bag": "./bag", "topics": {"/camera": "raw"}},
         preprocessors={"prepare": {"python": "./nodes.py:Silent"}},
-        playback={"inputs": {"input": {"from": "kept", "format": IMAGE}}},
+        playback={"inputs": {"input": quick_input("kept")}},
     )
     done = bench.run(used)
     assert done.status == 4

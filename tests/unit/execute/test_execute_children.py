@@ -88,6 +88,10 @@ class Stage:
         return (self.folder / f"{name}.log").read_text()
 
 
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
 def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the waits short that politeness costs."""
     monkeypatch.setattr(module, "_SHUTDOWN_S", 0.3)
@@ -96,7 +100,7 @@ def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
-    before = len(os.listdir("/proc/self/fd"))
+    before = open_files()
     found = Stage(tmp_path)
     yield found
     make_impatient(monkeypatch)
@@ -104,7 +108,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
         found.children.close()
     assert members(found.run_id, [record.pid for record in found.children.records()]) == []
     assert found.children._watchdog.poll() is not None
-    assert len(os.listdir("/proc/self/fd")) == before
+    assert open_files() == before
 
 
 @pytest.fixture
@@ -140,7 +144,7 @@ def test_what_is_no_answer_is_passed_over(stage: Stage) -> None:
 
 def test_an_answer_that_does_not_come_is_not_waited_for_for_ever(stage: Stage) -> None:
     child = stage.start("ends = channel()\n" + SLEEPS)
-    with pytest.raises(RunError, match="process node did not answer within 0.2 s") as raised:
+    with pytest.raises(RunError, match=r"process node did not answer within 0\.2 s") as raised:
         stage.children.ask(child, protocol.CountMatches(), protocol.Matched, 0.2)
     assert raised.value.code == "R2B632"
     assert str(child.log) in raised.value.hint
@@ -240,7 +244,7 @@ def test_a_death_is_noticed_although_a_forked_child_holds_the_channel(stage: Sta
 
 def test_a_log_that_is_not_text_is_shown_all_the_same(stage: Stage) -> None:
     stage.start("os.write(1, b'\\xff\\xfe caf\\xc3\\xa9\\n'); sys.exit(1)")
-    with pytest.raises(ProcessDiedError, match="caf\N{LATIN SMALL LETTER E WITH ACUTE}"):
+    with pytest.raises(ProcessDiedError, match="caf\u00e9"):
         stage.pump_for_ever()
 
 
@@ -273,13 +277,13 @@ def test_a_process_inherits_nothing_but_its_channel(stage: Stage) -> None:
     second = stage.start("ends = channel()\n" + SLEEPS, "second")
     stage.pump_until(lambda: "here" in stage.said("second"))
     kinds = [
-        os.readlink(each)
+        str(each.readlink())
         for each in Path(f"/proc/{second.pid}/fd").iterdir()
         if each.name not in {"0", "1", "2"}
     ]
     assert len([each for each in kinds if each.startswith("socket:")]) == 1
     assert first.connection is not None
-    ours = os.readlink(f"/proc/self/fd/{first.connection.fileno()}")
+    ours = str(Path(f"/proc/self/fd/{first.connection.fileno()}").readlink())
     assert ours not in kinds
 
 

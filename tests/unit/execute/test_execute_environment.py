@@ -56,7 +56,7 @@ def test_secrets_are_not_inherited() -> None:
 
 def test_secrets_that_the_spec_names_are_inherited() -> None:
     assert inherited(SECRETS, ("PASSWORD", "AWS_*")) == {
-        "PASSWORD": "t2",
+        "PASSWORD": SECRETS["PASSWORD"],
         "AWS_SECRET_ACCESS_KEY": "t1",
     }
 

@@ -33,7 +33,6 @@ def test_a_signal_can_interrupt_long_work_at_once(number: signal.Signals) -> Non
     with Interrupts() as interrupts:
         with pytest.raises(InterruptedRunError, match=number.name), interrupts.at_once():
             os.kill(os.getpid(), number)
-            pytest.fail("nothing was interrupted")
         interrupts.check()
 
 

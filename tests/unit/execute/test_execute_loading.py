@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from pathlib import Path
 
 import pytest
@@ -91,15 +90,6 @@ def test_several_bags_share_one_clock(tmp_path: Path, bag: Path, buffers: Path) 
     assert counts == {"/left": 3, "/right": 2}
 
 
-def test_a_bag_that_breaks_off_leaves_no_buffer_that_looks_whole(bag: Path, buffers: Path) -> None:
-    (storage,) = bag.glob("*.db3")
-    with sqlite3.connect(storage) as database:
-        database.execute("UPDATE messages SET data = NULL WHERE id = 3")
-    database.close()
-    with pytest.raises(DataError):
-        buffer_bags([bag], [dataset(topic("/left", "/image"))], buffers, Silent())
-
-
 def test_a_bag_is_found_beside_the_spec_and_hashed(tmp_path: Path, bag: Path) -> None:
     found = obtain(dataset(topic("/left", "/image")), tmp_path, Silent())
     assert found.path == bag
@@ -125,5 +115,5 @@ def test_another_bag_than_the_one_that_was_pinned_is_refused(tmp_path: Path, bag
 
 
 def test_a_bag_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"\./bag"):
+    with pytest.raises(DataError, match="bag does not exist"):
         obtain(dataset(topic("/left", "/image")), tmp_path, Silent())
