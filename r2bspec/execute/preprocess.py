@@ -6,14 +6,15 @@ the graph under test.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.graph import Launcher, diagnose_silence, readers_wanted, wait_until_matched
 from r2bspec.harness import protocol
-from r2bspec.plan.model import Plan
+from r2bspec.plan.model import Plan, ProcessPlan
 
 _PHASE = "preprocess"
 _PATIENCE_NS = 5_000_000_000
@@ -47,9 +48,8 @@ def preprocess(
         loader,
         protocol.ConfigureLoader(sources=sources, recorded=recorded, buffer_dir=str(buffer_dir)),
     )
-    nodes = launcher.start_nodes(
-        (each for each in processes if each.role != "loader"), plan.start_timeout_ns / 1e9
-    )
+    others = [each for each in processes if each.role != "loader"]
+    nodes = launcher.start_nodes(others, plan.start_timeout_ns / 1e9)
     children.ask(loader, protocol.Subscribe(), protocol.Matched, 10.0)
     # What is played as it was recorded, too, has perhaps no reader here: not all nodes are known.
     wanted = {
@@ -58,10 +58,32 @@ def preprocess(
         if read[topic] or topic not in played
     }
     wanted |= dict.fromkeys(recorded, 1)
-    wait_until_matched(children, launcher, {loader: wanted}, plan, _PHASE)
+    between = _readers_between(zip(nodes, others, strict=True), launcher, recorded)
+    wait_until_matched(children, launcher, {loader: wanted} | between, plan, _PHASE)
     loaded = children.ask(loader, protocol.Load(patience_ns=_PATIENCE_NS), protocol.Loaded, _LOAD_S)
     _check(plan, children, loader, loaded, note)
     children.end([loader, *nodes])
+
+
+def _readers_between(
+    nodes: Iterable[tuple[Child, ProcessPlan]], launcher: Launcher, recorded: Iterable[str]
+) -> dict[Child, dict[str, int]]:
+    """For each host, how many readers its topics must find among the preprocessors and the loader.
+
+    The loader sees its own ends of the graph only. What the first of a chain publishes before the
+    second is matched would be lost.
+    """
+    readers = Counter(list(recorded))
+    readers.update(topic for _, topic, _, does in launcher.endpoints if does == "subscribes")
+    return {
+        child: {
+            topic: readers[topic]
+            for node, topic, _, does in launcher.endpoints
+            if does == "publishes" and node in {each.name for each in process.nodes}
+        }
+        for child, process in nodes
+        if process.role == "host"
+    }
 
 
 def _check(

@@ -179,7 +179,17 @@ class Host:
 
     def _listen(self) -> None:
         with contextlib.suppress(ChannelClosedError):
-            while not isinstance(self._channel.receive(), protocol.Shutdown):
-                pass
+            while not isinstance(command := self._channel.receive(), protocol.Shutdown):
+                if isinstance(command, protocol.CountMatches):
+                    self._channel.send(protocol.Matched(counts=self._matches()))
         # Not the context: a callback that is under way may still want to publish.
         self._executor.shutdown()
+
+    def _matches(self) -> dict[str, int]:
+        """How many readers the writers of each topic have, the least where there are several."""
+        counts: dict[str, int] = {}
+        for node in self._nodes:
+            for publisher in list(node.publishers):
+                count = publisher.get_subscription_count()
+                counts[publisher.topic_name] = min(counts.get(publisher.topic_name, count), count)
+        return counts
