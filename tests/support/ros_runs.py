@@ -338,12 +338,20 @@ def segments_left() -> list[str]:
     return [name for name in there if name not in used]
 
 
+def _command_line(process: psutil.Process) -> str:
+    """What a process runs; empty if it has just ended."""
+    with contextlib.suppress(psutil.Error):
+        return " ".join(process.cmdline())
+    return ""
+
+
 def left_behind() -> list[str]:
     """Processes and segments that runs of these tests have left behind, in words."""
     processes = [
-        f"process {each.pid}: {' '.join(each.cmdline())}"
+        f"process {each.pid}: {words}"
         for bench in _benches
         for each in bench.processes()
+        if (words := _command_line(each))
     ]
     return processes + [f"segment {name}" for name in segments_left()]
 
