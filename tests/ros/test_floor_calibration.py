@@ -22,7 +22,8 @@ WAIT_S = 30.0
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    return Bench(tmp_path_factory.mktemp("floor")).run(relay_spec())
+    plain = {"buffer": 5, "inputs": {"input": {"from": "loaded", "format": IMAGE}}}
+    return Bench(tmp_path_factory.mktemp("floor")).run(relay_spec(playback=plain))
 
 
 def test_each_run_has_the_floor_of_its_input(done: Finished) -> None:
