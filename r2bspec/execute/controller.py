@@ -23,7 +23,6 @@ from r2bspec.execute.dataset import Dataset, obtain
 from r2bspec.execute.domain import reserved_domain
 from r2bspec.execute.environment import RunEnvironment
 from r2bspec.execute.errors import (
-    InterruptedRunError,
     MemoryLimitError,
     NoOutputError,
     RunError,
@@ -125,6 +124,10 @@ class _Controller:
         self._versions = describe_versions()
         self._events: list[tuple[int, str]] = []
         self._datasets: tuple[Dataset, ...] = ()
+        # Looked at several times a second, and empty for most plans.
+        self._memory_limits = {
+            each.name: each.memory_limit_bytes for each in plan.processes if each.memory_limit_bytes
+        }
         self._resources = ResourceSampler()
         self._children = Children(
             run_id, scratch, self._check, lambda child: self._resources.add(child.pid)
@@ -218,11 +221,12 @@ class _Controller:
             MemoryLimitError: a process uses more than the spec allows.
         """
         self._interrupts.check()
-        limits = {each.name: each.memory_limit_bytes for each in self._plan.processes}
+        if not self._memory_limits:
+            return
         for child in self._children:
-            limit = limits.get(child.name, 0)
-            resident = self._resources.resident(child.pid) if limit else 0
-            if limit and resident > limit and not child.ending:
+            limit = self._memory_limits.get(child.name)
+            resident = self._resources.resident(child.pid)
+            if limit is not None and resident > limit and not child.ending:
                 raise MemoryLimitError(
                     f"process {child.name} uses {Size(resident)}; its limit is {Size(limit)}",
                     hint="Raise memory_limit, or find out what grows.",
@@ -442,7 +446,7 @@ def _unwritable(error: OSError | RecordError, folder: Path) -> RunError:
 def _reason(failure: BaseException | None) -> str:
     if failure is None:
         return ""
-    if isinstance(failure, InterruptedRunError | RunError | R2bspecError):
+    if isinstance(failure, R2bspecError):
         return f"{failure.code}: {failure}"
     return f"{type(failure).__name__}: {failure}"
 
