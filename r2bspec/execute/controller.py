@@ -12,51 +12,47 @@ import os
 import shutil
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+import msgspec
+
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.alignment import align, in_order
+from r2bspec.execute.batch import Batch, Reporting
 from r2bspec.execute.buffering import buffer_bags
-from r2bspec.execute.children import Child, Children
+from r2bspec.execute.children import Children
 from r2bspec.execute.dataset import Dataset, obtain
 from r2bspec.execute.domain import reserved_domain
 from r2bspec.execute.environment import RunEnvironment
 from r2bspec.execute.errors import (
     MemoryLimitError,
-    NoOutputError,
     RunError,
     UnsupportedError,
     UnwritableRunError,
 )
-from r2bspec.execute.external import wait_for_external
-from r2bspec.execute.floor import measure_floor, usual_rate_hz
-from r2bspec.execute.graph import Launcher, diagnose_silence, readers_wanted, wait_until_matched
+from r2bspec.execute.graph import Launcher
 from r2bspec.execute.interrupts import Interrupts
-from r2bspec.execute.iterations import play_iterations
 from r2bspec.execute.machine import describe_machine, describe_versions
-from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
+from r2bspec.execute.measuring import Measuring
 from r2bspec.execute.preprocess import preprocess
-from r2bspec.execute.probes import wait_for_probe
-from r2bspec.execute.probing import Prober
 from r2bspec.execute.programs import resolve_argv
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.resources import ResourceSampler
-from r2bspec.execute.search import PeakSearch
 from r2bspec.execute.steps import run_setup
-from r2bspec.harness import protocol
-from r2bspec.harness.buffers import largest_message_bytes, read_index
+from r2bspec.harness.buffers import largest_message_bytes
+from r2bspec.measure.samples import read_samples
 from r2bspec.plan.canonical import canonical_json, plan_hash
 from r2bspec.plan.model import Plan
 from r2bspec.plan.unsupported import unsupported
 from r2bspec.record.errors import RecordError
-from r2bspec.record.model import FloorRecord, Probe, RunRecord
-from r2bspec.record.store import RunFolder
+from r2bspec.record.model import RunRecord
+from r2bspec.record.store import RunFolder, open_run
+from r2bspec.slo.confirmation import wants_confirmation
+from r2bspec.slo.judge import judge
+from r2bspec.slo.model import Verdict
+from r2bspec.slo.terms import terms_of
 from r2bspec.spec.quantities import Size
-
-_PHASE = "measure"
-_WARM_UP_HZ = 10.0
-_WARM_UP_STEPS = 10
 
 
 def run_plan(
@@ -116,9 +112,7 @@ class _Controller:
         self._interrupts = interrupts
         self._scratch = scratch
         self._buffer_dir = scratch / "buffers"
-        self._rows_dir = scratch / "rows"
         self._buffer_dir.mkdir()
-        self._rows_dir.mkdir()
         self._started_at = _now()
         self._machine = describe_machine()
         self._versions = describe_versions()
@@ -132,10 +126,8 @@ class _Controller:
         self._children = Children(
             run_id, scratch, self._check, lambda child: self._resources.add(child.pid)
         )
-        self._stage: Stage | None = None
-        self._search: PeakSearch | None = None
-        self._sustained: list[Probe] = []
-        self._floor: tuple[FloorRecord, ...] = ()
+        self._batches: list[Batch] = []
+        self._measuring: list[Measuring] = []
 
     def run(self) -> RunRecord:
         """Carry the plan out, clean up, and write the record, in that order, whatever happens."""
@@ -184,11 +176,7 @@ class _Controller:
                     self._buffer_dir,
                     self._note,
                 )
-            launcher = self._launcher(domain)
-            self._stage, monitor = self._start(self._children, launcher)
-            self._get_ready(launcher, monitor)
-            self._warm_up(self._stage, self._children, monitor)
-            self._measure(self._stage)
+            self._measure(domain)
             self._phase("collect", "collecting")
             # Inside the reservation: the domain is free for others only when all are gone.
             self._children.end(list(self._children))
@@ -240,17 +228,6 @@ class _Controller:
         for step in self._plan.setup:
             run_setup(step, self._children, environment, self._folder, self._base_dir, self._note)
 
-    def _get_ready(self, launcher: Launcher, monitor: Child) -> None:
-        """What the spec says must be so, and be done, before anything is played."""
-        if self._plan.ready:
-            self._phase("ready", "waiting for what the spec says must be ready")
-            for probe in self._plan.ready:
-                wait_for_probe(probe, self._children, monitor, self._folder, self._base_dir)
-        if self._plan.after_ready:
-            self._phase("after_ready", "doing what the spec says once the graph stands")
-            for step in self._plan.after_ready:
-                launcher.do(step)
-
     def _load(self) -> None:
         self._phase("load", f"reading {self._plan.dataset.source}")
         with self._interrupts.at_once():
@@ -281,119 +258,49 @@ class _Controller:
             ),
         )
 
-    def _start(self, children: Children, launcher: Launcher) -> tuple[Stage, Child]:
-        """Writers, then nodes, then readers; then wait until all are matched."""
-        plan = self._plan
-        self._phase("start", "starting the graph")
-        processes = [each for each in plan.processes if each.phase == _PHASE]
-        player = launcher.start(next(each for each in processes if each.role == "player"))
-        aligned = align(
-            [read_index(self._buffer_dir, each.source) for each in plan.inputs], plan.buffer
-        )
-        for topic, count in aligned.unpaired.items():
-            self._note(f"{topic}: {count} messages have no partner of the same stamp")
-        launcher.configure(
-            player,
-            protocol.ConfigurePlayer(
-                inputs=plan.inputs,
-                buffer_dir=str(self._buffer_dir),
-                steps=in_order(aligned.steps, plan.playback_mode),
-                rows=str(self._rows_dir / PLAYBACK_ROWS),
-            ),
-        )
-        monitor = launcher.start(next(each for each in processes if each.role == "monitor"))
-        launcher.configure(
-            monitor,
-            protocol.ConfigureMonitor(monitors=plan.monitors, rows_dir=str(self._rows_dir)),
-        )
-        self._floor = measure_floor(
-            children,
-            player,
-            monitor,
-            plan.inputs,
-            self._rows_dir,
-            PLAYBACK_ROWS,
-            usual_rate_hz(plan),
-        )
-        launcher.start_nodes(
-            (each for each in processes if each.role in {"host", "command"}),
-            plan.start_timeout_ns / 1e9,
-        )
-        children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
-        wait_for_external(plan, children, monitor)
-        wait_until_matched(
-            children,
-            launcher,
-            {
-                player: {
-                    each.topic: readers_wanted(plan, each.topic, _PHASE) for each in plan.inputs
-                },
-                monitor: {each.topic: 1 for each in plan.monitors},
-            },
-            plan,
-            _PHASE,
-        )
-        stage = Stage(
-            children,
-            player,
-            plan.monitors,
-            self._rows_dir,
+    def _measure(self, domain: int) -> None:
+        """Play the batch that decides and, if it fails, a fresh one that confirms it or not."""
+        measuring = self._bring_up(domain)
+        iterations = measuring.measure(self._judge_so_far)
+        if not self._plan.gate.confirm:
+            return
+        verdict = self._judge_so_far()
+        if not wants_confirmation(verdict):
+            return
+        if self._plan.external:
+            self._note("no fresh batch: nodes that somebody else runs cannot be started anew")
+            return
+        self._phase("confirm", "the run fails: starting a fresh batch to confirm that")
+        self._children.end(list(self._children))
+        measuring = self._bring_up(domain, confirms=True)
+        failed = {each.method for each in verdict.requirements if each.outcome == "fail"}
+        measuring.measure_again(frozenset(failed), iterations)
+
+    def _bring_up(self, domain: int, *, confirms: bool = False) -> Measuring:
+        """Bring up a batch of new processes."""
+        reporting = Reporting(self._phase, self._note, self._keep_record, self._progress)
+        batch = Batch(
+            self._plan,
+            self._children,
+            self._launcher(domain),
             self._folder,
-            self._progress,
-            on_segment=self._keep_record,
+            self._base_dir,
+            self._scratch,
+            reporting,
+            confirms=confirms,
         )
-        return stage, monitor
+        self._batches.append(batch)
+        measuring = Measuring(self._plan, batch.bring_up(), reporting)
+        self._measuring.append(measuring)
+        return measuring
 
-    def _warm_up(self, stage: Stage, children: Children, monitor: Child) -> None:
-        """Play until every monitor has seen something, at least for the planned time.
-
-        The first messages cost ten times the median: pages are touched for the first time, and
-        nodes set themselves up. Nothing measured may contain that.
-        """
-        plan = self._plan
-        self._phase("warm_up", "warming up")
-        rates = [each.rate_hz for each in plan.play]
-        rates += [plan.search.min_hz] if plan.search else []
-        rate_hz = min([_WARM_UP_HZ, *rates])
-        steps = max(_WARM_UP_STEPS, round(plan.warm_up_ns / 1e9 * rate_hz))
-        deadline = time.monotonic() + plan.start_timeout_ns / 1e9
-        for attempt in range(1, 1000):
-            stage.play(
-                "warm_up",
-                f"warm_up-{attempt:03d}",
-                rate_hz,
-                steps,
-                title=f"warm-up at {rate_hz:g} Hz",
-                index=attempt,
-            )
-            silent = [name for name, count in stage.received().items() if not count]
-            if not silent:
-                return
-            if time.monotonic() > deadline:
-                topics = [each.topic for each in plan.monitors if each.name in silent]
-                raise NoOutputError(
-                    diagnose_silence(children, plan, monitor, topics, _PHASE),
-                    hint="The inputs were played, but the graph published nothing there.",
-                )
-
-    def _measure(self, stage: Stage) -> None:
-        plan = self._plan
-        prober = Prober(plan, stage, self._note)
-        if plan.search:
-            self._phase("search", "searching for the peak rate")
-            self._search = PeakSearch(
-                plan.search.min_hz,
-                plan.search.max_hz,
-                plan.search.precision,
-                prober.probe,
-            )
-            self._search.run()
-        if plan.sustained_hz:
-            self._phase("sustained", "probing the rates to be sustained")
-            self._sustained += [prober.sustain(rate_hz).probe for rate_hz in plan.sustained_hz]
-        if plan.play:
-            self._phase("play", "playing at fixed rates")
-            play_iterations(plan, stage, self._folder, self._note)
+    def _judge_so_far(self) -> Verdict:
+        """The verdict if the run ended now."""
+        self._folder.write_resources(self._resources.rows())
+        self._keep_record()
+        samples = read_samples(open_run(self._folder.path))
+        record = msgspec.structs.replace(samples.record, status="complete", reason="")
+        return judge(self._plan.objectives, replace(samples, record=record), terms_of(self._plan))
 
     def _keep_record(self) -> None:
         """Write the record as it stands, so that a killed run can be read, too."""
@@ -416,6 +323,8 @@ class _Controller:
 
     def _record(self, failure: BaseException | None) -> RunRecord:
         status: Literal["complete", "incomplete"] = "incomplete" if failure else "complete"
+        first = self._measuring[0] if self._measuring else None
+        again = self._measuring[1:]
         return RunRecord(
             run_id=self._run_id,
             plan_hash=plan_hash(self._plan),
@@ -427,11 +336,12 @@ class _Controller:
             machine=self._machine,
             versions=self._versions,
             processes=self._children.records(),
-            segments=tuple(self._stage.segments) if self._stage else (),
-            search=self._search.record() if self._search else None,
-            sustained=tuple(self._sustained),
+            segments=tuple(each for batch in self._batches for each in batch.segments),
+            search=first.search if first else None,
+            sustained=first.sustained if first else (),
             events=tuple(self._events),
-            floor=self._floor,
+            floor=self._batches[0].floor if self._batches else (),
+            confirmation=again[0].confirmation() if again else None,
         )
 
 

@@ -12,20 +12,27 @@ import time
 from collections.abc import Callable, Sequence
 
 from r2bspec.execute.playing import Stage
-from r2bspec.measure.samples import read_samples
 from r2bspec.plan.model import Plan, PlayPlan
-from r2bspec.record.store import RunFolder, open_run
-from r2bspec.slo.judge import judge
 from r2bspec.slo.looks import Looks, decide_at
+from r2bspec.slo.model import Verdict
 from r2bspec.slo.terms import terms_of
 
 _LEAST_STEPS = 2
 
 
 def play_iterations(
-    plan: Plan, stage: Stage, folder: RunFolder, note: Callable[[str], None]
-) -> None:
+    plan: Plan, stage: Stage, judge_so_far: Callable[[], Verdict], note: Callable[[str], None]
+) -> int:
     """Play the iterations of a plan, look by look.
+
+    Args:
+        plan: of the run.
+        stage: where to play.
+        judge_so_far: the verdict on everything that has been played.
+        note: is told what was decided.
+
+    Returns:
+        How many iterations were played at each rate.
 
     Raises:
         RunError: what `Stage.play` raises.
@@ -37,12 +44,23 @@ def play_iterations(
         for index in range(played + 1, end + 1):
             _play_once(plan.play, stage, index, end)
         played = end
-        if number == len(looks) or not _goes_on(plan, folder, looks, number):
-            return
+        if number == len(looks) or not _goes_on(judge_so_far(), looks, number):
+            break
         if _over_budget(plan, began_s, played, looks.iterations[number]):
             note("the time budget does not allow more iterations")
-            return
+            break
         note(f"not all is decided after {end} iterations; there will be more")
+    return played
+
+
+def play_so_many(plan: Plan, stage: Stage, number: int) -> None:
+    """Play a fixed number of iterations of a plan.
+
+    Raises:
+        RunError: what `Stage.play` raises.
+    """
+    for index in range(1, number + 1):
+        _play_once(plan.play, stage, index, number)
 
 
 def _play_once(plays: Sequence[PlayPlan], stage: Stage, index: int, end: int) -> None:
@@ -57,10 +75,8 @@ def _play_once(plays: Sequence[PlayPlan], stage: Stage, index: int, end: int) ->
         )
 
 
-def _goes_on(plan: Plan, folder: RunFolder, looks: Looks, number: int) -> bool:
+def _goes_on(verdict: Verdict, looks: Looks, number: int) -> bool:
     """Whether a look leaves something open that more iterations can settle."""
-    samples = read_samples(open_run(folder.path))
-    verdict = judge(plan.objectives, samples, terms_of(plan))
     counted = [each for each in verdict.requirements if each.level == "error"]
     return decide_at(looks, number, counted) == "go on"
 

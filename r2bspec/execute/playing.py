@@ -19,7 +19,7 @@ from r2bspec.measure.matching import Matching, match
 from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
 from r2bspec.plan.model import MonitorPlan
 from r2bspec.record.arrays import Rows
-from r2bspec.record.model import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment
+from r2bspec.record.model import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind
 from r2bspec.record.store import RunFolder
 
 PLAYBACK_ROWS = "playback"
@@ -79,7 +79,10 @@ class Stage:
         folder: RunFolder,
         progress: Progress,
         on_segment: Callable[[], None],
+        *,
+        confirms: bool = False,
     ) -> None:
+        self._confirms = confirms
         self._on_segment = on_segment
         self._children = children
         self._player = player
@@ -95,7 +98,7 @@ class Stage:
 
     def play(
         self,
-        kind: Literal["warm_up", "probe", "sustained", "iteration"],
+        kind: SegmentKind,
         segment_id: str,
         rate_hz: float,
         steps: int,
@@ -106,12 +109,17 @@ class Stage:
     ) -> Observed:
         """Play a segment and record it; one that ends with an exception is kept as incomplete.
 
+        On the stage of a batch that confirms, everything measured is of that kind.
+
         Returns:
             The samples, after the graph has drained.
 
         Raises:
             RunError: the player does not answer, or a process died or failed.
         """
+        segment_id = self.id_of(segment_id)
+        if self._confirms and kind != "warm_up":
+            kind = "confirmation"
         self._progress.segment(title, steps)
         first = self._counts()
         complete = False
@@ -123,6 +131,10 @@ class Stage:
             observed = self._observed(first)
             self._write(kind, segment_id, rate_hz, steps, index, observed, complete)
         return observed
+
+    def id_of(self, name: str) -> str:
+        """The id of a segment that is played under a name, apart from those of another batch."""
+        return f"confirm-{name}" if self._confirms else name
 
     def received(self) -> dict[str, int]:
         """How many messages each monitor has received since it was started."""
@@ -199,7 +211,7 @@ class Stage:
 
     def _write(
         self,
-        kind: Literal["warm_up", "probe", "sustained", "iteration"],
+        kind: SegmentKind,
         segment_id: str,
         rate_hz: float,
         steps: int,

@@ -47,7 +47,7 @@ class Prober:
 
     def _play(self, kind: Literal["probe", "sustained"], rate_hz: float) -> Outcome:
         number = next(self._numbers)
-        segment_id = f"{kind}-{number:03d}"
+        name = f"{kind}-{number:03d}"
 
         def watch(observed: Observed, elapsed_s: float) -> bool:
             judgements = [
@@ -58,7 +58,7 @@ class Prober:
 
         observed = self._stage.play(
             kind,
-            segment_id,
+            name,
             rate_hz,
             max(_LEAST_STEPS, round(self._duration_s * rate_hz)),
             title=f"probing {rate_hz:.4g} Hz",
@@ -73,7 +73,7 @@ class Prober:
         self._note(f"{rate_hz:.4g} Hz {word}: {judgement.reason}")
         return Outcome(
             Probe(
-                segment=segment_id,
+                segment=self._stage.id_of(name),
                 rate_hz=rate_hz,
                 delivered_hz=min((each.delivered_hz for each in deliveries), default=0.0),
                 holds=bool(judgement.holds),

@@ -52,15 +52,19 @@ class ResourceSampler:
 
     def stop(self) -> Rows:
         """End sampling; returns rows of `r2bspec.record.arrays.RESOURCES` in order of time."""
-        import numpy as np
-
-        from r2bspec.record.arrays import RESOURCES
-
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
         self._sample()
-        return np.array(self._rows, dtype=RESOURCES)
+        return self.rows()
+
+    def rows(self) -> Rows:
+        """What has been sampled so far: rows as `stop` returns them."""
+        import numpy as np
+
+        from r2bspec.record.arrays import RESOURCES
+
+        return np.array(list(self._rows), dtype=RESOURCES)
 
     def _run(self) -> None:
         while not self._stop.is_set():

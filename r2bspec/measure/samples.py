@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -121,6 +122,7 @@ class RunSamples:
         precision: of the probes, as a fraction: a rate is kept up if no more than half of it
             piles up.
         incomplete: ids of the iterations that were cut short; they are not among the samples.
+        confirmation: the fresh batch that was played after a failure, as a run of its own.
     """
 
     record: RunRecord
@@ -129,6 +131,7 @@ class RunSamples:
     sustained: Mapping[float, SegmentSamples]
     incomplete: tuple[str, ...]
     precision: float = PRECISION
+    confirmation: RunSamples | None = None
 
     @property
     def processes(self) -> tuple[str, ...]:
@@ -232,22 +235,52 @@ def read_samples(run: Run) -> RunSamples:
         RecordError: a file is missing or damaged.
     """
     resources = run.resources()
-    iterations: dict[float, list[SegmentSamples]] = {}
-    sustained: dict[float, SegmentSamples] = {}
-    incomplete: list[str] = []
-    for segment in run.record.segments:
-        if segment.kind == "iteration" and not segment.complete:
-            incomplete.append(segment.id)
-        elif segment.kind == "iteration":
+    record = run.record
+    first = _read_batch(
+        run,
+        record,
+        [each for each in record.segments if each.kind == "iteration"],
+        [each for each in record.segments if each.kind == "sustained"],
+        resources,
+    )
+    fresh = record.confirmation
+    if fresh is None:
+        return first
+    probed = {each.segment for each in (fresh.search.probes if fresh.search else ())}
+    sustained = {each.segment for each in fresh.sustained}
+    again = [each for each in record.segments if each.kind == "confirmation"]
+    second = _read_batch(
+        run,
+        msgspec.structs.replace(record, search=fresh.search, sustained=fresh.sustained),
+        [each for each in again if each.id not in probed | sustained],
+        [each for each in again if each.id in sustained],
+        resources,
+    )
+    return replace(first, confirmation=second)
+
+
+def _read_batch(
+    run: Run,
+    record: RunRecord,
+    iterations: list[Segment],
+    sustained: list[Segment],
+    resources: Rows,
+) -> RunSamples:
+    """The samples of the complete ones among some segments, which were played in one batch."""
+    found: dict[float, list[SegmentSamples]] = {}
+    for segment in iterations:
+        if segment.complete:
             samples = segment_samples(run, segment, resources)
-            iterations.setdefault(segment.rate_hz, []).append(samples)
-        elif segment.kind == "sustained" and segment.complete:
-            sustained[segment.rate_hz] = segment_samples(run, segment, resources)
+            found.setdefault(segment.rate_hz, []).append(samples)
     return RunSamples(
-        record=run.record,
+        record=record,
         monitors=tuple(monitor.name for monitor in run.plan.monitors),
-        iterations={rate: tuple(found) for rate, found in iterations.items()},
-        sustained=sustained,
-        incomplete=tuple(incomplete),
+        iterations={rate: tuple(played) for rate, played in found.items()},
+        sustained={
+            segment.rate_hz: segment_samples(run, segment, resources)
+            for segment in sustained
+            if segment.complete
+        },
+        incomplete=tuple(each.id for each in iterations if not each.complete),
         precision=run.plan.search.precision if run.plan.search else PRECISION,
     )

@@ -48,6 +48,10 @@ whole machine; `cpu_s` is the processor time used so far, in seconds, summed ove
 process's descendants; `memory_bytes` is the resident set (for -1: memory in use)."""
 
 
+SegmentKind = Literal["warm_up", "probe", "sustained", "iteration", "confirmation"]
+"""What a segment was played for; ``confirmation``: in the fresh batch that follows a failure."""
+
+
 class Segment(msgspec.Struct, frozen=True, kw_only=True):
     """One stretch of playing at one rate.
 
@@ -57,7 +61,7 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     id: str
-    kind: Literal["warm_up", "probe", "sustained", "iteration"]
+    kind: SegmentKind
     rate_hz: float
     index: int
     steps: int
@@ -117,6 +121,18 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
     lateness_p99_ns: int | None
 
 
+class ConfirmationRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """The fresh batch that was played after a failure.
+
+    Its segments have the kind ``confirmation``. Those that the probes in `search` and `sustained`
+    name are theirs, the others are iterations. What nothing failed by was not played again: None,
+    or no probes.
+    """
+
+    search: SearchRecord | None
+    sustained: tuple[Probe, ...]
+
+
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A run, complete or not.
 
@@ -124,6 +140,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     bag was read, with its hash; `machine` and `versions` where and with what.
     `events` are (monotonic time, text): phases entered and everything notable. `floor` has one
     entry per input; it is empty where nothing is played, or where measuring would have disturbed.
+    `confirmation` is there if a failure was followed by a fresh batch.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -142,3 +159,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     sustained: tuple[Probe, ...]
     events: tuple[tuple[int, str], ...]
     floor: tuple[FloorRecord, ...] = ()
+    confirmation: ConfirmationRecord | None = None

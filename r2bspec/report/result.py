@@ -14,7 +14,7 @@ from r2bspec.measure.compute import summarise
 from r2bspec.measure.samples import read_samples
 from r2bspec.record.store import Run
 from r2bspec.report.model import ObjectiveText, Result
-from r2bspec.slo.judge import judge
+from r2bspec.slo.confirmation import judge_batches
 from r2bspec.slo.terms import terms_of
 from r2bspec.spec.model import Objective
 
@@ -54,7 +54,7 @@ def result_of(
         judged_by=judged_by,
         objectives={name: _text(objective) for name, objective in asked.items()},
         metrics=summarise(samples),
-        verdict=judge(asked, samples, terms_of(plan)),
+        verdict=judge_batches(asked, samples, terms_of(plan)),
     )
 
 

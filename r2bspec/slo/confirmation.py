@@ -21,16 +21,24 @@ Nothing becomes a PASS.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 import msgspec
 
+from r2bspec.measure.samples import RunSamples
+from r2bspec.slo.judge import judge
 from r2bspec.slo.model import EXIT_CODES, RequirementVerdict, Verdict
 from r2bspec.slo.severity import Policy, outcome_of
+from r2bspec.slo.terms import Terms
+from r2bspec.spec.model import Objective
 
 CONFIRMING: Final = 0.9
 """The confidence at which a second batch is judged."""
+
+_CONFIRMED = "A fresh batch in fresh processes confirmed it."
+_NOT_CONFIRMED = "It had failed, and a fresh batch in fresh processes did not confirm that."
+_NO_BATCH = "No fresh batch was played to confirm it."
 
 _SETTLE = "Run again; if it comes and goes, look for what differs between the runs."
 
@@ -40,6 +48,34 @@ def wants_confirmation(verdict: Verdict) -> bool:
     return verdict.outcome == "fail" and any(
         one.outcome == "fail" and one.level == "error" for one in verdict.requirements
     )
+
+
+def judge_batches(
+    objectives: Mapping[str, Objective], samples: RunSamples, terms: Terms
+) -> Verdict:
+    """Judge a run and, if it fails, the fresh batch that was played after it.
+
+    A pure function, like `judge`. A FAIL says in its reason whether it was confirmed; it stands
+    where no fresh batch was played.
+
+    Args:
+        objectives: by name.
+        samples: the run.
+        terms: of the first batch.
+    """
+    first = judge(objectives, samples, terms)
+    if not wants_confirmation(first):
+        return first
+    if samples.confirmation is None:
+        return msgspec.structs.replace(first, reason=f"{first.reason} {_NO_BATCH}")
+    again = {
+        name: msgspec.structs.replace(objective, confidence=None)
+        for name, objective in objectives.items()
+    }
+    second = judge(again, samples.confirmation, Terms(confidence=CONFIRMING))
+    found = confirm_run(first, second, terms.inconclusive)
+    said = _CONFIRMED if wants_confirmation(found) else _NOT_CONFIRMED
+    return msgspec.structs.replace(found, reason=f"{found.reason} {said}")
 
 
 def confirm(first: RequirementVerdict, second: RequirementVerdict | None) -> RequirementVerdict:

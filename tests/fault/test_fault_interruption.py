@@ -5,6 +5,7 @@ Every test here also holds the promise of `nothing_left`: no process and no shar
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import time
@@ -111,14 +112,12 @@ def wait_until_gone(bench: Bench) -> None:
         time.sleep(0.05)
 
 
-def watchdog_of(running: Running) -> psutil.Process:
-    """The process that would end a run, were its controller killed."""
-    (found,) = [
-        each
-        for each in psutil.Process(running.process.pid).children()
-        if "r2bspec.harness.watchdog" in each.cmdline()
-    ]
-    return found
+def watches(process: psutil.Process, running: Running) -> bool:
+    """Whether a process is the watchdog of a run."""
+    with contextlib.suppress(psutil.Error):
+        words = process.cmdline()
+        return "r2bspec.harness.watchdog" in words and words[-1].startswith(str(running.folder))
+    return False
 
 
 def wait_until_said(running: Running, process: str, words: str) -> None:
@@ -233,7 +232,8 @@ def test_another_run_is_not_disturbed_when_one_is_killed(bench: Bench) -> None:
         victim.wait_for(SECOND_ITERATION)
         survivor.wait_for("warming up")
         # Nor by the loss of its watchdog, which only those need whose controller is killed.
-        watchdog_of(survivor).kill()
+        (watchdog,) = [each for each in bench.processes() if watches(each, survivor)]
+        watchdog.kill()
         victim.process.kill()
         done = survivor.finish()
     done.assert_complete()

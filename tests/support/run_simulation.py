@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from r2bspec.plan.canonical import canonical_json, plan_hash
 from r2bspec.plan.model import DatasetPlan, MonitorPlan, Plan
 from r2bspec.record.arrays import MONITOR, PLAYBACK, RESOURCES, Rows
-from r2bspec.record.model import Probe, ProcessRecord, RunRecord, SearchRecord, Segment
+from r2bspec.record.model import (
+    ConfirmationRecord,
+    Probe,
+    ProcessRecord,
+    RunRecord,
+    SearchRecord,
+    Segment,
+    SegmentKind,
+)
 from r2bspec.record.store import Run, RunFolder, open_run
 from r2bspec.spec.model import Objective
 from r2bspec.spec.quantities import Rate
@@ -42,7 +50,7 @@ class Played:
     twice: tuple[int, ...] = ()
     strangers: int = 0
     silent: tuple[str, ...] = ()
-    kind: Literal["warm_up", "probe", "sustained", "iteration"] = "iteration"
+    kind: SegmentKind = "iteration"
     complete: bool = True
 
 
@@ -56,6 +64,7 @@ class Simulation:
     match: Literal["stamp", "order"] = "stamp"
     search: SearchRecord | None = None
     sustained: tuple[Probe, ...] = ()
+    confirmation: ConfirmationRecord | None = None
     status: Literal["complete", "incomplete", "invalid"] = "complete"
     reason: str = ""
     cpu: Mapping[str, float] = field(default_factory=lambda: {"player": 0.1, "apriltag": 0.5})
@@ -158,6 +167,7 @@ class Simulation:
             search=self.search,
             sustained=self.sustained,
             events=((EPOCH_NS, "start"),),
+            confirmation=self.confirmation,
         )
 
     def _resources(self, end_ns: int) -> Rows:

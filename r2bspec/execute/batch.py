@@ -1,0 +1,209 @@
+"""A batch: fresh processes of a plan, brought up in order, and warm when they are handed over.
+
+A run is one batch. If it fails, its processes are ended, and a second batch of new ones has to
+fail, too (`r2bspec.slo.confirmation`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from r2bspec.execute.alignment import align, in_order
+from r2bspec.execute.children import Child, Children
+from r2bspec.execute.errors import NoOutputError
+from r2bspec.execute.external import wait_for_external
+from r2bspec.execute.floor import measure_floor, usual_rate_hz
+from r2bspec.execute.graph import Launcher, diagnose_silence, readers_wanted, wait_until_matched
+from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
+from r2bspec.execute.probes import wait_for_probe
+from r2bspec.execute.progress import Progress
+from r2bspec.harness import protocol
+from r2bspec.harness.buffers import read_index
+from r2bspec.plan.model import Plan
+from r2bspec.record.model import FloorRecord, Segment
+from r2bspec.record.store import RunFolder
+
+PHASE = "measure"
+"""The phase of the processes that are up while something is measured."""
+
+_WARM_UP_HZ = 10.0
+_WARM_UP_STEPS = 10
+
+
+@dataclass(frozen=True)
+class Reporting:
+    """Whom a batch tells what it does: of a phase its name and a text, notes, and segments."""
+
+    phase: Callable[[str, str], None]
+    note: Callable[[str], None]
+    segment: Callable[[], None]
+    progress: Progress
+
+
+class Batch:
+    """One batch.
+
+    Attributes:
+        floor: what the harness alone takes, once the batch has been brought up.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        children: Children,
+        launcher: Launcher,
+        folder: RunFolder,
+        base_dir: Path,
+        scratch: Path,
+        reporting: Reporting,
+        *,
+        confirms: bool = False,
+    ) -> None:
+        self._plan = plan
+        self._children = children
+        self._launcher = launcher
+        self._folder = folder
+        self._base_dir = base_dir
+        self._buffer_dir = scratch / "buffers"
+        self._rows_dir = scratch / ("rows-confirm" if confirms else "rows")
+        self._tell = reporting
+        self._confirms = confirms
+        self._stage: Stage | None = None
+        self.floor: tuple[FloorRecord, ...] = ()
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """What has been played so far."""
+        return tuple(self._stage.segments) if self._stage else ()
+
+    def bring_up(self) -> Stage:
+        """Start everything and warm it up.
+
+        Raises:
+            RunError: it did not come up, or nothing comes out of it.
+        """
+        self._rows_dir.mkdir()
+        self._tell.phase("start", "starting the graph")
+        player, monitor = self._start_harness()
+        self._start_graph(player, monitor)
+        self._stage = Stage(
+            self._children,
+            player,
+            self._plan.monitors,
+            self._rows_dir,
+            self._folder,
+            self._tell.progress,
+            on_segment=self._tell.segment,
+            confirms=self._confirms,
+        )
+        self._get_ready(monitor)
+        self._warm_up(self._stage, monitor)
+        return self._stage
+
+    def _start_harness(self) -> tuple[Child, Child]:
+        """The player and the monitor, and what they take with no graph between them."""
+        plan, launcher = self._plan, self._launcher
+        processes = [each for each in plan.processes if each.phase == PHASE]
+        player = launcher.start(next(each for each in processes if each.role == "player"))
+        aligned = align(
+            [read_index(self._buffer_dir, each.source) for each in plan.inputs], plan.buffer
+        )
+        for topic, count in aligned.unpaired.items():
+            self._tell.note(f"{topic}: {count} messages have no partner of the same stamp")
+        launcher.configure(
+            player,
+            protocol.ConfigurePlayer(
+                inputs=plan.inputs,
+                buffer_dir=str(self._buffer_dir),
+                steps=in_order(aligned.steps, plan.playback_mode),
+                rows=str(self._rows_dir / PLAYBACK_ROWS),
+            ),
+        )
+        monitor = launcher.start(next(each for each in processes if each.role == "monitor"))
+        launcher.configure(
+            monitor,
+            protocol.ConfigureMonitor(monitors=plan.monitors, rows_dir=str(self._rows_dir)),
+        )
+        self.floor = measure_floor(
+            self._children,
+            player,
+            monitor,
+            plan.inputs,
+            self._rows_dir,
+            PLAYBACK_ROWS,
+            usual_rate_hz(plan),
+        )
+        return player, monitor
+
+    def _start_graph(self, player: Child, monitor: Child) -> None:
+        """The nodes after the writers and before the readers; then wait until all are matched."""
+        plan, children = self._plan, self._children
+        self._launcher.start_nodes(
+            (
+                each
+                for each in plan.processes
+                if each.phase == PHASE and each.role in {"host", "command"}
+            ),
+            plan.start_timeout_ns / 1e9,
+        )
+        children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+        wait_for_external(plan, children, monitor)
+        wait_until_matched(
+            children,
+            self._launcher,
+            {
+                player: {
+                    each.topic: readers_wanted(plan, each.topic, PHASE) for each in plan.inputs
+                },
+                monitor: {each.topic: 1 for each in plan.monitors},
+            },
+            plan,
+            PHASE,
+        )
+
+    def _get_ready(self, monitor: Child) -> None:
+        """What the spec says must be so, and be done, before anything is played."""
+        plan = self._plan
+        if plan.ready:
+            self._tell.phase("ready", "waiting for what the spec says must be ready")
+            for probe in plan.ready:
+                wait_for_probe(probe, self._children, monitor, self._folder, self._base_dir)
+        if plan.after_ready:
+            self._tell.phase("after_ready", "doing what the spec says once the graph stands")
+            for step in plan.after_ready:
+                self._launcher.do(step)
+
+    def _warm_up(self, stage: Stage, monitor: Child) -> None:
+        """Play until every monitor has seen something, at least for the planned time.
+
+        The first messages cost ten times the median: pages are touched for the first time, and
+        nodes set themselves up. Nothing measured may contain that.
+        """
+        plan = self._plan
+        self._tell.phase("warm_up", "warming up")
+        rates = [each.rate_hz for each in plan.play]
+        rates += [plan.search.min_hz] if plan.search else []
+        rate_hz = min([_WARM_UP_HZ, *rates])
+        steps = max(_WARM_UP_STEPS, round(plan.warm_up_ns / 1e9 * rate_hz))
+        deadline = time.monotonic() + plan.start_timeout_ns / 1e9
+        for attempt in range(1, 1000):
+            stage.play(
+                "warm_up",
+                f"warm_up-{attempt:03d}",
+                rate_hz,
+                steps,
+                title=f"warm-up at {rate_hz:g} Hz",
+                index=attempt,
+            )
+            silent = [name for name, count in stage.received().items() if not count]
+            if not silent:
+                return
+            if time.monotonic() > deadline:
+                topics = [each.topic for each in plan.monitors if each.name in silent]
+                raise NoOutputError(
+                    diagnose_silence(self._children, plan, monitor, topics, PHASE),
+                    hint="The inputs were played, but the graph published nothing there.",
+                )

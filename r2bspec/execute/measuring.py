@@ -1,0 +1,94 @@
+"""What is measured in a batch: the search for the peak, the rates to be sustained, iterations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from r2bspec.execute.batch import Reporting
+from r2bspec.execute.iterations import play_iterations, play_so_many
+from r2bspec.execute.playing import Stage
+from r2bspec.execute.probing import Prober
+from r2bspec.execute.search import PeakSearch
+from r2bspec.plan.model import Plan
+from r2bspec.record.model import ConfirmationRecord, Probe, SearchRecord
+from r2bspec.slo.model import Method, Verdict
+
+
+class Measuring:
+    """The measuring of one batch, and what its probes found."""
+
+    def __init__(self, plan: Plan, stage: Stage, reporting: Reporting) -> None:
+        self._plan = plan
+        self._stage = stage
+        self._tell = reporting
+        self._prober = Prober(plan, stage, reporting.note)
+        self._search: PeakSearch | None = None
+        self._sustained: list[Probe] = []
+
+    @property
+    def search(self) -> SearchRecord | None:
+        """What the search has found so far; None if there was none."""
+        return self._search.record() if self._search else None
+
+    @property
+    def sustained(self) -> tuple[Probe, ...]:
+        """The probes of rates to be sustained."""
+        return tuple(self._sustained)
+
+    def confirmation(self) -> ConfirmationRecord:
+        """What was found, in a batch that confirms."""
+        return ConfirmationRecord(search=self.search, sustained=self.sustained)
+
+    def measure(self, judge_so_far: Callable[[], Verdict]) -> int:
+        """Measure what the plan says.
+
+        Args:
+            judge_so_far: the verdict on everything that has been played.
+
+        Returns:
+            How many iterations were played at each rate.
+
+        Raises:
+            RunError: a process died, failed, or does not answer.
+        """
+        self._probe_peak()
+        self._probe_sustained()
+        if not self._plan.play:
+            return 0
+        self._tell.phase("play", "playing at fixed rates")
+        return play_iterations(self._plan, self._stage, judge_so_far, self._tell.note)
+
+    def measure_again(self, failed: frozenset[Method], iterations: int) -> None:
+        """Measure what a failure rests on.
+
+        Args:
+            failed: how the requirements that failed were decided.
+            iterations: how many there were when they failed.
+
+        Raises:
+            RunError: a process died, failed, or does not answer.
+        """
+        if "search bracket" in failed:
+            self._probe_peak()
+        if "sequential probe" in failed:
+            self._probe_sustained()
+        if failed - {"search bracket", "sequential probe"} and self._plan.play:
+            self._tell.phase("play", "playing at fixed rates")
+            play_so_many(self._plan, self._stage, iterations)
+
+    def _probe_peak(self) -> None:
+        wanted = self._plan.search
+        if wanted is None:
+            return
+        self._tell.phase("search", "searching for the peak rate")
+        self._search = PeakSearch(
+            wanted.min_hz, wanted.max_hz, wanted.precision, self._prober.probe
+        )
+        self._search.run()
+
+    def _probe_sustained(self) -> None:
+        if not self._plan.sustained_hz:
+            return
+        self._tell.phase("sustained", "probing the rates to be sustained")
+        for rate_hz in self._plan.sustained_hz:
+            self._sustained.append(self._prober.sustain(rate_hz).probe)
