@@ -37,7 +37,7 @@ def command(
     """Judge the finished run in the folder RUN again; needs no ROS.
 
     The run folder is left as it is unless --write is given. The same run gives the same bytes
-    each time.
+    each time. RUN may also be a report of ros2_benchmark; --spec then says by what to judge it.
     """
     from r2bspec.record.store import RunFolder, open_run
     from r2bspec.report.reported import Reported
@@ -45,6 +45,8 @@ def command(
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write import takes_stdout, write_reports
 
+    if run.is_file():
+        return _judge_report(run, spec, output_format, plain=not (write or reports or junit))
     opened = open_run(run)
     if spec is None:
         result = result_of(opened)
@@ -57,6 +59,22 @@ def command(
         show_result(result, output_format, run)
     write_reports(reports + junit, Reported(result=result, run=opened, spec_file=spec))
     return result.verdict.exit_code
+
+
+def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain: bool) -> int:
+    """Judge a report of the reference tool, which has no run folder and no samples."""
+    from r2bspec.interop.judging import judge_report
+    from r2bspec.interop.ros2_benchmark import read_report
+    from r2bspec.report.terminal import show_verdict
+
+    found = read_report(report)
+    if spec is None:
+        raise click.UsageError(f"{report} states no SLOs: name a spec that does with --spec")
+    if not plain:
+        raise click.UsageError("--write, --report and --junit-xml need a run folder")
+    verdict = judge_report(found, _load(spec).slos)
+    show_verdict(found.name or str(report), verdict, output_format)
+    return verdict.exit_code
 
 
 def _load(path: Path) -> Spec:

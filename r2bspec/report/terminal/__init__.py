@@ -6,7 +6,9 @@ import io
 import sys
 from pathlib import Path
 
+import msgspec
 from rich.console import Console
+from rich.text import Text
 
 from r2bspec.report.findings.show import wants_colour
 from r2bspec.report.model import Result
@@ -15,6 +17,7 @@ from r2bspec.report.terminal.load import floor_section, load_section
 from r2bspec.report.terminal.monitors import monitor_sections
 from r2bspec.report.terminal.notes import header, notes_section, overall, search_section
 from r2bspec.report.terminal.verdicts import verdict_section
+from r2bspec.slo.model import Verdict
 
 _LEAST_WIDTH = 60
 """Narrower terminals wrap; the tables do not shrink below this."""
@@ -33,11 +36,35 @@ def show_result(result: Result, output_format: str, folder: Path | None = None) 
         sys.stdout.buffer.write(to_json(result))
         sys.stdout.flush()
     else:
-        if isinstance(sys.stdout, io.TextIOWrapper):
-            # A terminal without ✔ shows a question mark, not a traceback.
-            sys.stdout.reconfigure(errors="replace")
-        colour = wants_colour(sys.stdout)
-        print_report(result, folder, Console(color_system="auto" if colour else None))
+        print_report(result, folder, _standard_output())
+
+
+def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
+    """Write a verdict by itself to standard output.
+
+    Args:
+        title: what was judged.
+        verdict: what to write.
+        output_format: ``text``, or ``json`` for the verdict as ``result.json`` has it.
+    """
+    if output_format == "json":
+        sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(verdict), indent=2) + b"\n")
+        sys.stdout.flush()
+        return
+    console = _standard_output()
+    section = verdict_section(verdict, max(console.width, _LEAST_WIDTH))
+    for each in (Text(title, style="bold"), section, overall(verdict)):
+        if each is not None:
+            console.print(each)
+
+
+def _standard_output() -> Console:
+    """Standard output as it likes to be written to."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A terminal without ✔ shows a question mark, not a traceback.
+        sys.stdout.reconfigure(errors="replace")
+    colour = wants_colour(sys.stdout)
+    return Console(color_system="auto" if colour else None)
 
 
 def print_report(result: Result, folder: Path | None, console: Console) -> None:
