@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from r2bspec.data.model import BagIndex, BagLocation
 
-_FORMAT = 1
+_FORMAT = 2
 """To be raised with every change of what an index holds."""
 
 _MOST_FILES = 10_000

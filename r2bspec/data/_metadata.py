@@ -32,8 +32,20 @@ class TopicMetadata(msgspec.Struct, frozen=True, kw_only=True):
     count: int
 
 
+class FileSpan(msgspec.Struct, frozen=True, kw_only=True):
+    """When the messages of one storage file were recorded, in ns; both ends are inside."""
+
+    name: str
+    start_ns: int
+    end_ns: int
+
+
 class BagMetadata(msgspec.Struct, frozen=True, kw_only=True):
-    """metadata.yaml, reduced to what r2bspec uses; times in ns."""
+    """metadata.yaml, reduced to what r2bspec uses; times in ns.
+
+    Attributes:
+        spans: one for each file that has messages; empty before version 5.
+    """
 
     version: int
     storage: str
@@ -44,6 +56,7 @@ class BagMetadata(msgspec.Struct, frozen=True, kw_only=True):
     topics: tuple[TopicMetadata, ...]
     compression_format: str
     compression_mode: str
+    spans: tuple[FileSpan, ...]
 
 
 def normalise_type(name: str) -> str:
@@ -83,7 +96,7 @@ def read_metadata(folder: Path) -> BagMetadata:
         raise DataError(
             f"{folder} has no {METADATA_NAME}, so it is no complete rosbag",
             code=METADATA_UNREADABLE,
-            hint=f"{reindex}, or name the .db3 or .mcap file itself",
+            hint=f"{reindex}, or name the .db3, .mcap or .bag file itself",
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(
@@ -130,6 +143,20 @@ def _from_document(info: Any) -> BagMetadata:
         topics=tuple(_topic(entry) for entry in info["topics_with_message_count"] or ()),
         compression_format=info.get("compression_format", ""),
         compression_mode="" if compression_mode == "none" else compression_mode,
+        spans=tuple(_span(entry) for entry in info.get("files") or () if _filled(entry)),
+    )
+
+
+def _filled(entry: Any) -> bool:
+    return int(entry["message_count"]) > 0
+
+
+def _span(entry: Any) -> FileSpan:
+    start_ns = int(entry["starting_time"]["nanoseconds_since_epoch"])
+    return FileSpan(
+        name=PurePath(entry["path"]).name,
+        start_ns=start_ns,
+        end_ns=start_ns + int(entry["duration"]["nanoseconds"]),
     )
 
 

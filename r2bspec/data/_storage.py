@@ -1,13 +1,15 @@
-"""Opening the storage files of a bag through `rosbags`, with errors a person can use."""
+"""Opening the storage files of a bag, whatever their format, with errors a person can use."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
+import errno
+import os
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import NamedTuple, Protocol
 
+from r2bspec.data._compression import unpack
 from r2bspec.data._metadata import refuse_lfs_pointer
 from r2bspec.data.errors import (
     BAG_NOT_FOUND,
@@ -15,18 +17,44 @@ from r2bspec.data.errors import (
     STORAGE_UNREADABLE,
     DataError,
 )
+from r2bspec.data.model import Message, StorageName
 
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
+STORAGE_SUFFIXES: dict[str, StorageName] = {".db3": "sqlite3", ".mcap": "mcap", ".bag": "ros1"}
 
-if TYPE_CHECKING:
-    from rosbags.rosbag2 import Reader
 
-STORAGE_SUFFIXES = {".db3": "sqlite3", ".mcap": "mcap"}
+class StoredTopic(NamedTuple):
+    """A topic as one storage file states it; the type is normalised."""
 
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+    name: str
+    type: str
+    serialization: str
+    count: int
+
+
+class Storage(Protocol):
+    """One open storage file.
+
+    Attributes:
+        topics: one entry for each recorded publisher, so a topic may appear several times.
+        message_count: over all topics.
+        start_ns: time of the first message; meaningless without messages.
+        end_ns: time of the last message; meaningless without messages.
+    """
+
+    topics: tuple[StoredTopic, ...]
+    message_count: int
+    start_ns: int
+    end_ns: int
+
+    def messages(
+        self, names: Collection[str], start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[Message]:
+        """The messages of these topics with start <= time < stop, in time order, as CDR."""
+        ...
+
+    def close(self) -> None:
+        """Close the file."""
+        ...
 
 
 @contextmanager
@@ -41,12 +69,31 @@ def reported(path: Path) -> Iterator[None]:
     except DataError:
         raise
     except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
         raise DataError(
-            f"{path} cannot be read: {reason}",
+            f"{path} cannot be read: {_reason(error)}",
             code=STORAGE_UNREADABLE,
-            hint="the file is damaged or incomplete; copy or record it again",
+            hint=_way_out(error),
         ) from error
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, OSError) and error.errno is not None:
+        return os.strerror(error.errno)
+    if isinstance(error, AssertionError):
+        return "its records contradict each other"
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _way_out(error: Exception) -> str:
+    """What helps: what the system refuses is no damage."""
+    number = error.errno if isinstance(error, OSError) else None
+    if number in {errno.EACCES, errno.EPERM}:
+        return "its permissions keep you from reading it; see 'ls -l'"
+    if number in {errno.ENOSPC, errno.EDQUOT}:
+        return "compressed files are unpacked while they are read: make room in $TMPDIR"
+    if number in {errno.EMFILE, errno.ENFILE}:
+        return "too many files are open; see 'ulimit -n'"
+    return "the file is damaged or incomplete; copy or record it again"
 
 
 def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
@@ -55,12 +102,13 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
     Raises:
         DataError: one is missing (R2B303) or a Git LFS pointer (R2B305).
     """
-    if not path.exists():
+    # Unlike its method of pathlib, this takes a name that is too long for one that is not there.
+    if not os.path.exists(path):  # noqa: PTH110
         raise DataError(
             f"{path} does not exist", code=BAG_NOT_FOUND, hint="check the path of the bag"
         )
     paths = tuple(path / name for name in files) if path.is_dir() else (path,)
-    missing = [candidate.name for candidate in paths if not candidate.is_file()]
+    missing = [candidate.name for candidate in paths if not os.path.isfile(candidate)]  # noqa: PTH113
     if missing:
         raise DataError(
             f"{path} lacks {', '.join(missing)}, which its metadata.yaml names",
@@ -74,8 +122,8 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
 
 
 @contextmanager
-def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterator[list[Reader]]:
-    """Open storage files, each with its own reader.
+def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterator[list[Storage]]:
+    """Open storage files, each by itself.
 
     One reader per file, and not one for the folder: topics are then matched by what the storage
     says, which is right where metadata.yaml disagrees about QoS, and files that overlap in time
@@ -84,53 +132,39 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
     Args:
         paths: the storage files.
         compressed_files: whether each is one zstd stream; they are unpacked to a temporary
-            folder, because both formats need random access.
+            folder, because all formats need random access.
 
     Raises:
-        DataError: a file is no readable storage (R2B304).
+        DataError: a file is no readable storage (R2B304), or was not closed (R2B313).
     """
-    from rosbags.rosbag2 import Reader
-
     with ExitStack() as stack:
-        if compressed_files:
-            paths = tuple(_unpack(path, stack) for path in paths)
-        readers = []
+        storages = []
         for path in paths:
             with reported(path):
-                readers.append(stack.enter_context(Reader(path)))
-        yield readers
+                plain = stack.enter_context(unpack(path)) if compressed_files else path
+                storage = _open(plain, path)
+            stack.callback(storage.close)
+            storages.append(storage)
+        yield storages
 
 
-def _unpack(path: Path, stack: ExitStack) -> Path:
-    import shutil
-    import tempfile
+def _open(path: Path, shown: Path) -> Storage:
+    """Open one file; `shown` is what errors call it."""
+    from r2bspec.data._mcap import McapStorage
+    from r2bspec.data._ros1 import Ros1Storage
+    from r2bspec.data._sqlite import SqliteStorage
 
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="r2bspec-")))
-    plain = folder / path.stem
-    with reported(path), zstd.open(path, "rb") as packed, plain.open("wb") as unpacked:
-        shutil.copyfileobj(packed, unpacked)
-    return plain
-
-
-def uncompressed(data: bytes) -> bytes:
-    """The CDR of a stored message.
-
-    No flag is needed to tell compressed messages: CDR begins with a zero byte, a zstd frame
-    with its magic number.
-
-    Raises:
-        ValueError: the bytes are neither.
-    """
-    if data[:4] == _ZSTD_MAGIC:
-        data = zstd.decompress(data)
-    if data[:1] != b"\x00":
-        msg = f"a message begins with {data[:4].hex(' ') or 'nothing'}, which is no CDR"
-        raise ValueError(msg)
-    return data
-
-
-def uncompressed_size(head: bytes, stored_bytes: int) -> int | None:
-    """Size of a stored message in bytes, from its first bytes; None if they do not tell."""
-    if head[:4] != _ZSTD_MAGIC:
-        return stored_bytes
-    return zstd.get_frame_info(head).decompressed_size
+    match STORAGE_SUFFIXES.get(path.suffix):
+        case "sqlite3":
+            return SqliteStorage(path, shown)
+        case "mcap":
+            return McapStorage(path, shown)
+        case "ros1":
+            return Ros1Storage(path, shown)
+        case None:
+            raise DataError(
+                f"{shown} is not named as a storage file",
+                code=STORAGE_UNREADABLE,
+                hint="storage files end in .db3, .mcap or .bag; "
+                "if it is compressed, metadata.yaml must say so",
+            )

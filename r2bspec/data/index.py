@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast
+from typing import Literal, cast
 
 import msgspec
 
 from r2bspec.data._metadata import (
     BagMetadata,
     TopicMetadata,
-    normalise_type,
     read_metadata,
 )
-from r2bspec.data._storage import STORAGE_SUFFIXES, open_storages, storage_paths
+from r2bspec.data._storage import STORAGE_SUFFIXES, Storage, open_storages, storage_paths
 from r2bspec.data.errors import (
     BAG_NOT_FOUND,
     METADATA_DISAGREES,
@@ -25,9 +25,8 @@ from r2bspec.data.errors import (
 from r2bspec.data.model import BagIndex, StorageName, TopicInfo
 from r2bspec.data.provenance import read_record
 
-if TYPE_CHECKING:
-    from rosbags.interfaces import Connection
-    from rosbags.rosbag2 import Reader
+_FOLDERS = ("mcap", "sqlite3")
+_FORMAT_NOTES = {".bag": ("recorded by ROS 1: messages are converted to those of ROS 2",)}
 
 
 class _Seen(msgspec.Struct):
@@ -42,31 +41,38 @@ class _Seen(msgspec.Struct):
 
 
 def index_bag(path: Path) -> BagIndex:
-    """Index a bag folder, or a lone .db3 or .mcap file, without reading message bodies.
+    """Index a bag folder, or a lone .db3, .mcap or (ROS 1) .bag file, without message bodies.
 
     Where metadata and storage differ in topics, types or counts the bag is refused; where they
     differ in the times, which some recorders write wrongly, the storage is believed and a note
     kept. Bags whose files are compressed as a whole are taken at their metadata's word.
 
     Raises:
-        DataError: R2B301 to R2B305 and R2B310, each with a hint.
+        DataError: R2B301 to R2B305, R2B310 and R2B313, each with a hint.
     """
     path = Path(path)
-    if path.is_dir():
+    # Unlike those of pathlib, these take a name that is too long for one that is not there.
+    if os.path.isdir(path):  # noqa: PTH112
         return _index_folder(path)
-    if not path.exists():
+    if not os.path.exists(path):  # noqa: PTH110
         raise DataError(
             f"{path} does not exist",
             code=BAG_NOT_FOUND,
-            hint="name a bag folder, a .db3 or .mcap file, or a dataset",
+            hint="name a bag folder, a .db3, .mcap or .bag file, or a dataset",
         )
     if path.suffix not in STORAGE_SUFFIXES:
         raise DataError(
-            f"{path} is neither a bag folder nor a .db3 or .mcap file",
+            f"{path} is neither a bag folder nor a .db3, .mcap or .bag file",
             code=STORAGE_UNREADABLE,
-            hint="name the folder that holds metadata.yaml",
+            hint=_instead_of(path),
         )
     return _index_file(path)
+
+
+def _instead_of(path: Path) -> str:
+    if path.suffix in {".zstd", ".zst"}:
+        return "name the folder that holds metadata.yaml, or unpack it with 'zstd -d'"
+    return "name the folder that holds metadata.yaml"
 
 
 def _index_folder(path: Path) -> BagIndex:
@@ -78,8 +84,8 @@ def _index_folder(path: Path) -> BagIndex:
         start_ns, end_ns = metadata.start_ns, metadata.start_ns + metadata.duration_ns
         notes: tuple[str, ...] = ("compressed as whole files: metadata.yaml is taken at its word",)
     else:
-        with open_storages(paths, compressed_files=False) as readers:
-            seen = _look(readers)
+        with open_storages(paths, compressed_files=False) as storages:
+            seen = _look(storages)
         _compare(path, metadata, seen)
         start_ns, end_ns = seen.start_ns, seen.end_ns
         notes = (*_time_notes(metadata, seen), *seen.notes)
@@ -102,8 +108,8 @@ def _index_folder(path: Path) -> BagIndex:
 
 def _index_file(path: Path) -> BagIndex:
     paths = storage_paths(path, ())
-    with open_storages(paths, compressed_files=False) as readers:
-        seen = _look(readers)
+    with open_storages(paths, compressed_files=False) as storages:
+        seen = _look(storages)
     topics = tuple(
         TopicMetadata(
             name=name,
@@ -116,21 +122,20 @@ def _index_file(path: Path) -> BagIndex:
     )
     return BagIndex(
         name=path.name,
-        storage=cast("StorageName", STORAGE_SUFFIXES[path.suffix]),
+        storage=STORAGE_SUFFIXES[path.suffix],
         topics=_topics(topics, seen.end_ns - seen.start_ns),
         start_ns=seen.start_ns,
         end_ns=seen.end_ns,
         message_count=seen.counts.total(),
         files=(path.name,),
-        notes=tuple(seen.notes),
+        notes=(*_FORMAT_NOTES.get(path.suffix, ()), *seen.notes),
     )
 
 
 def _storage_name(path: Path, metadata: BagMetadata) -> StorageName:
-    if metadata.storage not in STORAGE_SUFFIXES.values():
-        known = " and ".join(sorted(STORAGE_SUFFIXES.values()))
+    if metadata.storage not in _FOLDERS:
         raise DataError(
-            f"{path} is stored as {metadata.storage!r}; readable are {known}",
+            f"{path} is stored as {metadata.storage!r}; readable are {' and '.join(_FOLDERS)}",
             code=METADATA_UNREADABLE,
             hint="convert it with 'ros2 bag convert'",
         )
@@ -151,27 +156,21 @@ def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message"
     return cast("Literal['none', 'message', 'file']", mode)
 
 
-def _look(readers: list[Reader]) -> _Seen:
+def _look(storages: list[Storage]) -> _Seen:
     """Sum topics, counts and extents over storage files."""
     seen = _Seen({}, {}, Counter(), 0, 0, [])
-    filled = [reader for reader in readers if reader.message_count]
+    filled = [each for each in storages if each.message_count]
     if filled:
-        seen.start_ns = min(reader.start_time for reader in filled)
-        # rosbags gives the first instant after the last message.
-        seen.end_ns = max(reader.end_time for reader in filled) - 1
-    for reader in readers:
-        for connection in reader.connections:
-            kind = normalise_type(connection.msgtype)
-            known = seen.types.setdefault(connection.topic, kind)
+        seen.start_ns = min(each.start_ns for each in filled)
+        seen.end_ns = max(each.end_ns for each in filled)
+    for storage in storages:
+        for name, kind, serialization, count in storage.topics:
+            known = seen.types.setdefault(name, kind)
             if known != kind:
-                seen.notes.append(f"{connection.topic} was recorded as {known} and as {kind}")
-            seen.serializations.setdefault(connection.topic, _serialization(connection))
-            seen.counts[connection.topic] += connection.msgcount
+                seen.notes.append(f"{name} was recorded as {known} and as {kind}")
+            seen.serializations.setdefault(name, serialization)
+            seen.counts[name] += count
     return seen
-
-
-def _serialization(connection: Connection) -> str:
-    return str(getattr(connection.ext, "serialization_format", "cdr"))
 
 
 def _compare(path: Path, metadata: BagMetadata, seen: _Seen) -> None:

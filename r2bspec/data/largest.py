@@ -7,7 +7,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from r2bspec.data._storage import reported, storage_paths, uncompressed_size
+from r2bspec.data._compression import uncompressed_size
+from r2bspec.data._storage import reported, storage_paths
 from r2bspec.data.errors import STORAGE_UNREADABLE, DataError
 from r2bspec.data.index import index_bag
 from r2bspec.data.model import BagIndex, Window

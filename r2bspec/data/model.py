@@ -7,7 +7,8 @@ from typing import Literal
 
 import msgspec
 
-StorageName = Literal["sqlite3", "mcap"]
+StorageName = Literal["sqlite3", "mcap", "ros1"]
+WrittenStorage = Literal["sqlite3", "mcap"]
 
 
 class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -47,7 +48,8 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
         end_ns: time of the last message.
         message_count: over all topics.
         files: storage file names, in recorded order; empty for what is not made yet.
-        compression: how the storage is compressed, as metadata.yaml says.
+        compression: how the storage is compressed, as metadata.yaml says; chunks of MCAP and
+            ROS 1 files are the format's own business.
         synthetic: whether r2bspec renders (or rendered) it.
         notes: disagreements that do no harm, in words.
     """

@@ -7,7 +7,7 @@ from typing import Literal
 
 import msgspec
 
-from r2bspec.data.model import BagIndex, StorageName, Window
+from r2bspec.data.model import BagIndex, Window, WrittenStorage
 
 RECORD_NAME = "dataset.json"
 GROUND_TRUTH_NAME = "ground_truth.json"
@@ -42,7 +42,7 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
     generator: int
     dataset: str
     window: Window
-    storage: StorageName
+    storage: WrittenStorage
     start_ns: int
     topics: dict[str, TopicRecord]
     content_sha256: str

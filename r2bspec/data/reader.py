@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import difflib
 import heapq
+from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from r2bspec.data._metadata import normalise_type
-from r2bspec.data._storage import open_storages, reported, storage_paths, uncompressed
+from r2bspec.data._metadata import FileSpan, read_metadata
+from r2bspec.data._storage import Storage, open_storages, reported, storage_paths
 from r2bspec.data.errors import (
+    METADATA_DISAGREES,
     SERIALIZATION_UNSUPPORTED,
     STORAGE_UNREADABLE,
     TOPIC_NOT_IN_BAG,
@@ -19,9 +20,6 @@ from r2bspec.data.errors import (
 )
 from r2bspec.data.index import index_bag
 from r2bspec.data.model import BagIndex, Message, Window
-
-if TYPE_CHECKING:
-    from rosbags.rosbag2 import Reader
 
 
 def read_messages(
@@ -40,7 +38,8 @@ def read_messages(
 
     Raises:
         DataError: as `index_bag`; a topic is not there (R2B308) or not CDR (R2B306); the window
-            lies outside the bag (R2B309); while iterating, damaged storage (R2B304).
+            lies outside the bag (R2B309); while iterating, damaged storage (R2B304), also where a
+            bag that is read whole gives fewer messages than it states.
     """
     path = Path(path)
     index = index_bag(path)
@@ -111,32 +110,114 @@ def _read(
     if window is not None:
         start_ns = index.start_ns + window.start_ns
         stop_ns = None if window.end_ns is None else index.start_ns + window.end_ns
+    # What is read whole can be counted; of a window only the reading tells what is in it.
+    missing = Counter({name: index.topics[name].count for name in names} if window is None else ())
+    for message in _read_groups(path, index, names, start_ns, stop_ns):
+        missing[message.topic] -= 1
+        yield message
+    if window is None and any(missing.values()):
+        _report_missing(path, index, missing)
+
+
+def _report_missing(path: Path, index: BagIndex, missing: Counter[str]) -> None:
+    """Refuse, at the end of a whole reading, a bag that gave other counts than it states.
+
+    Raises:
+        DataError: R2B304.
+    """
+    wrong = "; ".join(
+        f"{name}: {index.topics[name].count - count:,} of {index.topics[name].count:,}"
+        for name, count in sorted(missing.items())
+        if count
+    )
+    raise DataError(
+        f"{path} gives other numbers of messages than it states: {wrong}",
+        code=STORAGE_UNREADABLE,
+        hint="the bag is damaged or incomplete; copy or record it again",
+    )
+
+
+def _read_groups(
+    path: Path, index: BagIndex, names: frozenset[str], start_ns: int | None, stop_ns: int | None
+) -> Iterator[Message]:
+    packed = index.compression == "file"
     paths = storage_paths(path, index.files)
-    with open_storages(paths, compressed_files=index.compression == "file") as readers:
-        streams = [
-            _read_file(file, reader, names, start_ns, stop_ns)
-            for file, reader in zip(paths, readers, strict=True)
-            if reader.message_count
-        ]
-        # The files of a split recording overlap where writers were buffered.
-        yield from heapq.merge(*streams, key=lambda message: message.time_ns)
+    # Unpacked files take room: no more of them are there at once than have to be.
+    spans = {span.name: span for span in read_metadata(path).spans} if packed else {}
+    for group in _groups(paths, spans, start_ns, stop_ns):
+        with open_storages(group, compressed_files=packed) as storages:
+            for file, storage in zip(group, storages, strict=True):
+                _check_span(file, storage, spans.get(file.name))
+            streams = [
+                _read_file(file, storage, names, start_ns, stop_ns)
+                for file, storage in zip(group, storages, strict=True)
+                if storage.message_count
+            ]
+            # The files of a split recording overlap where writers were buffered.
+            yield from (
+                streams[0]
+                if len(streams) == 1
+                else heapq.merge(*streams, key=lambda message: message.time_ns)
+            )
+
+
+def _groups(
+    paths: tuple[Path, ...],
+    spans: dict[str, FileSpan],
+    start_ns: int | None,
+    stop_ns: int | None,
+) -> Iterator[tuple[Path, ...]]:
+    """The files to read, those together whose times overlap; files outside are left out.
+
+    Without the times of every file, all of them are one group.
+    """
+    by_name = {path.name: path for path in paths}
+    if not spans or not spans.keys() <= by_name.keys():
+        yield paths
+        return
+    group: list[Path] = []
+    until_ns = 0
+    for span in sorted(spans.values(), key=lambda span: span.start_ns):
+        if (start_ns is not None and span.end_ns < start_ns) or (
+            stop_ns is not None and span.start_ns >= stop_ns
+        ):
+            continue
+        if group and span.start_ns > until_ns:
+            yield tuple(group)
+            group, until_ns = [], 0
+        group.append(by_name[span.name])
+        until_ns = max(until_ns, span.end_ns)
+    if group:
+        yield tuple(group)
+
+
+def _check_span(file: Path, storage: Storage, span: FileSpan | None) -> None:
+    """Refuse a file whose times are not those by which it was chosen.
+
+    Raises:
+        DataError: R2B310.
+    """
+    if span is None or not storage.message_count:
+        return
+    if storage.start_ns < span.start_ns or storage.end_ns > span.end_ns:
+        raise DataError(
+            f"{file} holds {storage.start_ns} to {storage.end_ns} ns, metadata.yaml says"
+            f" {span.start_ns} to {span.end_ns} ns",
+            code=METADATA_DISAGREES,
+            hint=f"unpack the file, and run 'ros2 bag reindex {file.parent}'",
+        )
 
 
 def _read_file(
-    file: Path, reader: Reader, names: frozenset[str], start_ns: int | None, stop_ns: int | None
+    file: Path, storage: Storage, names: frozenset[str], start_ns: int | None, stop_ns: int | None
 ) -> Iterator[Message]:
-    connections = [each for each in reader.connections if each.topic in names]
     types: dict[str, str] = {}
-    for each in connections:
-        kind = normalise_type(each.msgtype)
-        if types.setdefault(each.topic, kind) != kind:
+    for topic in storage.topics:
+        if topic.name in names and types.setdefault(topic.name, topic.type) != topic.type:
             raise DataError(
-                f"{file} holds {each.topic} as {types[each.topic]} and as {kind}",
+                f"{file} holds {topic.name} as {types[topic.name]} and as {topic.type}",
                 code=STORAGE_UNREADABLE,
                 hint="a topic can be played with one type only",
             )
-    if not connections:
-        return
     with reported(file):
-        for connection, time_ns, data in reader.messages(connections, start_ns, stop_ns):
-            yield Message(topic=connection.topic, time_ns=time_ns, data=uncompressed(data))
+        yield from storage.messages(names, start_ns, stop_ns)

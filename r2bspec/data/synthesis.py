@@ -23,7 +23,7 @@ from r2bspec.data.ground_truth import (
     write_disparities,
     write_ground_truth,
 )
-from r2bspec.data.model import MadeDataset, Message, StorageName, Window
+from r2bspec.data.model import MadeDataset, Message, Window, WrittenStorage
 from r2bspec.data.provenance import (
     RECORD_NAME,
     DatasetRecord,
@@ -62,7 +62,7 @@ class _Recipe(msgspec.Struct, frozen=True, kw_only=True):
     dataset: str
     topics: tuple[str, ...]
     window: Window
-    storage: StorageName
+    storage: WrittenStorage
 
     @property
     def name(self) -> str:
@@ -75,7 +75,7 @@ def make(
     topics: Collection[str] | None = None,
     window: Window | None = None,
     *,
-    storage: StorageName = "sqlite3",
+    storage: WrittenStorage = "sqlite3",
     cache_dir: Path | None = None,
     progress: Progress | None = None,
 ) -> MadeDataset:

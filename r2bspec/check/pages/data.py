@@ -1,4 +1,4 @@
-"""R2B302 to R2B312: bags and datasets that cannot be used as they are."""
+"""R2B302 to R2B313: bags and datasets that cannot be used as they are."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ DATA_PAGES = (
     error_page(
         "R2B304",
         "a storage file of a bag cannot be read",
-        "The file is damaged, cut short, or no sqlite3 or MCAP file at all.",
+        "The file is damaged, cut short, or no sqlite3, MCAP or ROS 1 file at all. Lengths, counts "
+        "and checksums are compared as far as the format has them.",
     ),
     error_page(
         "R2B305",
@@ -56,5 +57,12 @@ DATA_PAGES = (
         "the bag is not the one that the spec pins",
         "Its content has another SHA-256 than 'sha256' of the bag says. Results of different data "
         "cannot be compared.",
+    ),
+    error_page(
+        "R2B313",
+        "a recording was not closed",
+        "Beside the sqlite3 file lies its journal, with messages that the file itself lacks: it is "
+        "still being written, or the recorder was killed. Read as it is, it would hold fewer "
+        "messages than were recorded.",
     ),
 )

@@ -55,6 +55,86 @@ def write_bag(
     return folder
 
 
+def write_ros1(
+    path: Path, messages: Iterable[tuple[str, int, bytes]], *, compression: str = "none"
+) -> Path:
+    """Write strings by ROS 1; the messages are given as CDR."""
+    from rosbags.rosbag1 import Writer as Ros1Writer
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    writer = Ros1Writer(path)
+    if compression != "none":
+        writer.set_compression(Ros1Writer.CompressionFormat[compression.upper()])
+    with writer:
+        connections: dict[str, Any] = {}
+        for topic, offset_ns, data in messages:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, STRING, typestore=store)
+            raw = bytes(typestore().cdr_to_ros1(data, STRING))
+            writer.write(connections[topic], START_NS + offset_ns, raw)
+    return path
+
+
+def write_mcap(
+    path: Path, messages: Iterable[tuple[str, int, bytes]], *, profile: str = "ros2", **options: Any
+) -> Path:
+    """Write strings with the reference library of MCAP, in the order and with the options given."""
+    from mcap.writer import Writer as McapWriter
+
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, **options)
+        writer.start(profile)
+        schema = writer.register_schema(STRING, "ros2msg", b"string data")
+        channels: dict[str, int] = {}
+        for topic, offset_ns, data in messages:
+            if topic not in channels:
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            time_ns = START_NS + offset_ns
+            writer.add_message(channels[topic], time_ns, data, time_ns)
+        writer.finish()
+    return path
+
+
+def split_bag(folder: Path, parts: Iterable[list[tuple[str, int, bytes]]], **options: Any) -> Path:
+    """Write a bag of several storage files, one for each list of messages."""
+    import yaml
+
+    folder.mkdir()
+    merged: dict[str, Any] | None = None
+    counts: dict[str, Any] = {}
+    for number, part in enumerate(parts):
+        single = write_bag(folder.parent / f"{folder.name}_{number}", part, **options)
+        storage_file(single).rename(folder / storage_file(single).name)
+        read = yaml.safe_load((single / "metadata.yaml").read_text())
+        info = read["rosbag2_bagfile_information"]
+        for entry in info["topics_with_message_count"]:
+            known = counts.setdefault(entry["topic_metadata"]["name"], entry)
+            if known is not entry:
+                known["message_count"] += entry["message_count"]
+        if merged is None:
+            merged = info
+            continue
+        first = min(_start(merged), _start(info))
+        last = max(_end(merged), _end(info))
+        for key in ("relative_file_paths", "files", "message_count"):
+            merged[key] += info[key]
+        merged["starting_time"] = {"nanoseconds_since_epoch": first}
+        merged["duration"] = {"nanoseconds": last - first}
+    assert merged is not None
+    merged["topics_with_message_count"] = list(counts.values())
+    document = yaml.safe_dump({"rosbag2_bagfile_information": merged})
+    (folder / "metadata.yaml").write_text(document)
+    return folder
+
+
+def _start(info: dict[str, Any]) -> int:
+    return int(info["starting_time"]["nanoseconds_since_epoch"])
+
+
+def _end(info: dict[str, Any]) -> int:
+    return _start(info) + int(info["duration"]["nanoseconds"])
+
+
 def chatter(count: int = 6) -> list[tuple[str, int, bytes]]:
     """Messages that alternate between two topics, 10 ms apart, ever longer."""
     return [
