@@ -6,6 +6,7 @@ headers lose their ``seq``, and what is laid out otherwise in ROS 2 is migrated 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from functools import cache
 from pathlib import Path
@@ -17,6 +18,7 @@ from r2bspec.data.model import Message
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
+    from rosbags.rosbag1 import Reader
 
 # Types that ROS 2 has under another name.
 _RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
@@ -33,6 +35,11 @@ class Ros1Storage:
         self._shown = shown
         self._reader = Reader(path)
         self._reader.open()
+        try:
+            _compare(path, self._reader)
+        except BaseException:
+            self._reader.close()
+            raise
         counts = {each.id: each.msgcount for each in self._reader.connections}
         self.topics = tuple(
             StoredTopic(each.topic, _type(each), "cdr", counts[each.id])
@@ -75,6 +82,37 @@ class Ros1Storage:
                 code=SERIALIZATION_UNSUPPORTED,
                 hint="convert the bag with a tool that knows the type",
             ) from error
+
+
+def _compare(path: Path, reader: Reader) -> None:
+    """Compare what was read with what is there: a wrong count in the header hides messages.
+
+    Raises:
+        ValueError: they differ.
+    """
+    from rosbags.rosbag1.reader import Header, RecordType, read_uint32
+
+    there: Counter[int] = Counter()
+    with path.open("rb") as stream:
+        size = stream.seek(0, 2)
+        stream.seek(0)
+        stream.readline()
+        stream.seek(Header.read(stream, RecordType.BAGHEADER).get_uint64("index_pos"))
+        while reader.chunk_infos and stream.tell() < size:
+            there[Header.read(stream).get_uint8("op")] += 1
+            stream.seek(read_uint32(stream), 1)
+    if (there[RecordType.CONNECTION], there[RecordType.CHUNK_INFO]) != (
+        len(reader.connections),
+        len(reader.chunk_infos),
+    ):
+        msg = "its header states other numbers of chunks or connections than its index has"
+        raise ValueError(msg)
+    stated: Counter[int] = Counter()
+    for chunk in reader.chunk_infos:
+        stated.update(chunk.connection_counts)
+    if +stated != +Counter({each.id: each.msgcount for each in reader.connections}):
+        msg = "its index has other numbers of messages than its chunks"
+        raise ValueError(msg)
 
 
 def _type(connection: Connection) -> str:

@@ -112,7 +112,15 @@ def _read(
         stop_ns = None if window.end_ns is None else index.start_ns + window.end_ns
     # What is read whole can be counted; of a window only the reading tells what is in it.
     missing = Counter({name: index.topics[name].count for name in names} if window is None else ())
+    last_ns = index.start_ns
     for message in _read_groups(path, index, names, start_ns, stop_ns):
+        if message.time_ns < last_ns or message.time_ns > index.end_ns:
+            raise DataError(
+                f"{path} has a message out of order, at {message.time_ns} ns after {last_ns} ns",
+                code=STORAGE_UNREADABLE,
+                hint="its index is damaged; copy or record the bag again",
+            )
+        last_ns = message.time_ns
         missing[message.topic] -= 1
         yield message
     if window is None and any(missing.values()):

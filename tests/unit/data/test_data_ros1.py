@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from data_bags import START_NS, chatter, typestore, write_ros1
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from data_bags import START_NS, chatter, typestore, write_ros1
 from r2bspec.data.errors import DataError
 from r2bspec.data.index import index_bag
 from r2bspec.data.reader import read_messages
@@ -95,7 +95,8 @@ def test_transforms_get_the_name_that_ros2_knows(tmp_path: Path, store: Any) -> 
     stamped = kinds["geometry_msgs/msg/TransformStamped"](
         header(store, 0), "base", kinds["geometry_msgs/msg/Transform"](vector, turn)
     )
-    store.register({"tf/msg/tfMessage": store.fielddefs["tf2_msgs/msg/TFMessage"]})
+    definition = "geometry_msgs/TransformStamped[] transforms"
+    store.register(get_types_from_msg(definition, "tf/msg/tfMessage"))
     message = store.types["tf/msg/tfMessage"]([stamped, stamped])
     bag = record(tmp_path / "old.bag", store, [("/tf", "tf/msg/tfMessage", message)])
     assert index_bag(bag).topics["/tf"].type == "tf2_msgs/msg/TFMessage"
