@@ -152,7 +152,7 @@ def verify(context: click.Context, path: Path, output: str) -> None:
     from r2bspec.data.errors import BAG_NOT_FOUND, DataError
     from r2bspec.data.verification import verify as verify_bag
 
-    if not path.exists():
+    if not os.path.exists(path):  # noqa: PTH110 - a name may be too long
         raise DataError(
             f"{path} does not exist", code=BAG_NOT_FOUND, hint="name a bag folder or storage file"
         )
@@ -235,13 +235,14 @@ def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]], right
 def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
     from datetime import UTC, datetime
 
+    from r2bspec.diagnostics.quote import printable
     from r2bspec.spec.quantities import Duration
 
     start = datetime.fromtimestamp(index.start_ns / 1e9, UTC)
     for title, value in (
         ("bag", f"{index.name}{' (synthetic)' if index.synthetic else ''}"),
         ("at", origin),
-        ("storage", f"{index.storage}, compression {index.compression}"),
+        ("storage", _stored(index)),
         ("files", ", ".join(index.files)),
         ("starts", f"{start:%Y-%m-%d %H:%M:%S} UTC" if index.message_count else "never"),
         ("lasts", str(Duration(index.duration_ns))),
@@ -251,11 +252,14 @@ def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
     ):
         if value:
             click.echo(f"{title:<9} {value}")
+    if not index.topics:
+        return
     click.echo()
     rows = [
         (
-            topic.name,
-            topic.type,
+            printable(topic.name),
+            printable(topic.type)
+            + ("" if topic.serialization == "cdr" else f" as {printable(topic.serialization)}"),
             f"{topic.count:,}",
             f"{topic.rate_hz:.4g} Hz" if topic.rate_hz else "",
             "" if topic.max_message_bytes is None else f"{topic.max_message_bytes:,} B",
@@ -265,6 +269,11 @@ def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
     _print_table(
         ("topic", "type", "messages", "rate", "largest"), rows, right="messages rate largest"
     )
+
+
+def _stored(index: BagIndex) -> str:
+    how = "" if index.compression == "none" else f", each {index.compression} compressed"
+    return f"{index.storage}{how}"
 
 
 def _print_json(value: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import R2bspecError
 
 BAG_NOT_FOUND: Final = "R2B301"
@@ -28,3 +29,7 @@ class DataError(R2bspecError):
 
     code = BAG_NOT_FOUND
     exit_code = 2
+
+    def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
+        # Names in bags are the text of strangers, and this goes to a terminal.
+        super().__init__(printable(message), hint=printable(hint), code=code)

@@ -28,8 +28,9 @@ def locate(bag: str, base_dir: Path) -> BagLocation:
         DataError: the path does not exist (R2B301), the name is unknown (R2B307), or
             ``$R2B_DATASETS`` is no folder (R2B301).
     """
-    path = base_dir / Path(bag).expanduser()
-    if bag and path.exists():
+    # Unlike those of pathlib, these take a name that cannot be for one that is not there.
+    path = base_dir / os.path.expanduser(bag)  # noqa: PTH111
+    if bag and os.path.exists(path):  # noqa: PTH110
         return BagLocation(kind="recorded", path=path)
     if "/" in bag:
         raise DataError(
@@ -47,7 +48,7 @@ def locate_dataset(name: str) -> BagLocation:
         DataError: R2B307; R2B301 where ``$R2B_DATASETS`` is no folder.
     """
     real = _datasets_folder()
-    if real is not None and name and (real / name).exists():
+    if real is not None and name and os.path.exists(real / name):  # noqa: PTH110
         return BagLocation(kind="recorded", path=real / name, dataset=name)
     if name not in SEQUENCES:
         raise unknown_dataset(name, known_datasets())
@@ -86,8 +87,8 @@ def _datasets_folder() -> Path | None:
     value = os.environ.get(DATASETS_VARIABLE, "")
     if not value:
         return None
-    folder = Path(value).expanduser()
-    if not folder.is_dir():
+    folder = Path(os.path.expanduser(value))  # noqa: PTH111
+    if not os.path.isdir(folder):  # noqa: PTH112
         # Falling back to rendered data would measure something else than was asked for.
         raise DataError(
             f"${DATASETS_VARIABLE} names {folder}, which is no folder",

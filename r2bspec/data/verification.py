@@ -29,7 +29,7 @@ def verify(path: Path) -> list[str]:
         index = index_bag(path)
         content, counts = _read(path, index)
     except DataError as error:
-        return [f"{error} ({error.code})"]
+        return [f"{error} ({error.code}): {error.hint}"]
     problems = [
         f"{name}: {info.count:,} messages in the metadata, {counts[name]:,} readable"
         for name, info in index.topics.items()

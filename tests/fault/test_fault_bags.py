@@ -1,0 +1,271 @@
+"""Promise: a recording that cannot be used is named, with what is wrong and a way out.
+
+Every verb that opens it says so, with exit status 2 (1 where a verdict on the recording is what was
+asked for), without a stack trace, and `run` starts nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+import yaml
+
+from data_bags import (
+    STRING,
+    chatter,
+    edit_metadata,
+    split_bag,
+    storage_file,
+    text,
+    write_bag,
+    write_mcap,
+    write_ros1,
+)
+from r2bspec.cli.main import main
+from ros_runs import quick_input, relay_node, relay_spec
+
+MESSAGES = chatter(30)
+LFS_POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 14\n"
+
+
+def spec_of(bag: Path, topic: str = "/ping", kind: str = STRING, window: str = "{}") -> Path:
+    """A spec that plays a topic of the bag through a relay."""
+    spec = relay_spec(
+        data_loader={
+            "bag": str(bag),
+            "topics": {topic: "loaded"},
+            "window": yaml.safe_load(window),
+        },
+        playback={"buffer": 0, "inputs": {"input": quick_input("loaded", kind)}},
+        graph={"nodes": {"relay": relay_node(parameters={"format": kind})}},
+        monitors={"out": {"topic": "output", "format": kind, "match": "order"}},
+    )
+    path = bag.parent / "spec.r2b.yaml"
+    path.write_text(yaml.safe_dump(spec))
+    return path
+
+
+def _cut(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+
+
+def _cut_sqlite(at: Path) -> Path:
+    bag = write_bag(at, MESSAGES)
+    _cut(storage_file(bag))
+    return bag
+
+
+def _cut_mcap(at: Path) -> Path:
+    bag = write_bag(at, MESSAGES, storage="mcap")
+    _cut(storage_file(bag))
+    return bag
+
+
+def _cut_ros1(at: Path) -> Path:
+    bag = write_ros1(at.with_suffix(".bag"), MESSAGES)
+    _cut(bag)
+    return bag
+
+
+def _without_a_part(at: Path) -> Path:
+    bag = split_bag(at, [MESSAGES[:10], MESSAGES[10:]])
+    (bag / "bag_1.db3").unlink()
+    return bag
+
+
+def _damaged_index(at: Path) -> Path:
+    """The index of an MCAP points at other places: only its checksum tells."""
+    file = write_mcap(at.with_suffix(".mcap"), MESSAGES, chunk_size=200)
+    content = bytearray(file.read_bytes())
+    content[-200] ^= 0x10
+    file.write_bytes(content)
+    return file
+
+
+def _recorder_killed(at: Path) -> Path:
+    """A database whose last messages are in its write-ahead log only."""
+    bag = write_bag(at, MESSAGES)
+    file = storage_file(bag)
+    with closing(sqlite3.connect(file, isolation_level=None)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+        database.execute("PRAGMA wal_autocheckpoint=0")
+        database.execute("DELETE FROM messages WHERE id > 20")
+        copy = bag.with_name("killed")
+        shutil.copytree(bag, copy)
+    (copy / "bag.db3-shm").unlink()
+    return copy
+
+
+def _recorder_killed_on_a_read_only_disk(at: Path) -> Path:
+    bag = _recorder_killed(at)
+    for each in (*bag.iterdir(), bag):
+        each.chmod(0o555 if each.is_dir() else 0o444)
+    return bag
+
+
+def _pointer(at: Path) -> Path:
+    bag = write_bag(at, MESSAGES)
+    storage_file(bag).write_text(LFS_POINTER)
+    return bag
+
+
+def _lie(at: Path) -> Path:
+    bag = write_bag(at, MESSAGES)
+    edit_metadata(bag, "message_count: 15", "message_count: 14", count=1)
+    return bag
+
+
+def _folder_for_file(at: Path) -> Path:
+    folder = at.with_suffix(".mcap")
+    folder.mkdir()
+    return folder
+
+
+def _file_is_a_folder(at: Path) -> Path:
+    bag = write_bag(at, MESSAGES)
+    file = storage_file(bag)
+    file.unlink()
+    file.mkdir()
+    return bag
+
+
+def _loop(at: Path) -> Path:
+    at.symlink_to(at.with_name("other"))
+    at.with_name("other").symlink_to(at)
+    return at
+
+
+def _dangling(at: Path) -> Path:
+    bag = write_bag(at, MESSAGES)
+    file = storage_file(bag)
+    file.unlink()
+    file.symlink_to(bag / "gone.db3")
+    return bag
+
+
+def _unreadable(at: Path) -> Path:
+    if os.geteuid() == 0:
+        pytest.skip("root reads everything")
+    bag = write_bag(at, MESSAGES)
+    storage_file(bag).chmod(0)
+    return bag
+
+
+def _empty_file(at: Path) -> Path:
+    file = at.with_suffix(".mcap")
+    file.touch()
+    return file
+
+
+def _device(_at: Path) -> Path:
+    return Path("/dev/null")
+
+
+FAULTS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
+    "sqlite3 cut short": (_cut_sqlite, "R2B304", "bytes of"),
+    "MCAP cut short": (_cut_mcap, "R2B304", "ends before its footer"),
+    "ROS 1 cut short": (_cut_ros1, "R2B304", "cannot be read"),
+    "MCAP with a damaged index": (_damaged_index, "R2B304", "checksum of its summary"),
+    "a part of a split recording is missing": (_without_a_part, "R2B303", "lacks bag_1.db3"),
+    "the recorder was killed": (_recorder_killed, "R2B313", "bag.db3-wal"),
+    "the same on a read-only disk": (
+        _recorder_killed_on_a_read_only_disk,
+        "R2B313",
+        "wal_checkpoint",
+    ),
+    "a Git LFS pointer": (_pointer, "R2B305", "git lfs pull"),
+    "metadata that lies": (_lie, "R2B310", "/ping: 14 stated, 15 stored"),
+    "a folder named like a file": (_folder_for_file, "R2B302", "no metadata.yaml"),
+    "a file that is a folder": (_file_is_a_folder, "R2B303", "bag.db3"),
+    "links in a circle": (_loop, "R2B301", "does not exist"),
+    "a link to nothing": (_dangling, "R2B303", "bag.db3"),
+    "no permission": (_unreadable, "R2B304", "permissions"),
+    "an empty file": (_empty_file, "R2B304", "does not begin as MCAP does"),
+    "a device": (_device, "R2B304", "neither a bag folder nor"),
+    "nothing there": (lambda at: at, "R2B301", "does not exist"),
+    "a name that is too long": (lambda at: at.with_name("x" * 300), "R2B301", "does not exist"),
+    "a home of nobody": (lambda _: Path("~nobody-knows-me/bag"), "R2B301", "nobody-knows-me"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_every_verb_names_what_is_wrong(
+    fault: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make, code, words = FAULTS[fault]
+    bag = make(tmp_path / "bag")
+    spec = tmp_path / "spec.r2b.yaml"
+    spec_of(bag if bag.is_absolute() and bag.parent == tmp_path else tmp_path / "x").rename(spec)
+    if bag.parent != tmp_path:
+        spec.write_text(spec.read_text().replace(str(tmp_path / "x"), str(bag)))
+    output = tmp_path / "run"
+    for arguments, status in (
+        (["validate", str(spec)], 1),
+        (["plan", str(spec)], 2),
+        (["run", str(spec), "--output", str(output)], 2),
+        (["data", "info", str(bag)], 2),
+    ):
+        found = main(arguments)
+        said = capsys.readouterr()
+        assert found == status, (arguments[0], said)
+        told = said.out + said.err
+        assert f"error[{code}]" in told, arguments[0]
+        assert words in told
+        assert "help: " in told
+        assert "Traceback" not in told
+    assert not output.exists()
+    assert main(["data", "verify", str(bag)]) in (1, 2)
+    assert words in "".join(capsys.readouterr())
+
+
+# What can be planned but not played
+
+
+def test_a_topic_without_messages_is_an_error_before_anything_starts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / "bag", MESSAGES, topics=["/quiet"])
+    output = tmp_path / "run"
+    for spec in (
+        spec_of(bag, "/quiet"),
+        spec_of(bag, window="{start: 11 ms, end: 12 ms}"),
+        spec_of(write_bag(tmp_path / "empty", [], topics=["/ping"])),
+    ):
+        assert main(["run", str(spec), "--output", str(output)]) == 2
+        assert "error[R2B3" in capsys.readouterr().err
+        assert not output.exists()
+
+
+def test_damage_that_only_playing_meets_ends_the_run_and_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Bodies are not read before a run: what is wrong with them is told then, and kept."""
+    bag = write_bag(tmp_path / "bag", MESSAGES, compression="message")
+    with closing(sqlite3.connect(storage_file(bag))) as database, database:
+        database.execute("UPDATE messages SET data = substr(data, 1, 9) WHERE id = 7")
+    assert main(["run", str(spec_of(bag)), "--output", str(tmp_path / "run")]) in (2, 4)
+    said = capsys.readouterr().err
+    assert "error[R2B304]" in said
+    assert "bag.db3" in said
+    assert main(["data", "verify", str(bag)]) == 1
+
+
+def test_a_type_that_is_not_installed_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rclpy")
+    kind = "nowhere_msgs/msg/Nothing"
+    bag = write_bag(tmp_path / "bag", [("/ping", 0, text("x")), ("/ping", 10, text("y"))])
+    with closing(sqlite3.connect(storage_file(bag))) as database, database:
+        database.execute("UPDATE topics SET type = ?", (kind,))
+    edit_metadata(bag, STRING, kind)
+    assert main(["run", str(spec_of(bag, kind=kind)), "--output", str(tmp_path / "run")]) in (2, 4)
+    said = capsys.readouterr().err
+    assert kind in said
+    assert "Traceback" not in said

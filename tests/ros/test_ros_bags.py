@@ -1,0 +1,167 @@
+"""Recordings of every format, played on real ROS: every message that was recorded comes out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from ros_runs import IMAGE, START_NS, STRING, Bench, Finished, quick_input, relay_node, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+COUNT = 6
+STEP_NS = 33_000_000
+STORE = get_typestore(Stores.ROS2_JAZZY)
+OLD_STORE = get_typestore(Stores.ROS1_NOETIC)
+
+
+def image(number: int, store: Any = STORE) -> Any:
+    """An image that is stamped with the time at which it is recorded."""
+    types = store.types
+    stamp = types["builtin_interfaces/msg/Time"](*divmod(START_NS + number * STEP_NS, 10**9))
+    sequence = () if store is STORE else (number,)
+    header = types["std_msgs/msg/Header"](*sequence, stamp, "camera")
+    pixels = np.full(12, number, np.uint8)
+    return types[IMAGE](header, 2, 2, "rgb8", 0, 6, pixels)
+
+
+def cdr(number: int, *, little_endian: bool = True) -> bytes:
+    return bytes(STORE.serialize_cdr(image(number), IMAGE, little_endian=little_endian))
+
+
+def _rosbag2(folder: Path, storage: str, mode: str = "NONE", *, little_endian: bool = True) -> Path:
+    writer = Writer(folder, version=8, storage_plugin=StoragePlugin[storage])
+    writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection(f"/{folder.name}", IMAGE, typestore=STORE)
+        for number in range(COUNT):
+            data = cdr(number, little_endian=little_endian)
+            writer.write(connection, START_NS + number * STEP_NS, data)
+    return folder
+
+
+def _ros1(folder: Path) -> Path:
+    path = folder.with_suffix(".bag")
+    with Ros1Writer(path) as writer:
+        connection = writer.add_connection(f"/{folder.name}", IMAGE, typestore=OLD_STORE)
+        for number in range(COUNT):
+            data = OLD_STORE.serialize_ros1(image(number, OLD_STORE), IMAGE)
+            writer.write(connection, START_NS + number * STEP_NS, bytes(data))
+    return path
+
+
+def _unordered_mcap(folder: Path) -> Path:
+    path = folder.with_suffix(".mcap")
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, use_chunking=False)
+        writer.start("ros2")
+        schema = writer.register_schema(IMAGE, "ros2msg", b"")
+        channel = writer.register_channel(f"/{folder.name}", "cdr", schema)
+        for number in (0, 2, 1, 5, 4, 3):
+            time_ns = START_NS + number * STEP_NS
+            writer.add_message(channel, time_ns, cdr(number), time_ns)
+        writer.finish()
+    return path
+
+
+FORMATS: dict[str, Callable[[Path], Path]] = {
+    "by_message": lambda at: _rosbag2(at, "SQLITE3", "MESSAGE"),
+    "by_file": lambda at: _rosbag2(at, "MCAP", "FILE"),
+    "big_endian": lambda at: _rosbag2(at, "SQLITE3", little_endian=False),
+    "unordered": _unordered_mcap,
+    "old": _ros1,
+}
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    """One run that plays a recording of each format, each through a relay of its own."""
+    bench = Bench(tmp_path_factory.mktemp("formats"))
+    bags = [f"./{make(bench.folder / name).name}" for name, make in FORMATS.items()]
+    spec = relay_spec(
+        data_loader={"bags": bags, "topics": {f"/{name}": f"loaded/{name}" for name in FORMATS}},
+        playback={
+            "buffer": 0,
+            "inputs": {f"in/{name}": quick_input(f"loaded/{name}") for name in FORMATS},
+        },
+        graph={
+            "placement": "shared",
+            "nodes": {
+                name: relay_node(0.0, remappings={"input": f"in/{name}", "output": f"out/{name}"})
+                for name in FORMATS
+            },
+        },
+        monitors={name: {"topic": f"out/{name}", "format": IMAGE} for name in FORMATS},
+    )
+    return bench.run(spec)
+
+
+def test_every_message_of_every_format_goes_through(done: Finished) -> None:
+    done.assert_complete()
+    run = done.run()
+    (segment,) = [each for each in run.record.segments if each.kind == "iteration"]
+    sent = sorted(run.playback(segment)["stamp_ns"])
+    assert len(sent) == segment.steps
+    for name in FORMATS:
+        assert sorted(run.monitor(segment, name)["stamp_ns"]) == sent, name
+
+
+RECORDED = {
+    "split": ("wbag", "AAA", STRING),
+    "strings": ("convert_b_mcap", "c_strings", "test_msgs/msg/Strings"),
+    "arrays": ("cdr_test", "/array_topic", "test_msgs/msg/Arrays"),
+    "basic": ("seek_mcap", "topic1", "test_msgs/msg/BasicTypes"),
+    "talk": ("talker", "/topic", STRING),
+}
+
+
+def test_recordings_of_others_are_played(tmp_path: Path) -> None:
+    folder = os.environ.get("R2BSPEC_TEST_BAGS", "")
+    if not folder:
+        pytest.skip("R2BSPEC_TEST_BAGS names no folder")
+    pytest.importorskip("test_msgs.msg")
+    parameters = {"queue_depth": 100}
+    spec = relay_spec(
+        data_loader={
+            "bags": [f"{folder}/{bag}" for bag, _, _ in RECORDED.values()],
+            "topics": {topic: f"loaded/{name}" for name, (_, topic, _) in RECORDED.items()},
+        },
+        playback={
+            "buffer": 0,
+            "inputs": {
+                f"in/{name}": quick_input(f"loaded/{name}", kind)
+                for name, (_, _, kind) in RECORDED.items()
+            },
+        },
+        graph={
+            "placement": "shared",
+            "nodes": {
+                name: relay_node(
+                    parameters=parameters | {"format": kind},
+                    remappings={"input": f"in/{name}", "output": f"out/{name}"},
+                )
+                for name, (_, _, kind) in RECORDED.items()
+            },
+        },
+        monitors={
+            name: {"topic": f"out/{name}", "format": kind, "match": "order"}
+            for name, (_, _, kind) in RECORDED.items()
+        },
+    )
+    done = Bench(tmp_path).run(spec)
+    done.assert_complete()
+    run = done.run()
+    (segment,) = [each for each in run.record.segments if each.kind == "iteration"]
+    counts = {name: run.monitor(segment, name).size for name in RECORDED}
+    assert counts == dict.fromkeys(RECORDED, segment.steps)
