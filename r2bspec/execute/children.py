@@ -7,101 +7,30 @@ every process, and raises as soon as one has died that was not told to.
 from __future__ import annotations
 
 import contextlib
-import os
 import selectors
-import signal
 import socket
 import subprocess
 import sys
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
-import msgspec
-
+from r2bspec.execute.child import Child, describe_exit
+from r2bspec.execute.ending import GRACE_S, end_in_turn
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
+from r2bspec.execute.logs import Logs
 from r2bspec.harness import protocol
 from r2bspec.harness.reaping import clean_up
 from r2bspec.record.model import ProcessRecord
 
+__all__ = ["Child", "Children", "describe_exit"]
+
 _POLL_S = 0.05
-_SEND_S = 10.0
-_SHUTDOWN_S = 10.0
-_GRACE_S = 2.0
-_LOG_TAIL_LINES = 12
 _NOT_INSTALLED = "R2B62"
 """The family of codes for what is not there: to try the run again would not help."""
 
 _Answer = TypeVar("_Answer")
-
-
-class Child:
-    """One process. A harness child has a control channel, a command process has none."""
-
-    def __init__(
-        self,
-        name: str,
-        role: str,
-        process: subprocess.Popen[bytes],
-        log: Path,
-        connection: socket.socket | None,
-    ) -> None:
-        self.name = name
-        self.role = role
-        self.process = process
-        self.log = log
-        self.connection = connection
-        self.inbox: deque[Any] = deque()
-        self.ending = False
-        self.answered = False
-        self._pending = bytearray()
-
-    @property
-    def pid(self) -> int:
-        """The process id, which is also the id of its session and process group."""
-        return self.process.pid
-
-    def send(self, message: Any) -> None:
-        """Send a command; a child that does not take it is dead or hangs, which will be noticed."""
-        if self.connection is not None:
-            with contextlib.suppress(OSError):
-                self.connection.settimeout(_SEND_S)
-                self.connection.sendall(protocol.encode(message))
-
-    def read(self) -> bool:
-        """Put what has arrived into the inbox; False at the end of the channel."""
-        if self.connection is None:
-            return False
-        try:
-            # The end may never come: a child that has died can have forked one that holds it.
-            self.connection.setblocking(False)
-            received = self.connection.recv(1 << 16)
-        except BlockingIOError:
-            return True
-        except OSError:
-            return False
-        self._pending += received
-        *lines, rest = self._pending.split(b"\n")
-        self._pending = bytearray(rest)
-        for line in lines:
-            # Whatever else a node may write to this socket by mistake is not for the controller.
-            with contextlib.suppress(msgspec.DecodeError):
-                self.inbox.append(protocol.decode_reply(bytes(line)))
-                self.answered = True
-        return bool(received)
-
-    def log_tail(self) -> str:
-        """The last lines that the process printed."""
-        try:
-            with self.log.open("rb") as file:
-                file.seek(0, 2)
-                file.seek(max(0, file.tell() - 8192))
-                text = file.read().decode(errors="replace")
-        except OSError:
-            return ""
-        return "\n".join(text.splitlines()[-_LOG_TAIL_LINES:])
 
 
 class Children:
@@ -121,6 +50,7 @@ class Children:
         self._living: dict[str, Child] = {}
         self._all: list[Child] = []
         self._killed: list[str] = []
+        self._logs = Logs()
         self._began_s = time.time()
         # The process environment is the controller's: the watchdog is no part of the run.
         self._watchdog = subprocess.Popen(
@@ -150,6 +80,7 @@ class Children:
             NotInstalledError: there is no such program, or it may not be executed.
         """
         command = list(argv)
+        self._logs.watch(log.parent)
         ours, theirs = (None, None) if role == "command" else socket.socketpair()
         if theirs is not None:
             env = env | {protocol.CONTROL_FD_VARIABLE: str(theirs.fileno())}
@@ -202,6 +133,7 @@ class Children:
                 self._selector.unregister(key.fileobj)
         for child in self._living.values():
             self._raise_failure(child)
+        self._logs.keep_small()
         for child in list(self._living.values()):
             if child.process.poll() is not None and not child.ending:
                 self._raise_death(child)
@@ -258,32 +190,10 @@ class Children:
             self.pump()
 
     def end(self, children: Iterable[Child]) -> None:
-        """End some processes in order: ask, then SIGTERM, then SIGKILL, each to the whole group."""
+        """End some processes, one after another: asked, then told, then killed."""
         ended = [child for child in children if child.name in self._living]
+        self._killed += end_in_turn(ended, self._logs.keep_small)
         for child in ended:
-            child.ending = True
-            child.send(protocol.Shutdown())
-            if child.connection is None:
-                _signal_group(child, signal.SIGINT)
-            elif not child.answered:
-                # It is still being made, or hangs in that: it hears nothing, and has nothing yet
-                # that it must put in order.
-                _signal_group(child, signal.SIGTERM)
-        for step, patience_s in (
-            (None, _SHUTDOWN_S),
-            (signal.SIGTERM, _GRACE_S),
-            (signal.SIGKILL, 5.0),
-        ):
-            if step is not None:
-                running = [child for child in ended if child.process.poll() is None]
-                for child in running:
-                    _signal_group(child, step)
-                if step is signal.SIGKILL:
-                    self._killed += [child.name for child in running]
-            _wait_for_all(ended, patience_s)
-        for child in ended:
-            # Grandchildren in the group that outlived their parent.
-            _signal_group(child, signal.SIGKILL)
             self._forget(child)
 
     def close(self) -> list[str]:
@@ -291,7 +201,7 @@ class Children:
         self.end(list(self._living.values()))
         sessions = [child.pid for child in self._all]
         self._killed += clean_up(
-            self._run_id, sessions, grace_s=_GRACE_S, since_s=self._began_s - 1.0
+            self._run_id, sessions, grace_s=GRACE_S, since_s=self._began_s - 1.0
         )
         self._tell_watchdog("done\n")
         with contextlib.suppress(OSError):
@@ -300,7 +210,13 @@ class Children:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._watchdog.wait(5.0)
         self._selector.close()
+        self._logs.keep_small(now=True)
         return self._killed
+
+    @property
+    def cut_logs(self) -> list[Path]:
+        """The logs of which a part had to be cut out."""
+        return self._logs.cut
 
     def records(self) -> tuple[ProcessRecord, ...]:
         """Every process that was started, with how it ended."""
@@ -323,24 +239,3 @@ class Children:
             with contextlib.suppress(OSError):
                 self._watchdog.stdin.write(line.encode())
                 self._watchdog.stdin.flush()
-
-
-def describe_exit(status: int) -> str:
-    """Put a return code of `subprocess` in words."""
-    if status >= 0:
-        return f"ended with status {status}"
-    with contextlib.suppress(ValueError):
-        return f"was killed by {signal.Signals(-status).name}"
-    return f"was killed by signal {-status}"
-
-
-def _signal_group(child: Child, which: signal.Signals) -> None:
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, which)
-
-
-def _wait_for_all(children: list[Child], patience_s: float) -> None:
-    deadline = time.monotonic() + patience_s
-    for child in children:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.process.wait(max(0.0, deadline - time.monotonic()))

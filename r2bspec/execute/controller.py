@@ -41,6 +41,7 @@ from r2bspec.execute.progress import Progress
 from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.steps import run_setup
 from r2bspec.harness.buffers import largest_message_bytes
+from r2bspec.harness.clocks import Clocks
 from r2bspec.measure.samples import read_samples
 from r2bspec.plan.canonical import canonical_json, plan_hash
 from r2bspec.plan.model import Plan
@@ -117,6 +118,7 @@ class _Controller:
         self._machine = describe_machine()
         self._versions = describe_versions()
         self._events: list[tuple[int, str]] = []
+        self._clocks = Clocks()
         self._datasets: tuple[Dataset, ...] = ()
         # Looked at several times a second, and empty for most plans.
         self._memory_limits = {
@@ -150,6 +152,8 @@ class _Controller:
         killed = self._children.close()
         if killed:
             self._note(f"had to be killed: {', '.join(sorted(set(killed)))}")
+        if cut := self._children.cut_logs:
+            self._note(f"logs that were too long were cut: {', '.join(each.name for each in cut)}")
         record = self._record(failure)
         # Should the disk be full, then this is what the record finds room in.
         shutil.rmtree(self._buffer_dir, ignore_errors=True)
@@ -209,6 +213,7 @@ class _Controller:
             MemoryLimitError: a process uses more than the spec allows.
         """
         self._interrupts.check()
+        self._tell_clock_steps()
         if not self._memory_limits:
             return
         for child in self._children:
@@ -219,6 +224,16 @@ class _Controller:
                     f"process {child.name} uses {Size(resident)}; its limit is {Size(limit)}",
                     hint="Raise memory_limit, or find out what grows.",
                 )
+
+    def _tell_clock_steps(self) -> None:
+        told, before_ns = self._clocks.steps, self._clocks.stepped_ns
+        self._clocks.look()
+        if self._clocks.steps > told:
+            moved_s = (self._clocks.stepped_ns - before_ns) / 1e9
+            self._note(
+                f"the system clock was set by {moved_s:+.3f} s; the times of this run are "
+                "monotonic, and not moved by that"
+            )
 
     def _set_up(self, domain: int) -> None:
         if not self._plan.setup:

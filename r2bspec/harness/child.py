@@ -15,6 +15,11 @@ from typing import Protocol
 
 from r2bspec.harness import protocol
 from r2bspec.harness.channel import Channel, ChannelClosedError
+from r2bspec.harness.leaving import leave_within
+
+_LEAVE_S = 8.0
+"""How long leaving ROS may take, which may include what a node does when it is destroyed. Less
+than the controller waits before it sends SIGTERM."""
 
 
 class _Role(Protocol):
@@ -82,6 +87,7 @@ if __name__ == "__main__":
     if "rclpy" in sys.modules:
         from r2bspec.harness import ros
 
+        leave_within(_LEAVE_S, status)
         ros.finish()
     sys.stdout.flush()
     sys.stderr.flush()

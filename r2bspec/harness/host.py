@@ -15,7 +15,6 @@ import threading
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from rclpy.executors import (
     Executor,
     ExternalShutdownException,
@@ -24,9 +23,8 @@ from rclpy.executors import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 
-from r2bspec.harness import protocol
+from r2bspec.harness import protocol, ros
 from r2bspec.harness.channel import Channel, ChannelClosedError
 from r2bspec.plan.model import NodePlan
 
@@ -140,13 +138,14 @@ class Host:
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureHost) -> None:
         self._channel = channel
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        ros.init()
         self._executor = _executor(settings)
         base_dir = Path(settings.base_dir)
         self._found: list[protocol.Ready] = []
         self._nodes: list[Node] = []
         for plan in settings.nodes:
             node = make_node(plan, base_dir)
+            ros.destroy_at_the_end(node)
             self._executor.add_node(node)
             self._nodes.append(node)
             self._found.append(describe(plan, node))
@@ -172,10 +171,6 @@ class Host:
             raise NodeError(
                 "R2B634", f"a callback of {names} raised {type(error).__name__}: {error}"
             ) from error
-        finally:
-            for node in self._nodes:
-                with contextlib.suppress(Exception):
-                    node.destroy_node()
 
     def _listen(self) -> None:
         with contextlib.suppress(ChannelClosedError):

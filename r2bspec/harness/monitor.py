@@ -2,7 +2,7 @@
 
 The time of arrival is the one that the middleware took when the sample reached the reader, so the
 monitor's own copying is not charged to the graph. It is on the system clock and is brought to the
-monotonic clock with the difference of the two at the moment of taking.
+monotonic one (`r2bspec.harness.clocks`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import contextlib
 import gc
 import queue
 import threading
-import time
 from pathlib import Path
 
 from rclpy.node import Node
@@ -20,6 +19,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from r2bspec.harness import protocol, ros
 from r2bspec.harness.channel import Channel, ChannelClosedError
+from r2bspec.harness.clocks import Clocks
 from r2bspec.harness.rows import RowWriter
 from r2bspec.harness.stamps import read_stamp
 from r2bspec.plan.model import MonitorPlan
@@ -45,13 +45,11 @@ class _Watch:
         self.reader.destroy()
         self._rows.close()
 
-    def drain(self) -> None:
+    def drain(self, clocks: Clocks) -> None:
         """Record every message that has arrived."""
         while (taken := self.reader.take_head()) is not None:
-            taken_ns = time.monotonic_ns()
-            system_ns = time.time_ns()
             head, size, received_system_ns = taken
-            received_ns = received_system_ns - (system_ns - taken_ns)
+            received_ns, taken_ns = clocks.arrival(received_system_ns)
             stamp_ns = read_stamp(head) if self._stamped else 0
             self._rows.append(stamp_ns, received_ns, taken_ns, size)
 
@@ -81,12 +79,15 @@ class Monitor:
         self._channel.send(protocol.Ready())
         threading.Thread(target=self._listen, daemon=True).start()
         subscribing = False
+        clocks = Clocks()
         gc.collect()
         gc.disable()
         while True:
             timeout_s = _DISCOVERY_POLL_S if subscribing and self._waiting else _IDLE_S
-            for position in self._loop.wait(timeout_s):
-                self._watches[position].drain()
+            waiting = self._loop.wait(timeout_s)
+            clocks.look()
+            for position in waiting:
+                self._watches[position].drain(clocks)
             if subscribing and self._waiting:
                 self._subscribe()
             with contextlib.suppress(queue.Empty):

@@ -18,7 +18,7 @@ from rclpy.utilities import ok, try_shutdown
 from r2bspec.harness import rcl
 from r2bspec.spec.model import QoS
 
-_started: list[Node] = []
+_to_destroy: list[Node] = []
 
 READER_DEPTH = 100
 """History depth of what the harness reads: deep enough that a monitor that was not scheduled for
@@ -203,7 +203,7 @@ def start_node(name: str) -> Node:
     takes no time and does not show in the graph under test.
     """
     if not ok():
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        init()
     node = Node(
         name,
         namespace="/r2bspec",
@@ -211,15 +211,26 @@ def start_node(name: str) -> Node:
         enable_rosout=False,
         start_parameter_services=False,
     )
-    _started.append(node)
+    destroy_at_the_end(node)
     return node
 
 
+def init() -> None:
+    """Initialise rclpy; what it logs goes to the log of the process and into no file of its own."""
+    arguments = ["--ros-args", "--disable-external-lib-logs"]
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+
+
+def destroy_at_the_end(node: Node) -> None:
+    """Have `finish` destroy a node."""
+    _to_destroy.append(node)
+
+
 def finish() -> None:
-    """Destroy the harness nodes and shut rclpy down, so that no shared memory stays behind."""
-    for node in _started:
+    """Destroy the nodes and shut rclpy down, so that no shared memory stays behind."""
+    for node in _to_destroy:
         with contextlib.suppress(Exception):
             node.destroy_node()
-    _started.clear()
+    _to_destroy.clear()
     with contextlib.suppress(Exception):
         try_shutdown()

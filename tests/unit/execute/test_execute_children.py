@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import secrets
 import signal
@@ -15,8 +16,10 @@ import psutil
 import pytest
 
 from family_trees import alive, wait_for
-from r2bspec.execute import children as module
-from r2bspec.execute.children import Child, Children, describe_exit
+from r2bspec.execute import child as child_module
+from r2bspec.execute import children, ending, logs
+from r2bspec.execute.child import Child, describe_exit
+from r2bspec.execute.children import Children
 from r2bspec.execute.errors import (
     InterruptedRunError,
     NotInstalledError,
@@ -94,8 +97,9 @@ def open_files() -> int:
 
 def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the waits short that politeness costs."""
-    monkeypatch.setattr(module, "_SHUTDOWN_S", 0.3)
-    monkeypatch.setattr(module, "_GRACE_S", 0.3)
+    for constant in ("_IN_TURN_S", "ASKED_S", "GRACE_S"):
+        monkeypatch.setattr(ending, constant, 0.3)
+    monkeypatch.setattr(children, "GRACE_S", 0.3)
 
 
 @pytest.fixture
@@ -154,7 +158,7 @@ def test_an_answer_that_does_not_come_is_not_waited_for_for_ever(stage: Stage) -
 def test_a_command_that_a_stopped_child_does_not_take_blocks_nobody(
     stage: Stage, monkeypatch: pytest.MonkeyPatch, impatient: None
 ) -> None:
-    monkeypatch.setattr(module, "_SEND_S", 0.3)
+    monkeypatch.setattr(child_module, "_SEND_S", 0.3)
     child = stage.start(ANSWERS)
     os.kill(child.pid, signal.SIGSTOP)
     large = protocol.ConfigurePlayer(
@@ -234,6 +238,25 @@ def test_a_failure_without_a_hint_points_at_the_log(stage: Stage) -> None:
     assert str(stage.folder / "node.log") in raised.value.hint
 
 
+def test_a_log_that_grows_without_end_is_cut_while_the_process_runs(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logs, "LIMIT_BYTES", 300_000)
+    monkeypatch.setattr(logs, "HEAD_BYTES", 1000)
+    monkeypatch.setattr(logs, "TAIL_BYTES", 2000)
+    stage.start(
+        "print('the first words')\nfor n in range(40_000): print('word', n)\n"
+        "print('the last words', flush=True)\n" + SLEEPS
+    )
+    stage.pump_until(lambda: stage.said().endswith("words\nhere\n") and stage.children.cut_logs)
+    said = stage.said()
+    assert len(said) <= 300_000
+    assert said.startswith("the first words\nword 0\n")
+    assert said.endswith("the last words\nhere\n")
+    assert "[r2bspec cut out 0." in said
+    assert [each.name for each in stage.children.cut_logs] == ["node.log"]
+
+
 @pytest.mark.timeout(120)
 def test_a_death_is_noticed_although_a_forked_child_holds_the_channel(stage: Stage) -> None:
     # A fork without exec, as multiprocessing does it, keeps the socket open.
@@ -298,6 +321,40 @@ def test_a_polite_child_ends_when_it_is_told(stage: Stage) -> None:
     assert list(stage.children) == []
 
 
+def test_processes_end_one_after_another(stage: Stage) -> None:
+    leaves = "ends = channel()\nends.send(protocol.Ready())\nends.receive()\ntime.sleep(0.05)\n"
+    leaves += "print(time.monotonic(), flush=True)\nsys.exit(0)"
+    started = [stage.start(leaves, f"node{number}") for number in range(3)]
+    for child in started:
+        stage.children.answer(child, protocol.Ready, HANG_S)
+    asked: dict[str, float] = {}
+    ask = Child.ask_to_end
+
+    def noted(child: Child) -> None:
+        asked[child.name] = time.monotonic()
+        ask(child)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Child, "ask_to_end", noted)
+        stage.children.end(started)
+    # Nobody is asked before the one before has left, so that no two leave ROS at the same time.
+    for before, after in itertools.pairwise(asked):
+        assert float(stage.said(before)) < asked[after]
+
+
+def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
+    stage: Stage, impatient: None
+) -> None:
+    hangs = [stage.start("channel().send(protocol.Ready())\n" + SLEEPS, f"n{n}") for n in range(5)]
+    polite = stage.start(ANSWERS, "polite")
+    for child in hangs:
+        stage.children.answer(child, protocol.Ready, HANG_S)
+    stage.children.ask(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
+    stage.children.end([*hangs, polite])
+    assert polite.process.returncode == 0
+    assert {child.process.returncode for child in hangs} == {-signal.SIGTERM}
+
+
 def test_only_those_named_are_ended(stage: Stage) -> None:
     first, second = stage.start(ANSWERS, "first"), stage.start(ANSWERS, "second")
     stage.children.end([first])
@@ -344,7 +401,7 @@ def test_a_child_that_has_never_answered_is_not_waited_for(stage: Stage) -> None
     began = time.monotonic()
     stage.children.end([child])
     assert child.process.returncode == -signal.SIGTERM
-    assert time.monotonic() - began < module._SHUTDOWN_S
+    assert time.monotonic() - began < ending.ASKED_S
 
 
 def test_a_child_that_is_stopped_is_killed(stage: Stage, impatient: None) -> None:
