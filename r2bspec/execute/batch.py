@@ -23,6 +23,7 @@ from r2bspec.execute.progress import Progress
 from r2bspec.harness import protocol
 from r2bspec.harness.buffers import read_index
 from r2bspec.plan.model import Plan
+from r2bspec.plan.taps import all_taps, tap_watches
 from r2bspec.record.model import FloorRecord, Segment
 from r2bspec.record.store import RunFolder
 
@@ -125,7 +126,10 @@ class Batch:
         monitor = launcher.start(next(each for each in processes if each.role == "monitor"))
         launcher.configure(
             monitor,
-            protocol.ConfigureMonitor(monitors=plan.monitors, rows_dir=str(self._rows_dir)),
+            protocol.ConfigureMonitor(
+                monitors=(*plan.monitors, *tap_watches(plan.monitors)),
+                rows_dir=str(self._rows_dir),
+            ),
         )
         self.floor = measure_floor(
             self._children,
@@ -151,6 +155,8 @@ class Batch:
         )
         children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
         wait_for_external(plan, children, monitor)
+        watched = [each.topic for each in plan.monitors]
+        watched += [each.topic for each in all_taps(plan.monitors)]
         wait_until_matched(
             children,
             self._launcher,
@@ -158,7 +164,7 @@ class Batch:
                 player: {
                     each.topic: readers_wanted(plan, each.topic, PHASE) for each in plan.inputs
                 },
-                monitor: {each.topic: 1 for each in plan.monitors},
+                monitor: dict.fromkeys(watched, 1),
             },
             plan,
             PHASE,

@@ -8,16 +8,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
 
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.progress import Progress
 from r2bspec.harness import protocol
 from r2bspec.harness.rows import RowReader
-from r2bspec.measure.matching import Matching, match
+from r2bspec.measure.matching import Matching, match, ratio_of
 from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
 from r2bspec.plan.model import MonitorPlan
+from r2bspec.plan.taps import tap_watches
 from r2bspec.record.arrays import Rows
 from r2bspec.record.model import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind
 from r2bspec.record.store import RunFolder
@@ -39,16 +39,23 @@ class Observed:
     """The samples of one segment, all there is at the moment they were read."""
 
     def __init__(
-        self, playback: Rows, monitors: dict[str, Rows], plans: tuple[MonitorPlan, ...]
+        self,
+        playback: Rows,
+        monitors: dict[str, Rows],
+        plans: tuple[MonitorPlan, ...],
+        played_before: int,
     ) -> None:
         self.playback = playback
         self.monitors = monitors
+        self.played_before = played_before
         self.now_ns = time.monotonic_ns()
         self._plans = plans
 
     def matching(self, name: str) -> Matching:
         """How the messages of a monitor answer the steps of the playback."""
-        return match(self.playback, self.monitors[name], self._mode(name))
+        plan = self._plan(name)
+        ratio = ratio_of(plan, self.played_before)
+        return match(self.playback, self.monitors[name], plan.match, ratio)
 
     def samples(self, segment: Segment) -> SegmentSamples:
         """The samples as metrics need them, without those of processes."""
@@ -56,15 +63,15 @@ class Observed:
             segment=segment,
             playback=playback_samples(self.playback),
             monitors={
-                name: monitor_samples(segment, self.playback, rows, self._mode(name))
+                name: monitor_samples(segment, self.playback, rows, self._plan(name))
                 for name, rows in self.monitors.items()
             },
             processes={},
             machine=None,
         )
 
-    def _mode(self, name: str) -> Literal["stamp", "order"]:
-        return next(plan.match for plan in self._plans if plan.name == name)
+    def _plan(self, name: str) -> MonitorPlan:
+        return next(plan for plan in self._plans if plan.name == name)
 
 
 class Stage:
@@ -92,6 +99,13 @@ class Stage:
             plan.name: RowReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
             for plan in monitors
         }
+        self._taps = {
+            tap.topic: RowReader(rows_dir / f"{tap.name}.rows", MONITOR_FIELDS)
+            for tap in tap_watches(monitors)
+        }
+        # What was played by now, nobody has seen: the graph was not there.
+        self._begun = self._playback.count()
+        self._read: dict[str, int] = {}
         self._folder = folder
         self._progress = progress
         self.segments: list[Segment] = []
@@ -121,7 +135,7 @@ class Stage:
         if self._confirms and kind != "warm_up":
             kind = "confirmation"
         self._progress.segment(title, steps)
-        first = self._counts()
+        first = self._unread()
         complete = False
         try:
             played = self._play(rate_hz, steps, first, watch)
@@ -129,7 +143,7 @@ class Stage:
             complete = True
         finally:
             observed = self._observed(first)
-            self._write(kind, segment_id, rate_hz, steps, index, observed, complete)
+            self._write(kind, segment_id, rate_hz, steps, index, first, observed, complete)
         return observed
 
     def id_of(self, name: str) -> str:
@@ -143,10 +157,20 @@ class Stage:
     def _counts(self) -> dict[str, int]:
         return self.received() | {"": self._playback.count()}
 
+    def _unread(self) -> dict[str, int]:
+        """The first row of each file that belongs to no segment yet.
+
+        What arrived since the end of the last segment is kept with the next one.
+        """
+        return {name: self._read.get(name, 0) for name in (*self._monitors, *self._taps)} | {
+            "": self._playback.count()
+        }
+
     def _observed(self, first: dict[str, int]) -> Observed:
         # Monitors first: a step that is in the monitors' rows must be in the player's.
         monitors = {name: rows.read(first[name]) for name, rows in self._monitors.items()}
-        return Observed(self._playback.read(first[""]), monitors, self._plans)
+        before = first[""] - self._begun
+        return Observed(self._playback.read(first[""]), monitors, self._plans, before)
 
     def _play(self, rate_hz: float, steps: int, first: dict[str, int], watch: Watch | None) -> int:
         begin = time.monotonic()
@@ -204,8 +228,10 @@ class Stage:
 
         As many messages as steps do not suffice: where some are answered twice, others still wait.
         """
-        if any(counts[name] - first[name] != played for name in self._monitors):
-            return False
+        for plan in self._plans:
+            # A step may lead to several messages, or to none by itself.
+            if (counts[plan.name] - first[plan.name] + 1) * plan.ratio_inputs <= played:
+                return False
         observed = self._observed(first)
         return not any(observed.matching(name).missed for name in self._monitors)
 
@@ -216,6 +242,7 @@ class Stage:
         rate_hz: float,
         steps: int,
         index: int,
+        first: dict[str, int],
         observed: Observed,
         complete: bool,
     ) -> None:
@@ -225,6 +252,11 @@ class Stage:
         self._folder.write_playback(segment_id, playback)
         for name, rows in observed.monitors.items():
             self._folder.write_monitor(segment_id, name, rows)
+            self._read[name] = first[name] + rows.size
+        for topic, reader in self._taps.items():
+            rows = reader.read(first[topic])
+            self._folder.write_tap(segment_id, topic, rows)
+            self._read[topic] = first[topic] + rows.size
         self.segments.append(
             Segment(
                 id=segment_id,
@@ -235,6 +267,7 @@ class Stage:
                 began_ns=int(playback["due_ns"][0]),
                 ended_ns=int(playback["due_ns"][-1]) + round(1e9 / rate_hz),
                 complete=complete,
+                played_before=observed.played_before,
             )
         )
         self._on_segment()

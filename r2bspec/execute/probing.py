@@ -104,7 +104,8 @@ class Prober:
             named, metric = resolve(condition.metric, names)
             for monitor in [named] if named else names:
                 measured = value(metric, monitor, samples)
-                limit = _limit(condition, rate_hz)
+                per_step = samples.monitors[monitor].per_step if metric.scope == "monitor" else 1.0
+                limit = _limit(condition, rate_hz * per_step)
                 if limit is None or (measured is not None and condition.holds(measured, limit)):
                     continue
                 shown = "nothing was measured" if measured is None else f"it is {measured:.4g}"

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from r2bspec.measure.hops import HopSamples
 from r2bspec.measure.latency import Seconds
 from r2bspec.measure.model import (
     Distribution,
+    HopMetrics,
     MonitorMetrics,
     PlaybackMetrics,
     RateMetrics,
@@ -117,7 +119,7 @@ def _monitor(seen: MonitorSamples) -> MonitorMetrics:
         sent=seen.sent,
         answered=seen.answered,
         missed=seen.missed,
-        drop_rate=seen.missed / seen.sent if seen.sent else None,
+        drop_rate=seen.missed / seen.expected if seen.expected else None,
         received=seen.received,
         duplicates=seen.duplicates,
         reordered=seen.reordered,
@@ -127,6 +129,20 @@ def _monitor(seen: MonitorSamples) -> MonitorMetrics:
         latency_from_due=distribution(seen.times["latency_from_due"]),
         interval=distribution(seen.times["interval"]),
         jitter=distribution(seen.times["jitter"]),
+        late=seen.late,
+        early=seen.early,
+        overdue=seen.overdue,
+        hops=tuple(map(_hop, seen.hops)),
+    )
+
+
+def _hop(hop: HopSamples) -> HopMetrics:
+    return HopMetrics(
+        source=hop.source,
+        target=hop.target,
+        matched=int(hop.times.size),
+        missed=hop.missed,
+        latency=distribution(hop.times),
     )
 
 

@@ -32,10 +32,17 @@ class Slope:
     standard_error_hz: float
     batches: int
 
+    def per(self, factor: float) -> Slope:
+        """The rate of what every so many of the events make one."""
+        return Slope(self.hz / factor, self.standard_error_hz / factor, self.batches)
+
 
 @dataclass(frozen=True)
 class Delivery:
     """What came out of the graph at one offered rate, so far.
+
+    All rates count steps, whatever the ratio of answers to them: a graph that gives one answer for
+    three steps and keeps up has settled and delivered as many steps as were played.
 
     Attributes:
         offered_hz: the rate that was asked for.
@@ -46,9 +53,9 @@ class Delivery:
         settled_error_hz: the standard error of `settled_hz`.
         batches: the batches behind both standard errors; batches - 1 is the number of degrees
             of freedom. 0 if there were too few outputs for batches.
-        drop_share: of the steps done with, the share that was passed over.
+        drop_share: of the answers done with, the share that never came.
         published: steps published.
-        answered: steps answered.
+        answered: answers.
         lateness_p99_s: the 99th percentile of how late publications began.
     """
 
@@ -79,17 +86,18 @@ def delivery(
 ) -> Delivery:
     """Estimate what a graph delivers, from what one monitor received so far.
 
-    Let t_i be when the i-th first answer was received and s_i the step that it answers. The
-    rates are the reciprocal slopes of two least-squares lines:
+    Let t_i be when the i-th first answer was received, s_i the step that it answers, and r the
+    answers that each step lets expect, usually 1. The rates are the reciprocal slopes of two
+    least-squares lines:
 
-        t = a + i / delivered_hz        t = a + s / settled_hz
+        t = a + i / (r delivered_hz)        t = a + s / settled_hz
 
     While the graph keeps up, latency only scatters t about the second line, whose slope is the
     period of the playback. When it does not, each answer waits longer than the one before and
     the line is steeper. After the last answer nothing is known but that no other has come, so
     if a published step stays unanswered for longer than any answer took, the rates are at most
 
-        answered / (now - t_first)      (1 + last step - first step) / (now - t_first)
+        answered / (r (now - t_first))      (1 + last step - first step) / (now - t_first)
 
     Works from the first sample on: with no answer the rates are 0 with a standard error of one
     message in the time waited.
@@ -103,16 +111,16 @@ def delivery(
     """
     published = playback["published_ns"]
     lateness = percentile((published - playback["due_ns"]) / 1e9, 0.99) or 0.0
-    steps = np.flatnonzero(match.answered)
-    if match.first_row.size > playback.size:
+    answers = np.flatnonzero(match.answered)
+    if match.asked.size and int(match.asked[-1]) >= playback.size:
         raise ValueError("the matching is of other rows than the playback")
-    arrived = monitor["received_ns"][match.first_row[steps]]
+    arrived = monitor["received_ns"][match.first_row[answers]]
     order = np.argsort(arrived, kind="stable")
-    arrived, steps = arrived[order], steps[order]
-    until = _silent_until(published, arrived, steps, now_ns)
-    delivered = _rate(arrived, np.arange(steps.size), until)
-    settled = _rate(arrived, steps, until)
-    passed = int(steps.max()) + 1 if steps.size else 0
+    arrived, answers = arrived[order], answers[order]
+    until = _silent_until(published[match.asked], arrived, answers, now_ns)
+    delivered = _rate(arrived, np.arange(answers.size), until).per(match.per_step)
+    settled = _rate(arrived, match.asked[answers], until)
+    passed = int(answers.max()) + 1 if answers.size else 0
     return Delivery(
         offered_hz=offered_hz,
         player_hz=_player_rate(published, offered_hz),
@@ -121,20 +129,24 @@ def delivery(
         settled_hz=settled.hz,
         settled_error_hz=settled.standard_error_hz,
         batches=settled.batches,
-        drop_share=(passed - steps.size) / passed if passed else 0.0,
+        drop_share=(passed - answers.size) / passed if passed else 0.0,
         published=int(playback.size),
-        answered=int(steps.size),
+        answered=int(answers.size),
         lateness_p99_s=lateness,
     )
 
 
-def delivery_of_steps(offered_hz: float, steps: StepTimes) -> Delivery:
+def delivery_of_steps(offered_hz: float, steps: StepTimes, per_step: float = 1.0) -> Delivery:
     """Estimate what a graph delivered in a segment that has been played to its end.
 
+    Each expected answer is taken for a step of its own here, so all rates count answers.
+
     Args:
-        offered_hz: the rate that was asked for.
-        steps: the steps of the segment.
+        offered_hz: the rate that was asked for, in steps per second.
+        steps: the expected answers of the segment.
+        per_step: how many of them there are for each step.
     """
+    offered_hz *= per_step
     playback = np.zeros(steps.due_ns.size, PLAYBACK)
     playback["due_ns"], playback["published_ns"] = steps.due_ns, steps.published_ns
     monitor = np.zeros(steps.due_ns.size, MONITOR)
@@ -143,6 +155,7 @@ def delivery_of_steps(offered_hz: float, steps: StepTimes) -> Delivery:
     number = np.arange(answered.size)
     matched = Matching(
         step=number,
+        asked=number,
         first_row=np.where(answered, number, UNKNOWN),
         duplicates=0,
         reordered=0,
@@ -163,23 +176,29 @@ def _player_rate(published: NDArray[np.int64], offered_hz: float) -> float:
 def _silent_until(
     published: NDArray[np.int64],
     arrived: NDArray[np.int64],
-    steps: NDArray[np.int64],
+    answers: NDArray[np.int64],
     now_ns: int,
 ) -> tuple[int, int] | None:
     """The span (from, to) that counts if the graph has fallen silent, or None if it has not.
 
-    Silence is a step that has waited for longer than any answered one did, and longer since the
-    last answer than any pause between answers. It is not counted past the moment at which the
-    last published step would be that late, so that the time after playing is no silence.
+    Silence is an answer that has been waited for for longer than for any that came, and longer
+    since the last one than any pause between two. It is not counted past the moment at which the
+    last expected one would be that late, so that the time after playing is no silence.
+
+    Args:
+        published: when the step of each expected answer was published.
+        arrived: when those that came were received, ascending.
+        answers: which of the expected ones these are.
+        now_ns: until when nothing else has come.
     """
     if not published.size:
         return None
-    if not steps.size:
+    if not answers.size:
         return int(published[0]), now_ns
-    latest = int(steps.max())
+    latest = int(answers.max())
     if latest >= published.size - 1:
         return None
-    longest = int(np.max(arrived - published[steps]))
+    longest = int(np.max(arrived - published[answers]))
     to = min(now_ns, int(published[-1]) + longest)
     pause = int(np.max(np.diff(arrived))) if arrived.size > 1 else 0
     waiting = to - int(published[latest + 1])

@@ -16,10 +16,11 @@ Seconds = NDArray[np.float64]
 
 
 def latencies(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
-    """Received - published of each answered step, in seconds, in the order of the steps.
+    """Received - published of each answer, in seconds, in the order of the steps.
 
     Published is when publishing of the step's first input began; received is when the
-    middleware received the first answer.
+    middleware received the first answer. Where several steps lead to one answer, the last of
+    them counts: before it was there, the graph could only wait.
 
     Returns:
         Shape (answered,).
@@ -28,7 +29,7 @@ def latencies(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
 
 
 def latencies_from_due(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
-    """Received - due of each answered step, in seconds, in the order of the steps.
+    """Received - due of each answer, in seconds, in the order of the steps.
 
     Free of coordinated omission: where the playback was held up, the wait counts.
 
@@ -41,11 +42,11 @@ def latencies_from_due(playback: Rows, monitor: Rows, match: Matching) -> Second
 def _since(start_ns: NDArray[np.int64], monitor: Rows, match: Matching) -> Seconds:
     answered = match.answered
     received = monitor["received_ns"][match.first_row[answered]]
-    return seconds(received - start_ns[answered])
+    return seconds(received - start_ns[match.asked[answered]])
 
 
 def arrivals(monitor: Rows, match: Matching) -> NDArray[np.int64]:
-    """When each step's first answer was received, in ascending nanoseconds; shape (answered,).
+    """When each first answer was received, in ascending nanoseconds; shape (answered,).
 
     Duplicates and messages that answer no step are left out: they are counted elsewhere, and
     would make a graph look faster than it is.

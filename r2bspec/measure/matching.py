@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.plan.model import MonitorPlan
 from r2bspec.record.arrays import Rows
 
 UNKNOWN = -1
@@ -15,71 +16,147 @@ UNKNOWN = -1
 
 
 @dataclass(frozen=True)
+class Ratio:
+    """How many outputs answer how many steps, and where in its counting the graph is.
+
+    Attributes:
+        inputs: so many steps make a group.
+        outputs: so many messages answer each group.
+        before: steps that the graph was given before those at hand. A node that answers every
+            third message goes on counting where the last segment left it.
+    """
+
+    inputs: int = 1
+    outputs: int = 1
+    before: int = 0
+
+    @property
+    def per_step(self) -> float:
+        """Outputs for each step."""
+        return self.outputs / self.inputs
+
+    def asked(self, steps: int) -> NDArray[np.int64]:
+        """The step after which each expected answer can come: the last one of its group.
+
+        Of `steps` steps, those after the last whole group are waited for by nobody.
+        """
+        first = self.inputs - 1 - self.before % self.inputs
+        return np.repeat(np.arange(first, steps, self.inputs, dtype=np.int64), self.outputs)
+
+
+ONE_TO_ONE = Ratio()
+
+
+def ratio_of(plan: MonitorPlan, played_before: int) -> Ratio:
+    """What a monitor expects of the steps of a segment; a stamp answers the step that has it.
+
+    Args:
+        plan: the monitor.
+        played_before: see `Segment`.
+    """
+    if plan.match == "stamp":
+        return ONE_TO_ONE
+    return Ratio(plan.ratio_inputs, plan.ratio_outputs, played_before)
+
+
+@dataclass(frozen=True)
 class Matching:
     """How the messages of one monitor answer the steps of one segment.
 
-    With n steps and m messages::
+    With e expected answers (as many as steps, unless the ratio is another) and m messages::
 
-        sent     = n = answered + missed
+        expected = e = answered + missed
         received = m = answered + duplicates + unmatched
 
     Attributes:
         step: shape (m,), the step that each message answers, or `UNKNOWN`.
-        first_row: shape (n,), the row of the first message that answers each step, or
-            `UNKNOWN` where none does.
+        asked: shape (e,), the step after which each expected answer can come.
+        first_row: shape (e,), the row of the first message that is each expected answer, or
+            `UNKNOWN` where none is.
         duplicates: messages that answer a step which an earlier message had answered.
         reordered: first answers that came after the answer of a later step (RFC 4737,
             section 3: the step is below the highest one seen before).
         unmatched: messages that answer no step.
+        early: first answers that came before their step was published, which no answer can:
+            counting by order has gone wrong.
+        per_step: expected answers for each step, in the long run.
     """
 
     step: NDArray[np.int64]
+    asked: NDArray[np.int64]
     first_row: NDArray[np.int64]
     duplicates: int
     reordered: int
     unmatched: int
+    early: int = 0
+    per_step: float = 1.0
 
     @property
     def answered(self) -> NDArray[np.bool_]:
-        """Shape (n,): whether each step was answered."""
+        """Shape (e,): whether each expected answer came."""
         return np.not_equal(self.first_row, UNKNOWN)
 
     @property
     def missed(self) -> int:
-        """Steps that no message answered."""
+        """Expected answers that never came."""
         return int(np.count_nonzero(self.first_row == UNKNOWN))
 
 
-def match(playback: Rows, monitor: Rows, by: Literal["stamp", "order"]) -> Matching:
+def match(
+    playback: Rows,
+    monitor: Rows,
+    by: Literal["stamp", "order"],
+    ratio: Ratio = ONE_TO_ONE,
+) -> Matching:
     """Match messages to steps.
 
     By stamp: a message answers the step whose unique stamp it carries. By order: the k-th
-    message answers the k-th step, and what comes after the last step answers none; losses and
-    duplicates within the order cannot be seen that way.
+    message is the k-th answer that the ratio lets expect, and what comes after the last of them,
+    or came before anything was published, answers nothing; losses and duplicates within the
+    order cannot be seen that way.
 
     Args:
         playback: rows of type `PLAYBACK`, one per step, in the order of publication.
         monitor: rows of type `MONITOR`, in the order of arrival.
         by: how.
+        ratio: of outputs to inputs; by stamp it is one to one.
     """
     if by == "order":
-        step = np.arange(monitor.size, dtype=np.int64)
-        step[playback.size :] = UNKNOWN
+        asked = ratio.asked(playback.size)
+        answer = _answers_by_order(playback, monitor, asked.size)
     else:
-        step = _steps_by_stamp(playback["stamp_ns"], monitor["stamp_ns"])
-    rows = np.flatnonzero(step != UNKNOWN)
-    answered, first = np.unique(step[rows], return_index=True)
-    first_row = np.full(playback.size, UNKNOWN, dtype=np.int64)
+        asked = np.arange(playback.size, dtype=np.int64)
+        answer = _steps_by_stamp(playback["stamp_ns"], monitor["stamp_ns"])
+    rows = np.flatnonzero(answer != UNKNOWN)
+    answered, first = np.unique(answer[rows], return_index=True)
+    first_row = np.full(asked.size, UNKNOWN, dtype=np.int64)
     first_row[answered] = rows[first]
     in_order_of_arrival = answered[np.argsort(first)]
     highest_before = np.maximum.accumulate(in_order_of_arrival)[:-1]
+    step = np.full(monitor.size, UNKNOWN, dtype=np.int64)
+    step[rows] = asked[answer[rows]]
+    published_ns = playback["published_ns"][asked[answered]]
+    early = monitor["received_ns"][first_row[answered]] < published_ns
     return Matching(
         step=step,
+        asked=asked,
         first_row=first_row,
         duplicates=int(rows.size - answered.size),
         reordered=int(np.count_nonzero(in_order_of_arrival[1:] < highest_before)),
         unmatched=int(monitor.size - rows.size),
+        early=int(np.count_nonzero(early)),
+        per_step=ratio.per_step if by == "order" else 1.0,
     )
+
+
+def _answers_by_order(playback: Rows, monitor: Rows, expected: int) -> NDArray[np.int64]:
+    """The number of the expected answer that each message is, or `UNKNOWN`."""
+    answer = np.full(monitor.size, UNKNOWN, dtype=np.int64)
+    if playback.size:
+        # What was still under way from before must not be taken for the first answer.
+        can = np.flatnonzero(monitor["received_ns"] >= playback["published_ns"][0])[:expected]
+        answer[can] = np.arange(can.size)
+    return answer
 
 
 def _steps_by_stamp(sent: NDArray[np.int64], received: NDArray[np.int64]) -> NDArray[np.int64]:

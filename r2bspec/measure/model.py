@@ -29,11 +29,35 @@ class Distribution(msgspec.Struct, frozen=True, kw_only=True):
     max: float | None
 
 
+class HopMetrics(msgspec.Struct, frozen=True, kw_only=True):
+    """A hop of the way to a monitor: from one topic to the next, or from the player to the first.
+
+    Of the messages that were seen at `source`, `matched` were seen at `target`, too, with the same
+    stamp, and `missed` were not. `latency` is from reception there to reception here; from the
+    player, it is from publication.
+    """
+
+    source: str
+    target: str
+    matched: int
+    missed: int
+    latency: Distribution
+
+
 class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
     """What one monitor saw.
 
-    ``sent = answered + missed`` counts steps; ``received = answered + duplicates + unmatched``
-    counts messages; ``drop_rate = missed / sent``.
+    `sent` counts steps. They let expect as many answers, unless the monitor's ratio is another:
+    ``expected = answered + missed``, and ``drop_rate = missed / expected``. Messages are counted
+    by ``received = answered + duplicates + unmatched``.
+
+    Attributes:
+        reordered: answers that came after that of a later step.
+        late: answers that came after the last step's period had ended.
+        early: answers that came before their step was published: by order, the counting has
+            gone wrong.
+        overdue: of the unmatched, answers to steps of an earlier segment, given up by then.
+        hops: the way of the messages, where it is tapped.
     """
 
     sent: int
@@ -49,6 +73,15 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
     latency_from_due: Distribution
     interval: Distribution
     jitter: Distribution
+    late: int = 0
+    early: int = 0
+    overdue: int = 0
+    hops: tuple[HopMetrics, ...] = ()
+
+    @property
+    def expected(self) -> int:
+        """Answers that the steps let expect."""
+        return self.answered + self.missed
 
 
 class PlaybackMetrics(msgspec.Struct, frozen=True, kw_only=True):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from r2bspec.measure.hops import pool_hops
 from r2bspec.measure.resources import Use
 from r2bspec.measure.samples import MonitorSamples, PlaybackSamples, SegmentSamples, StepTimes
 
@@ -37,6 +38,11 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
         reordered=total(lambda one: one.reordered),
         unmatched=total(lambda one: one.unmatched),
         throughput_hz=sum(one.throughput_hz for one in samples) / len(samples),
+        late=total(lambda one: one.late),
+        early=total(lambda one: one.early),
+        overdue=total(lambda one: one.overdue),
+        per_step=samples[0].per_step,
+        hops=pool_hops([one.hops for one in samples]),
     )
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.measure.hops import HopSamples, hop_samples
 from r2bspec.measure.latency import (
     Seconds,
     arrivals,
@@ -19,9 +19,10 @@ from r2bspec.measure.latency import (
     latencies_from_due,
     seconds,
 )
-from r2bspec.measure.matching import UNKNOWN, Matching, match
+from r2bspec.measure.matching import UNKNOWN, Matching, match, ratio_of
 from r2bspec.measure.resources import MACHINE, Use, use
 from r2bspec.measure.throughput import Silence, mean_rate, silence, throughput
+from r2bspec.plan.model import MonitorPlan
 from r2bspec.record.arrays import Rows
 from r2bspec.record.model import ProcessRecord, RunRecord, Segment
 from r2bspec.record.store import Run
@@ -35,10 +36,10 @@ LOSSES_COUNT = ("latency", "latency_from_due")
 
 @dataclass(frozen=True)
 class StepTimes:
-    """When each step was due and published, and when its first answer was received, in ns.
+    """When the step of each expected answer was due and published, and when it was received.
 
-    Shape (sent,) each, in the order of the steps; `received_ns` is `UNKNOWN` for a step that was
-    never answered.
+    In nanoseconds; shape (expected,) each, in the order of the steps, of which each has one answer
+    unless the ratio is another. `received_ns` is `UNKNOWN` for an answer that never came.
     """
 
     due_ns: NDArray[np.int64]
@@ -47,7 +48,7 @@ class StepTimes:
 
     @property
     def answered(self) -> NDArray[np.bool_]:
-        """Whether each step was answered."""
+        """Whether each expected answer came."""
         return np.not_equal(self.received_ns, UNKNOWN)
 
 
@@ -56,13 +57,19 @@ class MonitorSamples:
     """What one monitor saw in one segment.
 
     Attributes:
-        steps: the steps one by one.
+        steps: the expected answers one by one.
         times: for each family of the catalogue that has one value per message (``latency``,
             ``latency_from_due``, ``interval``, ``jitter``), the values in seconds. A silence
             at an end of the segment is among the intervals (see `throughput.silence`).
-        sent: steps played; ``sent = answered + missed``.
+        sent: steps played. They let expect as many answers, unless the ratio is another;
+            ``expected = answered + missed``.
         received: messages; ``received = answered + duplicates + unmatched``.
         throughput_hz: see `throughput.throughput`.
+        late: answers that came after the sending window had ended.
+        early: see `Matching`.
+        overdue: of the unmatched, those that answer a step of an earlier segment.
+        per_step: answers that each step lets expect, in the long run.
+        hops: the way to the monitor, where it is tapped.
     """
 
     steps: StepTimes
@@ -74,11 +81,21 @@ class MonitorSamples:
     reordered: int
     unmatched: int
     throughput_hz: float
+    late: int = 0
+    early: int = 0
+    overdue: int = 0
+    per_step: float = 1.0
+    hops: tuple[HopSamples, ...] = ()
+
+    @property
+    def expected(self) -> int:
+        """Answers that the steps let expect."""
+        return int(self.steps.due_ns.size)
 
     @property
     def missed(self) -> int:
-        """Steps that no message answered."""
-        return self.sent - self.answered
+        """Expected answers that never came."""
+        return self.expected - self.answered
 
     def in_order(self, family: str, lost: float) -> Seconds:
         """The times of a family in the order of the steps, `lost` where nothing came.
@@ -140,10 +157,11 @@ class RunSamples:
 
 
 def monitor_samples(
-    segment: Segment, playback: Rows, monitor: Rows, by: Literal["stamp", "order"]
+    segment: Segment, playback: Rows, monitor: Rows, plan: MonitorPlan
 ) -> MonitorSamples:
     """Match one monitor's messages to what was played, and take their times."""
-    matched = match(playback, monitor, by)
+    ratio = ratio_of(plan, segment.played_before)
+    matched = match(playback, monitor, plan.match, ratio)
     latency = latencies(playback, monitor, matched)
     arrived = arrivals(monitor, matched)
     silent = Silence(0, 0)
@@ -164,15 +182,19 @@ def monitor_samples(
         duplicates=matched.duplicates,
         reordered=matched.reordered,
         unmatched=matched.unmatched,
-        throughput_hz=throughput(arrived, silent),
+        throughput_hz=throughput(arrived, silent, ratio.outputs),
+        late=int(np.count_nonzero(arrived > segment.ended_ns)),
+        early=matched.early,
+        per_step=matched.per_step,
     )
 
 
 def _step_times(playback: Rows, monitor: Rows, matched: Matching) -> StepTimes:
-    received = np.full(playback.size, UNKNOWN, dtype=np.int64)
+    received = np.full(matched.asked.size, UNKNOWN, dtype=np.int64)
     answered = matched.answered
     received[answered] = monitor["received_ns"][matched.first_row[answered]]
-    return StepTimes(playback["due_ns"], playback["published_ns"], received)
+    asked = matched.asked
+    return StepTimes(playback["due_ns"][asked], playback["published_ns"][asked], received)
 
 
 def _with_silence(arrived: NDArray[np.int64], silent: Silence) -> Seconds:
@@ -206,12 +228,7 @@ def segment_samples(run: Run, segment: Segment, resources: Rows | None = None) -
     return SegmentSamples(
         segment=segment,
         playback=playback_samples(played),
-        monitors={
-            monitor.name: monitor_samples(
-                segment, played, run.monitor(segment, monitor.name), monitor.match
-            )
-            for monitor in run.plan.monitors
-        },
+        monitors={each.name: _seen(run, segment, played, each) for each in run.plan.monitors},
         processes={
             name: used
             for name, indices in _by_name(run.record.processes).items()
@@ -219,6 +236,32 @@ def segment_samples(run: Run, segment: Segment, resources: Rows | None = None) -
         },
         machine=use(sampled, frozenset({MACHINE}), began, ended),
     )
+
+
+def _seen(run: Run, segment: Segment, played: Rows, plan: MonitorPlan) -> MonitorSamples:
+    """What one monitor saw, with the way to it, and what came too late from earlier segments."""
+    rows = run.monitor(segment, plan.name)
+    found = monitor_samples(segment, played, rows, plan)
+    matched = match(played, rows, plan.match, ratio_of(plan, segment.played_before))
+    taps = {tap.topic: run.tap(segment, tap.topic) for tap in plan.taps}
+    return replace(
+        found,
+        overdue=_overdue(run, segment, rows, matched) if plan.match == "stamp" else 0,
+        hops=hop_samples(run.plan, plan, played, taps, rows, matched),
+    )
+
+
+def _overdue(run: Run, segment: Segment, rows: Rows, matched: Matching) -> int:
+    """How many messages carry the stamp of a step that was played before this segment."""
+    if not matched.unmatched:
+        return 0
+    earlier = [
+        run.playback(each)["stamp_ns"]
+        for each in run.record.segments
+        if each.began_ns < segment.began_ns
+    ]
+    strangers = rows["stamp_ns"][matched.step == UNKNOWN]
+    return int(np.count_nonzero(np.isin(strangers, np.concatenate(earlier)))) if earlier else 0
 
 
 def _by_name(processes: tuple[ProcessRecord, ...]) -> dict[str, frozenset[int]]:

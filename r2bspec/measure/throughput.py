@@ -43,12 +43,18 @@ def silence(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> Si
     return Silence(before if before > longest else 0, after if after > longest else 0)
 
 
-def throughput(arrived_ns: NDArray[np.int64], silent: Silence) -> float:
+def throughput(arrived_ns: NDArray[np.int64], silent: Silence, burst: int = 1) -> float:
     """(n - 1) / (t_last - t_first) in Hz; 0 for fewer than two outputs.
 
     Of a silence at an end, the part beyond the longest pause between outputs adds to the time:
     what an ordinary pause would have been is not held against the graph.
+
+    Where `burst` outputs answer each group of steps, the first burst takes the place of the
+    first output: (n - burst) / (t_last - t_burst). The n outputs bound no more periods than
+    their bursts do, however close together those of one burst come.
     """
+    if burst > 1:
+        arrived_ns = arrived_ns[burst - 1 :]
     if arrived_ns.size < 2:
         return 0.0
     longest = int(np.max(np.diff(arrived_ns)))

@@ -44,7 +44,7 @@ def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
         case "throughput.mean":
             return seen.throughput_hz
         case "drop_rate":
-            return seen.missed / seen.sent if seen.sent else None
+            return seen.missed / seen.expected if seen.expected else None
         case "received" | "missed" | "duplicates" | "reordered" | "unmatched":
             return float(getattr(seen, info.name))
     raise ValueError(f"{info.name} is not a metric of a monitor")

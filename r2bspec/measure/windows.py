@@ -105,10 +105,11 @@ def windows(seen: MonitorSamples, ended_ns: int, window_ns: int) -> Iterator[Mon
     edges = np.searchsorted(number, np.arange(complete + 1))
     for j, (first, last) in enumerate(pairwise(edges)):
         if last > first:
-            yield _window(steps, slice(first, last), began_ns + (j + 1) * window_ns)
+            yield _window(seen, slice(first, last), began_ns + (j + 1) * window_ns)
 
 
-def _window(steps: StepTimes, part: slice, ended_ns: int) -> MonitorSamples:
+def _window(seen: MonitorSamples, part: slice, ended_ns: int) -> MonitorSamples:
+    steps = seen.steps
     due, published = steps.due_ns[part], steps.published_ns[part]
     received = steps.received_ns[part]
     inside = StepTimes(due, published, received)
@@ -137,4 +138,5 @@ def _window(steps: StepTimes, part: slice, ended_ns: int) -> MonitorSamples:
         reordered=0,
         unmatched=0,
         throughput_hz=rate_hz,
+        per_step=seen.per_step,
     )

@@ -25,7 +25,6 @@ def unsupported(plan: Plan) -> list[Unsupported]:
         *_datasets(plan),
         *(each for process in plan.processes for each in _process(process)),
         *_playback(plan),
-        *_monitors(plan),
     ]
 
 
@@ -52,11 +51,3 @@ def _playback(plan: Plan) -> Iterator[Unsupported]:
         yield Unsupported("playback_mode", f"the playback mode {plan.playback_mode!r}")
     if plan.harness.kind != "r2bspec":
         yield Unsupported("harness.kind", f"the harness {plan.harness.kind!r}")
-
-
-def _monitors(plan: Plan) -> Iterator[Unsupported]:
-    for each in plan.monitors:
-        if (each.ratio_inputs, each.ratio_outputs) != (1, 1):
-            yield Unsupported(f"monitors.{each.name}.ratio_inputs", "ratios of inputs to outputs")
-        if each.taps:
-            yield Unsupported(f"monitors.{each.name}.taps", "watching the way to a monitor")

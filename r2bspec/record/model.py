@@ -6,7 +6,8 @@ A run folder holds::
     plan.json          the plan that was carried out
     record.json        a `RunRecord`: this module, written last, whole or not at all
     result.json        metrics and verdicts, computed from all of the above
-    samples/SEGMENT/   playback.npy, and monitor.NAME.npy for each monitor
+    samples/SEGMENT/   playback.npy, monitor.NAME.npy for each monitor, and tap.TOPIC.npy for
+                       each tapped topic, with dots for its slashes
     resources.npy      CPU and memory of every process over the whole run
     logs/PROCESS.log   what each process printed
 
@@ -57,7 +58,8 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
 
     `id` names its folder below ``samples/``. `steps` is how many steps were asked for. The
     sending window runs from the first due time to `ended_ns`, the end of the last period.
-    `complete` is False if playing was cut short.
+    `complete` is False if playing was cut short. `played_before` is how many steps the graph had
+    been given before the first one of this segment.
     """
 
     id: str
@@ -68,6 +70,7 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     began_ns: int
     ended_ns: int
     complete: bool
+    played_before: int = 0
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):

@@ -19,6 +19,7 @@ import numpy as np
 from r2bspec.plan.canonical import parse_plan
 from r2bspec.plan.errors import PlanError
 from r2bspec.plan.model import Plan
+from r2bspec.plan.taps import tap_name
 from r2bspec.record.arrays import MONITOR, PLAYBACK, RESOURCES, Rows, read_rows, write_rows
 from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
 from r2bspec.record.files import write_whole
@@ -89,6 +90,10 @@ class RunFolder:
         """Write what a monitor received in a segment, also when it is nothing (no rows)."""
         write_rows(_segment_folder(self.path, segment) / _monitor_file(monitor), rows, MONITOR)
 
+    def write_tap(self, segment: str, topic: str, rows: Rows) -> None:
+        """Write what a tap saw of a topic in a segment."""
+        write_rows(_segment_folder(self.path, segment) / _tap_file(topic), rows, MONITOR)
+
     def write_resources(self, rows: Rows) -> None:
         """Write CPU and memory over the whole run: rows of `r2bspec.record.arrays.RESOURCES`."""
         write_rows(self.path / "resources.npy", rows, RESOURCES)
@@ -129,6 +134,14 @@ class Run:
             RecordError: the file is missing or damaged.
         """
         return read_rows(_segment_folder(self.folder, segment.id) / _monitor_file(name), MONITOR)
+
+    def tap(self, segment: Segment, topic: str) -> Rows:
+        """What a tap saw of a topic, one row per message in order of arrival (type `MONITOR`).
+
+        Raises:
+            RecordError: the file is missing or damaged.
+        """
+        return read_rows(_segment_folder(self.folder, segment.id) / _tap_file(topic), MONITOR)
 
     def resources(self) -> Rows:
         """CPU and memory samples (type `RESOURCES`); no rows if none were taken.
@@ -218,6 +231,10 @@ def _segment_folder(folder: Path, segment: str) -> Path:
 
 def _monitor_file(name: str) -> str:
     return f"monitor.{_safe(name)}.npy"
+
+
+def _tap_file(topic: str) -> str:
+    return f"{_safe(tap_name(topic))}.npy"
 
 
 def _safe(name: str) -> str:

@@ -49,7 +49,7 @@ def _entries(
             "name": f"{name}: {monitor} {metric} at {rate.offered_hz:g} Hz",
             "unit": shown,
             "value": value * factor,
-            "extra": f"{len(rate.iterations)} iterations, {seen.missed} of {seen.sent} missed",
+            "extra": f"{len(rate.iterations)} iterations, {seen.missed} of {seen.expected} missed",
         }
         if metric in spread:
             entry["range"] = show_range(spread[metric].low, spread[metric].high, unit)

@@ -11,6 +11,11 @@ from r2bspec.report.model import Result
 PARTS = ("min", "mean", "p50", "p90", "p95", "p99", "p99_9", "max")
 """Of a distribution, in ascending order but for the mean."""
 
+_COUNTS = (
+    *("sent", "answered", "received", "missed", "duplicates", "reordered", "unmatched"),
+    *("late", "early", "overdue"),
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Row:
@@ -68,7 +73,7 @@ def _monitor(seen: MonitorMetrics) -> Iterator[tuple[str, str, float | None]]:
     for family in ("latency", "latency_from_due", "interval", "jitter"):
         yield from _distribution(family, getattr(seen, family))
     yield "drop_rate", "share", seen.drop_rate
-    for count in ("sent", "answered", "received", "missed", "duplicates", "reordered", "unmatched"):
+    for count in _COUNTS:
         yield count, "count", getattr(seen, count)
 
 

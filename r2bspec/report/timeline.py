@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from r2bspec.measure.matching import match
+from r2bspec.measure.matching import match, ratio_of
 from r2bspec.measure.resources import MACHINE
 from r2bspec.record.model import Segment
 from r2bspec.record.store import Run
@@ -20,7 +20,7 @@ WHOLE_MACHINE = "whole machine"
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One step at one monitor; `received_ns` is None where nothing answered it."""
+    """An expected answer at one monitor: its step; `received_ns` is None where none came."""
 
     segment: Segment
     step: int
@@ -55,12 +55,12 @@ def phases(run: Run) -> list[tuple[str, int, int]]:
 
 
 def messages(run: Run, monitor: str) -> Iterator[Message]:
-    """Every step of every segment, in the order of playing."""
+    """Every expected answer of every segment, in the order of playing."""
     (plan,) = (each for each in run.plan.monitors if each.name == monitor)
     for segment in run.record.segments:
         playback, rows = run.playback(segment), run.monitor(segment, monitor)
-        first = match(playback, rows, plan.match).first_row
-        for step, row in enumerate(first.tolist()):
+        matched = match(playback, rows, plan.match, ratio_of(plan, segment.played_before))
+        for step, row in zip(matched.asked.tolist(), matched.first_row.tolist(), strict=True):
             yield Message(
                 segment=segment,
                 step=step,

@@ -103,10 +103,15 @@ def _odd_messages(result: Result) -> Iterator[str]:
             where = f"{name} at {show(rate.offered_hz, 'Hz')}"
             if not seen.received:
                 yield f"{where} received nothing"
+            if seen.expected != seen.sent:
+                inputs, outputs = show(seen.sent, "count"), show(seen.expected, "count")
+                yield f"{where}: {inputs} inputs let expect {outputs} outputs"
             odd = {
                 "came twice or more": seen.duplicates,
                 "were overtaken": seen.reordered,
-                "answer no input": seen.unmatched,
+                "answer no input": seen.unmatched - seen.overdue,
+                "answer an earlier stretch, which had been given up": seen.overdue,
+                "came before the input that they are counted for": seen.early,
             }
             said = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
             if said:

@@ -64,7 +64,7 @@ def judge_requirement(
             at_hz=at_hz,
             info=info,
             monitor=asked,
-            limit=_limit(requirement, at_hz),
+            limit=_limit(requirement, at_hz, info, _per_step(samples, at_hz, asked)),
             iterations=iterations_at(samples.iterations, at_hz),
             confidence=confidence,
             windows=windows_of(requirement),
@@ -89,13 +89,23 @@ def rate_of(objective: Objective, samples: RunSamples) -> float | None:
     return search.holds_hz if objective.at_peak and search is not None else None
 
 
-def _limit(requirement: Requirement, at_hz: float | None) -> float:
+def _limit(
+    requirement: Requirement, at_hz: float | None, info: MetricInfo, per_step: float
+) -> float:
     bound = requirement.bound
     if bound is None or bound.of_baseline:
         return math.nan
     if not bound.of_offered:
         return bound.value
-    return bound.value * at_hz if at_hz is not None else math.nan
+    if at_hz is None:
+        return math.nan
+    # Of a monitor with a ratio as many outputs are offered as the steps let expect.
+    return bound.value * at_hz * (per_step if info.scope == "monitor" else 1.0)
+
+
+def _per_step(samples: RunSamples, at_hz: float | None, monitor: str | None) -> float:
+    played = iterations_at(samples.iterations, at_hz)
+    return played[0].monitors[monitor].per_step if played and monitor is not None else 1.0
 
 
 def iterations_at(

@@ -101,9 +101,29 @@ def _measured(metrics: RunMetrics) -> Iterator[str]:
                 if (seen := rate.pooled.monitors[name])
             ],
         )
+        yield from _hops(metrics, name)
     if metrics.search is not None and metrics.search.probes:
         yield f"Peak {escaped(peak_text(metrics.search))}"
         yield ""
+
+
+def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
+    """Where the time goes on the way to a monitor; nothing where it is not tapped."""
+    rows = [
+        (
+            show(rate.offered_hz, "Hz"),
+            escaped(f"{hop.source} → {hop.target}"),
+            *(show(getattr(hop.latency, part), "s") for part in ("p50", "p99")),
+            show(hop.matched, "count"),
+            show(hop.missed, "count"),
+        )
+        for rate in metrics.rates
+        for hop in rate.pooled.monitors[monitor].hops
+    ]
+    if rows:
+        yield f"Hops to **{escaped(monitor)}**"
+        yield ""
+        yield from table(("offered", "from → to", "p50", "p99", "matched", "missed"), rows)
 
 
 def _provenance(reported: Reported) -> Iterator[str]:

@@ -22,12 +22,14 @@ _SUMMARIES = {
 
 _COUNTS = {
     "sent": "Steps that were played.",
-    "answered": "Steps that a message answered.",
-    "missed": "Steps that no message answered.",
+    "answered": "Expected answers that came.",
+    "missed": "Expected answers that never came.",
     "received": "Messages that arrived, of any kind.",
     "duplicates": "Answers to a step answered before.",
     "reordered": "Answers overtaken by a later step's.",
     "unmatched": "Messages that answer no step.",
+    "late": "Answers that came after the last step's period.",
+    "overdue": "Unmatched messages that answer a step of an earlier segment.",
 }
 
 _OUTCOMES = ("pass", "fail", "inconclusive")
@@ -131,7 +133,7 @@ def _of_monitors(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Fam
     gauge.samples += [("", labels, metrics.throughput_hz) for labels, metrics in seen]
     yield gauge
     gauge = _Family("r2bspec_drop_ratio", "gauge", "Missed of sent.", "ratio")
-    gauge.samples += [("", labels, _known(metrics)) for labels, metrics in seen if metrics.sent]
+    gauge.samples += [("", labels, _known(metrics)) for labels, metrics in seen if metrics.expected]
     yield gauge
     for key, about in _COUNTS.items():
         gauge = _Family(f"r2bspec_{key}_messages", "gauge", about, "messages")
@@ -140,7 +142,7 @@ def _of_monitors(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Fam
 
 
 def _known(metrics: MonitorMetrics) -> float:
-    return metrics.missed / metrics.sent
+    return metrics.missed / metrics.expected
 
 
 def _summary(times: Distribution, labels: Labels) -> Iterator[tuple[str, Labels, float]]:

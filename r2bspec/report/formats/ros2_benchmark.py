@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from r2bspec.interop.ros2_benchmark import BASIC, METADATA, MODES, RESOURCE
 from r2bspec.measure.latency import arrivals
-from r2bspec.measure.matching import match
+from r2bspec.measure.matching import match, ratio_of
 from r2bspec.measure.resources import MACHINE
-from r2bspec.record.arrays import Rows
+from r2bspec.plan.model import MonitorPlan
 from r2bspec.record.model import Segment
 from r2bspec.record.store import Run
 from r2bspec.report.reported import Reported
@@ -65,8 +65,8 @@ def _level(run: Run, loads: _Loads, segments: Sequence[Segment]) -> dict[str, An
         return {}
     found: dict[str, Any] = {}
     for monitor in run.plan.monitors:
-        pairs = [(run.playback(each), run.monitor(each, monitor.name)) for each in segments]
-        figures = {f"{BASIC}.{key}": value for key, value in _figures(pairs, monitor.match).items()}
+        seen = [_Seen.of(run, each, monitor) for each in segments]
+        figures = {f"{BASIC}.{key}": value for key, value in _figures(seen).items()}
         if len(run.plan.monitors) == 1:
             found |= figures
         else:
@@ -74,8 +74,7 @@ def _level(run: Run, loads: _Loads, segments: Sequence[Segment]) -> dict[str, An
     return found | {f"{RESOURCE}.{key}": value for key, value in loads.during(segments).items()}
 
 
-def _figures(pairs: Sequence[tuple[Rows, Rows]], by: Any) -> dict[str, float]:
-    seen = [_Seen.of(playback, monitor, by) for playback, monitor in pairs]
+def _figures(seen: Sequence[_Seen]) -> dict[str, float]:
     latency = np.concatenate([each.latency for each in seen])
     jitter = np.concatenate([each.jitter for each in seen])
     found: dict[str, float | None] = {
@@ -108,9 +107,9 @@ def _figures(pairs: Sequence[tuple[Rows, Rows]], by: Any) -> dict[str, float]:
 class _Seen:
     """One iteration at one monitor, in milliseconds and frames per second."""
 
-    def __init__(self, sent: NDArray[np.int64], arrived: NDArray[np.int64]) -> None:
+    def __init__(self, sent: NDArray[np.int64], arrived: NDArray[np.int64], missed: int) -> None:
         self.sent = int(sent.size)
-        self.missed = self.sent - int(arrived.size)
+        self.missed = missed
         self.latency: NDArray[np.float64] = np.empty(0)
         self.jitter = np.abs(np.diff(arrived, 2)) / 1e6 if arrived.size > 2 else np.empty(0)
         self.duration = float(arrived[-1] - arrived[0]) / 1e6 if arrived.size > 1 else None
@@ -121,11 +120,13 @@ class _Seen:
         self.last_to_last = float(arrived[-1] - sent[-1]) / 1e6 if both else None
 
     @classmethod
-    def of(cls, playback: Rows, monitor: Rows, by: Any) -> _Seen:
-        matched = match(playback, monitor, by)
-        seen = cls(playback["published_ns"], arrivals(monitor, matched))
-        received = monitor["received_ns"][matched.first_row[matched.answered]]
-        seen.latency = (received - playback["published_ns"][matched.answered]) / 1e6
+    def of(cls, run: Run, segment: Segment, plan: MonitorPlan) -> _Seen:
+        playback, monitor = run.playback(segment), run.monitor(segment, plan.name)
+        matched = match(playback, monitor, plan.match, ratio_of(plan, segment.played_before))
+        seen = cls(playback["published_ns"], arrivals(monitor, matched), matched.missed)
+        answered = matched.answered
+        received = monitor["received_ns"][matched.first_row[answered]]
+        seen.latency = (received - playback["published_ns"][matched.asked[answered]]) / 1e6
         return seen
 
 

@@ -7,23 +7,23 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.matching import match
+from r2bspec.measure.matching import match, ratio_of
 from r2bspec.record.model import Segment
 from r2bspec.record.store import Run
 
 Steps = NDArray[np.float64]
-"""Seconds, one for each step that was played, in order; NaN where nothing answered."""
+"""Seconds, one for each answer that the steps let expect, in order; NaN where none came."""
 
 
 def steps_of(run: Run, segment: Segment, monitor: str) -> Steps:
-    """The steps of one segment, as one monitor saw them."""
+    """The expected answers of one segment, as one monitor saw them."""
     (plan,) = (each for each in run.plan.monitors if each.name == monitor)
     playback, rows = run.playback(segment), run.monitor(segment, monitor)
-    matched = match(playback, rows, plan.match)
-    found = np.full(playback.size, np.nan)
+    matched = match(playback, rows, plan.match, ratio_of(plan, segment.played_before))
+    found = np.full(matched.asked.size, np.nan)
     answered = matched.answered
     received = rows["received_ns"][matched.first_row[answered]]
-    found[answered] = (received - playback["published_ns"][answered]) / 1e9
+    found[answered] = (received - playback["published_ns"][matched.asked[answered]]) / 1e9
     return found
 
 

@@ -13,6 +13,7 @@ from rich.text import Text
 from r2bspec.report.findings.show import wants_colour
 from r2bspec.report.model import Result
 from r2bspec.report.result import to_json
+from r2bspec.report.terminal.hops import hop_sections
 from r2bspec.report.terminal.load import floor_section, load_section
 from r2bspec.report.terminal.monitors import monitor_sections
 from r2bspec.report.terminal.notes import header, notes_section, overall, search_section
@@ -80,6 +81,7 @@ def print_report(result: Result, folder: Path | None, console: Console) -> None:
         header(result),
         verdict_section(result.verdict, width),
         *monitor_sections(result.metrics, width),
+        *hop_sections(result.metrics),
         load_section(result.metrics, width),
         floor_section(result.floor),
         search_section(result.metrics.search),

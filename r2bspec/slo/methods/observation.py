@@ -64,7 +64,7 @@ def observed(question: Question) -> float | None:
         return sum(values)
     if info.name == "drop_rate":
         pooled = pool_monitor(_monitors(question))
-        return pooled.missed / pooled.sent if pooled.sent else None
+        return pooled.missed / pooled.expected if pooled.expected else None
     if info.part == "min":
         return min(values)
     return max(values) if info.part == "max" else sum(values) / len(values)
@@ -91,7 +91,7 @@ def _messages(question: Question) -> int:
         seen = _monitors(question)
         if info.family in seen[0].times and info.family not in LOSSES_COUNT:
             return sum(one.times[info.family].size for one in seen)
-        return sum(one.sent for one in seen)
+        return sum(one.expected for one in seen)
     if info.scope == "playback":
         return sum(one.playback.sent for one in question.iterations)
     return len(question.iterations)

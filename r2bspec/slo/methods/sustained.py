@@ -103,7 +103,7 @@ def _keeps_up(_: float, seen: MonitorSamples, growth: float, confidence: float) 
 def _falls_behind(rate_hz: float, seen: MonitorSamples, growth: float, confidence: float) -> bool:
     from scipy.special import stdtrit
 
-    found = delivery_of_steps(rate_hz, seen.steps)
+    found = delivery_of_steps(rate_hz, seen.steps, seen.per_step)
     limit_hz = (1 - growth) * min(found.offered_hz, found.player_hz)
     if found.settled_hz >= limit_hz or found.batches < _LEAST_BATCHES:
         # It did not hold for another reason, or fell silent at once.

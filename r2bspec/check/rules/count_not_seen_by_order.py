@@ -1,0 +1,65 @@
+"""Counts of odd messages, required of a monitor that cannot see them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.metrics import known_metrics
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+
+_NEED_STAMPS = frozenset({"duplicates", "reordered"})
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    monitors = context.spec.monitors
+    for each in known_metrics(context):
+        if each.info.name not in _NEED_STAMPS:
+            continue
+        for name in [each.monitor] if each.monitor else monitors:
+            if monitors[name].match == "order":
+                yield Finding(
+                    message=f"monitor {name} matches by order, and cannot tell {each.info.name}",
+                    path=each.placed.path,
+                    part=each.placed.metric_part,
+                    help=f"require it of a topic whose messages have a header, or {quote('missed')}"
+                    " and 'unmatched', which are counted",
+                    related=(Pointer("it says so here", ("monitors", name, "match")),),
+                    about=frozenset({each.placed.subject}),
+                )
+
+
+RULE = Rule(
+    code="R2B525",
+    title="a count that matching by order cannot see",
+    severity=Severity.ERROR,
+    why="Only a stamp tells that an answer came twice, or before another. By order, the second of "
+    "two equal messages is taken for the next answer, and the count is always 0.",
+    failing=example(
+        graph="""
+            nodes:
+              counter:
+                command: [sh, ./counter.sh]
+                subscribes: {image: sensor_msgs/msg/Image}
+                publishes: {output: std_msgs/msg/Float32}
+        """,
+        monitors="{output: {topic: output, format: std_msgs/msg/Float32, match: order}}",
+        slos="{once: {at: 30 Hz, require: [duplicates == 0]}}",
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              counter:
+                command: [sh, ./counter.sh]
+                subscribes: {image: sensor_msgs/msg/Image}
+                publishes: {output: std_msgs/msg/Float32}
+        """,
+        monitors="{output: {topic: output, format: std_msgs/msg/Float32, match: order}}",
+        slos="{all: {at: 30 Hz, require: [unmatched == 0]}}",
+    ),
+    find=_find,
+)

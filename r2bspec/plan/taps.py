@@ -1,0 +1,88 @@
+"""The topics on the way to the monitors, which are watched where a monitor is tapped."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+from r2bspec.plan.model import MonitorPlan, Plan, TapPlan, TopicPlan
+
+PLAYER = "player"
+"""Where every way begins; stands for all inputs, which are published together."""
+
+_PREFIX = "tap."
+
+
+def all_taps(monitors: Iterable[MonitorPlan]) -> tuple[TapPlan, ...]:
+    """Every tapped topic once, however many monitors it leads to."""
+    return tuple({tap.topic: tap for each in monitors for tap in each.taps}.values())
+
+
+def tap_watches(monitors: Iterable[MonitorPlan]) -> tuple[MonitorPlan, ...]:
+    """The taps as the monitor's process watches them: with the QoS of whoever writes."""
+    return tuple(
+        MonitorPlan(
+            name=tap_name(tap.topic), topic=tap.topic, type=tap.type, match="stamp", qos=None
+        )
+        for tap in all_taps(monitors)
+    )
+
+
+def tap_name(topic: str) -> str:
+    """The name under which a tap's samples are kept; neither topics nor monitors have dots."""
+    return _PREFIX + topic.strip("/").replace("/", ".")
+
+
+def hops_to(
+    plan: Plan, monitor: MonitorPlan, leave_out: Collection[str] = ()
+) -> tuple[tuple[str, str], ...]:
+    """The hops of the way to a tapped monitor, as (source, target), from the player on.
+
+    A hop leads from one topic to another if a node reads the one and writes the other. Where
+    several nodes make one message of several, more than one hop leads to its topic.
+
+    Args:
+        plan: knows who reads and who writes.
+        monitor: the monitor.
+        leave_out: taps of which nothing can be said; what lies on either side becomes one hop.
+    """
+    if not monitor.taps:
+        return ()
+    topics = {each.name: each for each in plan.topics if each.phase == "measure"}
+    inputs = {each.topic for each in plan.inputs}
+    on_way = [*(tap.topic for tap in monitor.taps), monitor.topic]
+    hops = {
+        (PLAYER if source in inputs else source, target)
+        for target in on_way
+        for source in (*inputs, *on_way)
+        if source != target and _leads(topics.get(source), topics.get(target))
+    }
+    for topic in leave_out:
+        before = [source for source, target in hops if target == topic]
+        after = [target for source, target in hops if source == topic]
+        hops = {each for each in hops if topic not in each}
+        hops |= {(source, target) for source in before for target in after if source != target}
+    return _from_the_player_on(hops)
+
+
+def _leads(source: TopicPlan | None, target: TopicPlan | None) -> bool:
+    if source is None or target is None:
+        return False
+    return any(each.startswith("/") for each in {*source.readers} & {*target.writers})
+
+
+def _from_the_player_on(hops: Collection[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    """Hops by how far their target, then their source, is from the player."""
+    distance = {PLAYER: 0}
+    ahead = [PLAYER]
+    for topic in ahead:
+        for source, target in sorted(hops):
+            if source == topic and target not in distance:
+                distance[target] = distance[topic] + 1
+                ahead.append(target)
+    far = len(distance)
+
+    def order(hop: tuple[str, str]) -> tuple[int, str, int, str]:
+        source, target = hop
+        return distance.get(target, far), target, distance.get(source, far), source
+
+    return tuple(sorted(hops, key=order))

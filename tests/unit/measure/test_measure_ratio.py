@@ -1,0 +1,162 @@
+"""Many to one and one to many: what is expected, counted, timed and judged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from r2bspec.execute.holding import Criterion, judge_finished_probe
+from r2bspec.measure.compute import measure_segment
+from r2bspec.measure.delivery import delivery
+from r2bspec.measure.latency import latencies
+from r2bspec.measure.matching import UNKNOWN, Ratio, match, ratio_of
+from r2bspec.measure.samples import MonitorSamples, read_samples
+from r2bspec.plan.model import MonitorPlan, Plan
+from r2bspec.record.arrays import MONITOR, Rows
+from r2bspec.slo.judge import judge
+from run_simulation import EPOCH_NS, Played, Simulation, objective, playback_rows
+
+
+def played(steps: int, rate_hz: float = 10.0) -> Rows:
+    return playback_rows(Played(rate_hz, np.zeros(steps)))
+
+
+def received(times_s: list[float]) -> Rows:
+    rows = np.zeros(len(times_s), MONITOR)
+    rows["received_ns"] = EPOCH_NS + np.round(np.array(times_s) * 1e9).astype(np.int64)
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("ratio", "asked"),
+    [
+        (Ratio(), [0, 1, 2, 3, 4, 5, 6]),
+        (Ratio(inputs=3), [2, 5]),
+        (Ratio(inputs=3, before=10), [1, 4]),  # of steps 9 to 11, the last two are here
+        (Ratio(inputs=3, before=12), [2, 5]),
+        (Ratio(inputs=3, outputs=2, before=2), [0, 0, 3, 3, 6, 6]),
+        (Ratio(outputs=2), [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5, 6, 6]),
+        (Ratio(inputs=8), []),
+    ],
+)
+def test_answers_are_expected_after_the_last_step_of_each_group(
+    ratio: Ratio, asked: list[int]
+) -> None:
+    assert ratio.asked(7).tolist() == asked
+
+
+def test_segments_in_a_row_expect_what_one_long_segment_would() -> None:
+    ratio, lengths, asked, before = Ratio(inputs=3, outputs=2), (10, 1, 7, 4), [], 0
+    for steps in lengths:
+        part = Ratio(ratio.inputs, ratio.outputs, before).asked(steps)
+        asked += (part + before).tolist()
+        before += steps
+    assert asked == ratio.asked(before).tolist()
+
+
+def test_latency_counts_from_the_last_step_that_an_answer_needs() -> None:
+    # Steps at 0.0, 0.1, ..., 0.5; one answer for three of them.
+    playback, monitor = played(6), received([0.23, 0.54])
+    found = match(playback, monitor, "order", Ratio(inputs=3))
+    assert found.step.tolist() == [2, 5]
+    assert latencies(playback, monitor, found) == pytest.approx([0.03, 0.04])
+
+
+def test_each_of_several_answers_has_its_own_latency() -> None:
+    playback, monitor = played(2), received([0.01, 0.02, 0.11, 0.13])
+    found = match(playback, monitor, "order", Ratio(outputs=2))
+    assert latencies(playback, monitor, found) == pytest.approx([0.01, 0.02, 0.01, 0.03])
+
+
+def test_what_is_beyond_the_ratio_is_unmatched_and_what_is_short_of_it_missed() -> None:
+    playback = played(6)
+    more = match(playback, received([0.2, 0.5, 0.51]), "order", Ratio(inputs=3))
+    assert (more.missed, more.unmatched) == (0, 1)
+    fewer = match(playback, received([0.2]), "order", Ratio(inputs=3))
+    assert (fewer.missed, fewer.unmatched) == (1, 0)
+
+
+def test_by_order_what_comes_before_anything_is_played_answers_nothing() -> None:
+    found = match(played(3), received([-0.05, 0.01, 0.11, 0.21]), "order")
+    assert found.step.tolist() == [UNKNOWN, 0, 1, 2]
+    assert (found.unmatched, found.missed, found.early) == (1, 0, 0)
+
+
+def test_answers_before_their_step_show_that_the_counting_is_wrong() -> None:
+    found = match(played(6), received([0.05, 0.35]), "order", Ratio(inputs=3))
+    assert found.early == 2
+
+
+def test_a_stamp_knows_no_ratio() -> None:
+    plan = MonitorPlan(
+        name="a", topic="/a", type="", match="stamp", qos=None, ratio_inputs=2, ratio_outputs=2
+    )
+    assert ratio_of(plan, 5) == Ratio()
+
+
+@pytest.mark.parametrize(("inputs", "outputs"), [(1, 1), (3, 1), (1, 3), (3, 2)])
+@pytest.mark.parametrize("share", [1.0, 0.8])
+def test_a_probe_holds_if_the_graph_keeps_up_whatever_the_ratio(
+    inputs: int, outputs: int, share: float
+) -> None:
+    # With a share of 0.8 the graph needs a quarter longer for each step than there is.
+    playback, ratio = played(600, 100.0), Ratio(inputs, outputs)
+    asked = ratio.asked(600)
+    rng = np.random.default_rng(1)
+    times = asked / 100.0 / share + 0.005 + rng.normal(0, 1e-4, asked.size)
+    monitor = received(np.sort(times).tolist())
+    monitor = monitor[monitor["received_ns"] < EPOCH_NS + 6 * 10**9]
+    found = delivery(
+        100.0, playback, monitor, match(playback, monitor, "order", ratio), EPOCH_NS + 6 * 10**9
+    )
+    assert found.settled_hz == pytest.approx(100.0 * share, rel=0.01)
+    assert found.delivered_hz == pytest.approx(100.0 * share, rel=0.01)
+    assert judge_finished_probe(found, Criterion(precision=0.05)).holds is (share == 1.0)
+
+
+class _Ratioed(Simulation):
+    """A simulation whose monitor gets one message for three steps; of those, one is lost."""
+
+    def plan(self) -> Plan:
+        plan = super().plan()
+        (monitor,) = plan.monitors
+        return msgspec.structs.replace(
+            plan, monitors=(msgspec.structs.replace(monitor, ratio_inputs=3),)
+        )
+
+
+def _thirds(steps: int) -> list[float]:
+    return [0.02 if step % 3 == 2 else np.nan for step in range(steps)]
+
+
+def _seen(tmp_path: Path, *requirements: str) -> tuple[MonitorSamples, list[str]]:
+    run = _Ratioed(
+        segments=[Played(30, _thirds(90)), Played(30, _thirds(90))],
+        objectives={"all": objective(*requirements)} if requirements else {},
+        match="order",
+    ).write(tmp_path / "run")
+    samples = read_samples(run)
+    verdict = judge(run.plan.objectives, samples)
+    return samples.iterations[30][0].monitors["detections"], [
+        one.outcome for one in verdict.requirements
+    ]
+
+
+def test_a_run_with_a_ratio_counts_in_answers_and_is_offered_a_third(tmp_path: Path) -> None:
+    seen, outcomes = _seen(tmp_path, "throughput.mean >= 97 % of offered", "missed == 0")
+    assert (seen.sent, seen.expected, seen.answered, seen.missed) == (90, 30, 30, 0)
+    assert seen.throughput_hz == pytest.approx(10)
+    assert seen.times["latency"] == pytest.approx(np.full(30, 0.02))
+    assert outcomes == ["pass", "pass"]
+
+
+def test_drop_rate_is_of_the_answers_that_were_expected(tmp_path: Path) -> None:
+    latency = _thirds(90)
+    latency[-1] = np.nan
+    run = _Ratioed(segments=[Played(30, latency)], match="order").write(tmp_path / "run")
+    found = measure_segment(read_samples(run).iterations[30][0]).monitors["detections"]
+    assert (found.sent, found.expected, found.missed) == (90, 30, 1)
+    assert found.drop_rate == pytest.approx(1 / 30)
