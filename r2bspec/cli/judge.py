@@ -34,31 +34,30 @@ def command(
     reports: tuple[Asked, ...],
     junit: tuple[Asked, ...],
 ) -> int:
-    """Judge the finished run in the folder RUN again; needs no ROS.
+    """Judge the finished run, or comparison, in the folder RUN again; needs no ROS.
 
-    The run folder is left as it is unless --write is given. The same run gives the same bytes
-    each time. RUN may also be a report of ros2_benchmark; --spec then says by what to judge it.
+    The folder is left as it is unless --write is given. The same folder gives the same bytes each
+    time. RUN may also be a report of ros2_benchmark; --spec then says by what to judge it.
     """
-    from r2bspec.record.store import RunFolder, open_run
-    from r2bspec.report.reported import Reported
-    from r2bspec.report.result import result_of, to_json
+    from r2bspec.record.store import RunFolder
+    from r2bspec.report.result import to_json
+    from r2bspec.report.sources import read_folder
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write import takes_stdout, write_reports
 
     if run.is_file():
         return _judge_report(run, spec, output_format, plain=not (write or reports or junit))
-    opened = open_run(run)
     if spec is None:
-        result = result_of(opened)
+        found = read_folder(run)
     else:
         other = _load(spec)
-        result = result_of(opened, other.slos, judged_by=other.name)
+        found = read_folder(run, spec_file=spec, objectives=other.slos, judged_by=other.name)
     if write:
-        RunFolder(opened.folder).write_result(to_json(result))
+        RunFolder(run.absolute()).write_result(to_json(found.result))
     if not takes_stdout(reports + junit):
-        show_result(result, output_format, run)
-    write_reports(reports + junit, Reported(result=result, run=opened, spec_file=spec))
-    return result.verdict.exit_code
+        show_result(found.result, output_format, run)
+    write_reports(reports + junit, found)
+    return found.result.verdict.exit_code
 
 
 def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain: bool) -> int:

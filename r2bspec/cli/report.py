@@ -55,7 +55,7 @@ def command(
     spec: Path | None,
     against: Path | None,
 ) -> int:
-    """Make reports of RUN, a run folder or the result.json of one.
+    """Make reports of RUN, the folder of a run or of a comparison, or the result.json of one.
 
     A result alone makes fewer charts than the folder, which has every message. The exit status
     tells whether the reports were made; 'r2bspec judge' tells the verdict.

@@ -8,6 +8,7 @@ import msgspec
 
 from r2bspec.measure.model import RunMetrics
 from r2bspec.record.model import FloorRecord, ProcessRecord
+from r2bspec.record.pairs import PairRecord
 from r2bspec.slo.model import Verdict
 from r2bspec.spec.model import Scalar
 
@@ -17,6 +18,51 @@ class ObjectiveText(msgspec.Struct, frozen=True, kw_only=True):
 
     at: str
     require: tuple[str, ...]
+
+
+class PairsResult(msgspec.Struct, frozen=True, kw_only=True):
+    """How base and head were compared, in interleaved runs.
+
+    Attributes:
+        against: what the base is, as the user named it; empty where the head runs against itself.
+        control: whether base and head are the same, so that every difference is noise.
+        base_plan: names the plan of the base.
+        differences: in what it differs from that of the head, a line each.
+        environment: the variables that the base had otherwise; empty for one that it lacked.
+        planned: how many pairs were asked for.
+        used: how many of them the verdicts rest on.
+        pairs: every pair that was played, with the folders of its runs.
+        notes: what was decided on the way, a sentence each.
+    """
+
+    against: str
+    control: bool
+    base_plan: str
+    differences: tuple[str, ...]
+    environment: dict[str, str]
+    planned: int
+    used: int
+    pairs: tuple[PairRecord, ...]
+    notes: tuple[str, ...]
+
+
+class BaselineResult(msgspec.Struct, frozen=True, kw_only=True):
+    """What earlier runs a run was compared with.
+
+    Attributes:
+        kind: a ``history`` decides, a single ``stored`` run only advises.
+        source: the file or folder, as the user named it.
+        run_ids: of the earlier runs, oldest first.
+        differences: in what they differ, a line each; not empty only if that was allowed.
+        confirmed: whether a fresh run was made after a failure, which is in the folder
+            ``confirm``.
+    """
+
+    kind: Literal["history", "stored"]
+    source: str
+    run_ids: tuple[str, ...]
+    differences: tuple[str, ...]
+    confirmed: bool
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):
@@ -34,6 +80,9 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         judged_by: the name of the other spec whose objectives were judged, or empty where they
             are the run's own.
         objectives: what was judged.
+        pairs: how base and head were compared, where this is a comparison: metrics are then those
+            of the head.
+        baseline: the earlier runs that this one was compared with, if it was.
     """
 
     r2bspec_result: Literal[1] = 1
@@ -56,3 +105,5 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     objectives: dict[str, ObjectiveText]
     metrics: RunMetrics
     verdict: Verdict
+    pairs: PairsResult | None = None
+    baseline: BaselineResult | None = None

@@ -11,10 +11,14 @@ from collections.abc import Mapping
 import msgspec
 
 from r2bspec.measure.compute import summarise
+from r2bspec.measure.model import RunMetrics
 from r2bspec.measure.samples import read_samples
+from r2bspec.record.baseline import BaselineRecord, read_baseline, read_confirmation
 from r2bspec.record.store import Run
-from r2bspec.report.model import ObjectiveText, Result
+from r2bspec.report.model import BaselineResult, ObjectiveText, PairsResult, Result
 from r2bspec.slo.confirmation import judge_batches
+from r2bspec.slo.earlier import judge_by_earlier
+from r2bspec.slo.model import Verdict
 from r2bspec.slo.terms import terms_of
 from r2bspec.spec.model import Objective
 
@@ -34,6 +38,34 @@ def result_of(
     """
     samples = read_samples(run)
     asked = run.plan.objectives if objectives is None else objectives
+    terms = terms_of(run.plan)
+    verdict = judge_batches(asked, samples, terms)
+    baseline = read_baseline(run.folder)
+    if baseline is not None:
+        again = read_confirmation(run.folder)
+        fresh = read_samples(again) if again is not None else None
+        verdict = judge_by_earlier(verdict, asked, samples, fresh, terms, baseline)
+    return result_with(
+        run,
+        asked,
+        judged_by,
+        metrics=summarise(samples),
+        verdict=verdict,
+        baseline=_told(baseline, confirmed=again is not None) if baseline is not None else None,
+    )
+
+
+def result_with(
+    run: Run,
+    asked: Mapping[str, Objective],
+    judged_by: str,
+    *,
+    metrics: RunMetrics,
+    verdict: Verdict,
+    pairs: PairsResult | None = None,
+    baseline: BaselineResult | None = None,
+) -> Result:
+    """The result of a run, or of several as one, that has been measured and judged."""
     record, plan = run.record, run.plan
     return Result(
         name=plan.name,
@@ -53,8 +85,20 @@ def result_of(
         spec=run.spec_text(),
         judged_by=judged_by,
         objectives={name: _text(objective) for name, objective in asked.items()},
-        metrics=summarise(samples),
-        verdict=judge_batches(asked, samples, terms_of(plan)),
+        metrics=metrics,
+        verdict=verdict,
+        pairs=pairs,
+        baseline=baseline,
+    )
+
+
+def _told(baseline: BaselineRecord, *, confirmed: bool) -> BaselineResult:
+    return BaselineResult(
+        kind=baseline.kind,
+        source=baseline.source,
+        run_ids=baseline.run_ids,
+        differences=baseline.differences,
+        confirmed=confirmed,
     )
 
 

@@ -2,30 +2,66 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
 
+from r2bspec.record.pairs import is_pairs, open_pairs
 from r2bspec.record.store import Run, open_run
 from r2bspec.report.errors import UnreadableResultError
 from r2bspec.report.model import Result
+from r2bspec.report.pairs import judge_pairs_folder
 from r2bspec.report.reported import Reported
 from r2bspec.report.result import from_json, result_of
+from r2bspec.spec.model import Objective
 
 
 def read_reported(
     path: Path, *, spec_file: Path | None = None, baseline: Run | None = None
 ) -> Reported:
-    """What to report: a run folder is measured and judged anew, a file is taken at its word.
+    """What to report: a folder is measured and judged anew, a file is taken at its word.
 
     Raises:
-        RecordError: a folder is no run folder.
+        RecordError: a folder is neither that of a run nor of a comparison.
         UnreadableResultError: a file is no result.
     """
     if path.is_dir():
-        run = open_run(path)
-        return Reported(result=result_of(run), run=run, spec_file=spec_file, baseline=baseline)
+        return read_folder(path, spec_file=spec_file, baseline=baseline)
     return Reported(result=read_result(path), spec_file=spec_file, baseline=baseline)
+
+
+def read_folder(
+    path: Path,
+    *,
+    spec_file: Path | None = None,
+    baseline: Run | None = None,
+    objectives: Mapping[str, Objective] | None = None,
+    judged_by: str = "",
+) -> Reported:
+    """The folder of a run, or of a comparison, measured and judged anew.
+
+    Args:
+        path: the folder.
+        spec_file: the spec whose objectives are judged, where it is known.
+        baseline: another run to be shown beside it; a comparison has its own.
+        objectives: what to judge by, if not by the folder's own objectives.
+        judged_by: the name of the spec that those are from.
+
+    Raises:
+        RecordError: it is neither, or a file of it is missing or damaged.
+    """
+    if is_pairs(path):
+        judged = judge_pairs_folder(open_pairs(path), objectives, judged_by)
+        return Reported(
+            result=judged.result,
+            run=judged.head,
+            spec_file=spec_file,
+            baseline=baseline or judged.base,
+        )
+    run = open_run(path)
+    result = result_of(run, objectives, judged_by)
+    return Reported(result=result, run=run, spec_file=spec_file, baseline=baseline)
 
 
 def read_result(path: Path) -> Result:

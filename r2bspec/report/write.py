@@ -117,8 +117,6 @@ def write_of_folder(asked: Sequence[Asked], folder: Path, spec_file: Path | None
     """
     if not asked:
         return
-    from r2bspec.record.store import open_run
-    from r2bspec.report.result import result_of
+    from r2bspec.report.sources import read_folder
 
-    run = open_run(folder)
-    write_reports(asked, Reported(result=result_of(run), run=run, spec_file=spec_file))
+    write_reports(asked, read_folder(folder, spec_file=spec_file))

@@ -71,6 +71,27 @@ class ShareTest(msgspec.Struct, frozen=True, kw_only=True):
     withstands: float | None
 
 
+class Compared(msgspec.Struct, frozen=True, kw_only=True):
+    """What a ratio is of, for a requirement ``of baseline``; all values in `unit`.
+
+    Attributes:
+        base: the geometric mean of the base's values; None where one is missing.
+        head: likewise.
+        base_values: one for each pair, earlier run, or iteration of a stored run, oldest first;
+            None for one that is missing or lost.
+        head_values: one for each pair or iteration; a single one beside a history.
+        deviation: the standard deviation of the logarithms that the interval rests on; 0.02 is
+            about 2 %.
+    """
+
+    unit: str
+    base: float | None
+    head: float | None
+    base_values: tuple[float | None, ...]
+    head_values: tuple[float | None, ...]
+    deviation: float | None
+
+
 class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """One requirement, judged.
 
@@ -94,6 +115,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
             planned, of which there are `looks`.
         notes: everything else that had a part in the decision, one sentence each: an earlier
             look, a fresh batch that confirmed it or did not, disturbed iterations.
+        compared: base and head, where the requirement is on their ratio.
     """
 
     objective: str
@@ -122,6 +144,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     look: int = 0
     looks: int = 0
     notes: tuple[str, ...] = ()
+    compared: Compared | None = None
 
 
 class Unusable(msgspec.Struct, frozen=True, kw_only=True):

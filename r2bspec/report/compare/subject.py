@@ -15,11 +15,11 @@ from r2bspec.measure.model import MonitorMetrics, RateMetrics
 from r2bspec.measure.percentiles import rank
 from r2bspec.plan.model import Plan
 from r2bspec.record.model import SearchRecord
-from r2bspec.record.store import open_run
 from r2bspec.report.compare.model import Side
 from r2bspec.report.errors import UnreadableResultError
 from r2bspec.report.model import Result
-from r2bspec.report.result import from_json, result_of
+from r2bspec.report.result import from_json
+from r2bspec.report.sources import read_folder
 
 Key = tuple[float | None, str, str]
 """Offered rate, monitor, and the metric's name in the catalogue."""
@@ -56,15 +56,17 @@ class Subject:
 
 
 def read_subject(path: Path) -> Subject:
-    """Read a run folder, a ``result.json``, or a report of ros2_benchmark.
+    """Read a run folder, that of a comparison, a ``result.json``, or a report of ros2_benchmark.
+
+    A comparison is represented by its head.
 
     Raises:
-        RecordError: a folder is no run folder.
+        RecordError: a folder is neither that of a run nor of a comparison.
         UnreadableResultError: a file is none of these.
     """
     if path.is_dir():
-        run = open_run(path)
-        return _of_result(str(path), result_of(run), run.plan)
+        found = read_folder(path)
+        return _of_result(str(path), found.result, found.run.plan if found.run else None)
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -138,7 +139,22 @@ class TestOutcomes:
         broken: Sequence[float | None] = [*HEAD[:-1], missing]
         assert judge_pairs(asked(), BASE, broken).outcome == "fail"
         assert judge_pairs(asked(), broken, BASE).outcome == "inconclusive"
-        assert judge_pairs(asked(), [], []).outcome == "fail"
+        assert judge_pairs(asked(), [], []).outcome == "inconclusive"
+
+    def test_what_was_not_sampled_decides_nothing(self) -> None:
+        sampled = replace(asked("cpu.relay.mean <= 105 % of baseline"), sampled=True, zeros=True)
+        assert judge_pairs(sampled, BASE, [*HEAD[:-1], None]).outcome == "inconclusive"
+        found = judge_pairs(sampled, BASE, [*HEAD[:-1], 0.0])
+        assert found.outcome == "inconclusive"
+        assert "0 has no ratio" in found.reason
+
+    def test_base_and_head_are_told(self) -> None:
+        found = judge_pairs(replace(asked(), unit="Hz"), BASE, HEAD)
+        assert found.compared is not None
+        assert found.compared.base_values == tuple(BASE)
+        assert found.compared.head == pytest.approx(stats.gmean(HEAD))
+        assert found.estimate == pytest.approx(stats.gmean(HEAD) / stats.gmean(BASE))
+        assert "from 100.3 Hz to 95.32 Hz" in found.reason
 
     def test_one_pair_is_too_few(self) -> None:
         assert "2 pairs" in judge_pairs(asked(), [1.0], [1.0]).settle

@@ -1,0 +1,102 @@
+"""A run against earlier runs: a history gates, a stored run advises.
+
+A FAIL by a history is confirmed by a fresh run before it counts, as one by a single batch is
+(`r2bspec.slo.confirmation`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import msgspec
+
+from r2bspec.measure.samples import RunSamples
+from r2bspec.record.baseline import BaselineRecord
+from r2bspec.slo.against import Asked, answer_baseline, decided, value_of, values_of
+from r2bspec.slo.baseline import advise, judge_history
+from r2bspec.slo.confirmation import CONFIRMING, confirm
+from r2bspec.slo.judge import judge
+from r2bspec.slo.model import RequirementVerdict, Verdict
+from r2bspec.slo.terms import Terms
+from r2bspec.spec.model import Objective
+
+Objectives = Mapping[str, Objective]
+
+
+def judge_by_earlier(
+    verdict: Verdict,
+    objectives: Objectives,
+    samples: RunSamples,
+    fresh: RunSamples | None,
+    terms: Terms,
+    earlier: BaselineRecord,
+) -> Verdict:
+    """A verdict whose requirements of the baseline are answered by earlier runs.
+
+    Args:
+        verdict: on the run by itself.
+        objectives: that were judged.
+        samples: the run.
+        fresh: a fresh run that was made because it fails by the history, if one was.
+        terms: by which it was judged.
+        earlier: the earlier runs.
+    """
+    found = answer_earlier(verdict, objectives, samples, terms, earlier)
+    if not fails_by_history(found) or found.outcome in {"invalid", "incomplete"}:
+        return found
+    if fresh is None:
+        return msgspec.structs.replace(
+            found, reason=f"{found.reason} No fresh run was made to confirm it."
+        )
+    asked = {
+        name: msgspec.structs.replace(objective, confidence=None)
+        for name, objective in objectives.items()
+    }
+    weaker = replace(terms, confidence=CONFIRMING, looks=None, disturbed={})
+    again = answer_earlier(judge(asked, fresh, weaker), asked, fresh, weaker, earlier)
+    usable = () if again.outcome in {"invalid", "incomplete"} else again.requirements
+    second = {_key(one): one for one in usable}
+    # What failed by the run itself has been confirmed, or not, by a batch of that run.
+    requirements = tuple(
+        confirm(one, second.get(_key(one))) if one.method == "prediction interval" else one
+        for one in found.requirements
+    )
+    confirmed = decided(found, requirements, terms)
+    said = "confirmed" if fails_by_history(confirmed) else "did not confirm"
+    return msgspec.structs.replace(
+        confirmed, reason=f"{confirmed.reason} A fresh run {said} what the history shows."
+    )
+
+
+def answer_earlier(
+    verdict: Verdict,
+    objectives: Objectives,
+    samples: RunSamples,
+    terms: Terms,
+    earlier: BaselineRecord,
+) -> Verdict:
+    """The same without a thought of confirming it."""
+    return answer_baseline(
+        verdict, objectives, samples, terms, lambda asked: _answer(asked, samples, earlier)
+    )
+
+
+def fails_by_history(verdict: Verdict) -> bool:
+    """Whether a verdict is a FAIL that a fresh run has to confirm."""
+    return any(
+        one.outcome == "fail" and one.level == "error" and one.method == "prediction interval"
+        for one in verdict.requirements
+    )
+
+
+def _answer(asked: Asked, samples: RunSamples, earlier: BaselineRecord) -> RequirementVerdict:
+    one = asked.comparison
+    before = earlier.find(one.at_hz, one.monitor, one.metric)
+    if earlier.kind == "history":
+        return judge_history(one, before, value_of(asked.info, one.monitor, one.at_hz, samples))
+    return advise(one, before, values_of(asked.info, one.monitor, one.at_hz, samples))
+
+
+def _key(one: RequirementVerdict) -> tuple[str, str, str | None, float | None]:
+    return one.objective, one.text, one.monitor, one.at_hz
