@@ -6,8 +6,8 @@ import contextlib
 import datetime
 import re
 import secrets
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.execute.progress import Progress
     from r2bspec.plan.model import Plan
+    from r2bspec.record.baseline import BaselineRecord
     from r2bspec.record.store import Run, RunFolder
+    from r2bspec.regressions.reference import Reference
     from r2bspec.report.model import Result
     from r2bspec.spec.load import Loaded
     from r2bspec.spec.model import Spec
@@ -60,6 +62,10 @@ class Prepared:
     spec_text: str
     diagnostics: tuple[Diagnostic, ...] = ()
     loaded: Loaded | None = None
+
+
+PrepareBase = Callable[["Reference"], Prepared]
+"""Prepares the base of a comparison, where it is not the head in another environment."""
 
 
 def load(path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None) -> Spec:
@@ -155,23 +161,50 @@ def compile_plan(
     return prepare(path, sets=sets, variables=variables).plan
 
 
-def run(prepared: Prepared, output: Path | None = None, progress: Progress | None = None) -> Result:
+def run(
+    prepared: Prepared,
+    output: Path | None = None,
+    progress: Progress | None = None,
+    *,
+    history: Path | None = None,
+    baseline: BaselineRecord | None = None,
+) -> Result:
     """Carry a plan out on real ROS 2, and judge what was measured.
 
     Args:
         prepared: what `prepare` gave.
         output: the run folder, new or empty; by default one below ``runs/``.
         progress: is told what happens; by default nobody is.
+        history: a file of earlier runs that requirements of the baseline are judged by, and that
+            the run is added to.
+        baseline: a stored run that they are compared with, as advice; see `stored_baseline`.
 
     Raises:
         RunError: the run failed; its folder has what was observed until then.
         RecordError: the run folder cannot be made.
+        HistoryError: the history cannot be used.
     """
-    from r2bspec.execute.controller import run_plan
     from r2bspec.execute.progress import Silent
     from r2bspec.record.store import RunFolder
 
     folder = RunFolder.create(output or new_folder(prepared.plan.name))
+    listener = progress or Silent()
+    if history is None and baseline is None:
+        return _run_into(folder, prepared, listener)
+    from r2bspec.regressions.gate import run_against_earlier
+
+    return run_against_earlier(
+        lambda target, plan: _run_into(target, replace(prepared, plan=plan), listener),
+        prepared.plan,
+        folder,
+        history=history,
+        stored=baseline,
+    )
+
+
+def _run_into(folder: RunFolder, prepared: Prepared, progress: Progress) -> Result:
+    from r2bspec.execute.controller import run_plan
+
     try:
         run_plan(
             prepared.plan,
@@ -179,7 +212,7 @@ def run(prepared: Prepared, output: Path | None = None, progress: Progress | Non
             folder=folder,
             run_id=secrets.token_hex(8),
             spec_text=prepared.spec_text,
-            progress=progress or Silent(),
+            progress=progress,
         )
     except R2bspecError:
         # What was measured before the failure is worth a result, marked as incomplete; should
@@ -197,6 +230,69 @@ def _write_result(folder: RunFolder) -> Result:
     result = result_of(open_run(folder.path))
     folder.write_result(to_json(result))
     return result
+
+
+def stored_baseline(path: Path, prepared: Prepared, *, force: bool = False) -> BaselineRecord:
+    """A stored run, for `run` to compare with. It only advises.
+
+    Raises:
+        IncomparableError: plan, data or machine are others, and `force` is not given.
+    """
+    from r2bspec.execute.machine import describe_machine
+    from r2bspec.regressions.earlier import baseline_of_stored
+
+    return baseline_of_stored(path, prepared.plan, describe_machine(), force=force)
+
+
+def run_pairs(
+    head: Prepared,
+    against: Sequence[str] = (),
+    output: Path | None = None,
+    progress: Progress | None = None,
+    *,
+    prepare_base: PrepareBase | None = None,
+    pairs: int | None = None,
+    control: bool = False,
+    force: bool = False,
+) -> Result:
+    """Compare a graph with another one, in interleaved runs on real ROS 2.
+
+    Args:
+        head: what is judged.
+        against: what the base is (`r2bspec.regressions.reference`); nothing for a control.
+        output: the folder of the comparison, new or empty; by default one below ``runs/``.
+        progress: is told what happens; by default nobody is.
+        prepare_base: prepares the base where it is another spec, or has other values.
+        pairs: how many; as many as the spec has iterations if None.
+        control: compare the head with itself, to see how much is noise.
+        force: compare graphs that are offered different loads, too.
+
+    Raises:
+        UsageError: the base is none.
+        IncomparableError: the two are the same, or are offered different loads.
+        InvalidSpecError: the spec of the base is not valid.
+        RunError: a run failed; the folder has the pairs that were finished until then.
+        RecordError: the folder cannot be made.
+    """
+    from r2bspec.execute.pairs import Contender
+    from r2bspec.execute.surroundings import inside, workspaces
+    from r2bspec.regressions.pairs import compare, comparing
+    from r2bspec.regressions.reference import parse_references
+
+    reference = parse_references(against)
+    environment = workspaces(reference.environments)
+    base = head
+    if reference.changes_spec:
+        if prepare_base is None:
+            raise ValueError("another spec has to be prepared")
+        with inside(environment):
+            base = prepare_base(reference)
+    sides = [
+        Contender(each.plan, each.base_dir, each.spec_text, surroundings)
+        for each, surroundings in ((base, environment), (head, {}))
+    ]
+    wanted = comparing(*sides, against=reference.text, pairs=pairs, control=control, force=force)
+    return compare(wanted, output or new_folder(f"{head.plan.name}-pairs"), progress)
 
 
 def judge(run: Run) -> Result:

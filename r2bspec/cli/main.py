@@ -26,6 +26,8 @@ _VERBS = {
     "judge": "Judge a finished run again, also by other SLOs.",
     "report": "Write reports of a finished run: HTML, JUnit, Markdown and others.",
     "compare": "Compare runs: improved, worse, the same, or can't tell.",
+    "calibrate": "Run a graph against itself: how small a change can be told.",
+    "history": "Show and tidy the runs that 'run --history' remembers.",
     "import": "Read a report of ros2_benchmark, to compare with.",
     "data": "List, make, inspect and verify datasets.",
     "doctor": "Explain this machine: what helps and what hinders a benchmark.",

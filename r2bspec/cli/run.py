@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.cli.chosen import Chosen, base_of, prepare_shown
 from r2bspec.cli.options import (
     allow_path_option,
     case_option,
@@ -35,6 +36,32 @@ if TYPE_CHECKING:
 @variables_option
 @case_option
 @allow_path_option
+@click.option(
+    "--against",
+    "against",
+    multiple=True,
+    metavar="REF",
+    help="Compare with a base, in interleaved runs: another spec, var:NAME=VALUE, set:PATH=VALUE, "
+    "or env: with a setup file, an installed workspace or NAME=VALUE; may be repeated.",
+)
+@click.option("--control", is_flag=True, help="Compare SPEC with itself: how much is noise.")
+@click.option(
+    "--pairs",
+    type=click.IntRange(min=1),
+    help="How many pairs of runs to compare.  [default: benchmark.iterations]",
+)
+@click.option(
+    "--history",
+    metavar="FILE",
+    help="Gate by earlier runs and remember this one; 'user' is a file of your own.",
+)
+@click.option(
+    "--baseline",
+    type=click.Path(path_type=Path),
+    metavar="RUN",
+    help="Compare with a stored run or result, as advice that never gates.",
+)
+@click.option("--force", is_flag=True, help="Compare other loads, plans, data or machines, too.")
 @click.option("--format", "output_format", type=click.Choice(["text", "json"]), default="text")
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
 @reports_option
@@ -46,6 +73,12 @@ def command(
     variables: tuple[str, ...],
     case: str,
     allow_paths: tuple[Path, ...],
+    against: tuple[str, ...],
+    control: bool,
+    pairs: int | None,
+    history: str | None,
+    baseline: Path | None,
+    force: bool,
     output_format: str,
     quiet: bool,
     reports: tuple[Asked, ...],
@@ -55,30 +88,41 @@ def command(
 
     SPEC is a spec, or a plan that 'r2bspec plan' wrote. Progress goes to standard error, the
     report to standard output. Everything observed is kept in the run folder.
+
+    Requirements 'of baseline' are judged by interleaved runs of a base and of SPEC (--against), or
+    by earlier runs (--history). Without either they stay open.
     """
     from r2bspec import api
-    from r2bspec.report.findings.show import show
+    from r2bspec.cli.history import history_file
     from r2bspec.report.progress import shown_progress
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write import takes_stdout, write_of_folder
 
-    try:
-        prepared = api.prepare(
-            spec,
-            sets=sets,
-            variables=parse_variables(variables),
-            case=case,
-            allow_paths=allow_paths,
-        )
-    except api.InvalidSpecError as error:
-        show(error.diagnostics, error.loaded.texts)
-        raise
-    if prepared.loaded is not None:
-        show(prepared.diagnostics, prepared.loaded.texts)
-    folder = output or api.new_folder(prepared.plan.name)
+    compared = bool(against) or control
+    _refuse_contradictions(against, control, pairs, history, baseline, force=force)
+    chosen = Chosen(spec, sets, parse_variables(variables), case, allow_paths)
+    prepared = prepare_shown(chosen)
+    name = f"{prepared.plan.name}-pairs" if compared else prepared.plan.name
+    folder = output or api.new_folder(name)
+    stored = None
+    if baseline is not None:
+        stored = api.stored_baseline(baseline, prepared, force=force)
     try:
         with shown_progress(quiet=quiet) as progress:
-            result = api.run(prepared, folder, progress)
+            if compared:
+                result = api.run_pairs(
+                    prepared,
+                    against,
+                    folder,
+                    progress,
+                    prepare_base=lambda reference: prepare_shown(base_of(chosen, reference)),
+                    pairs=pairs,
+                    control=control,
+                    force=force,
+                )
+            else:
+                kept = history_file(history) if history is not None else None
+                result = api.run(prepared, folder, progress, history=kept, baseline=stored)
     except R2bspecError:
         # What was observed until then is worth its reports; the failure is the one to tell.
         with contextlib.suppress(R2bspecError):
@@ -88,3 +132,34 @@ def command(
         show_result(result, output_format, folder)
     write_of_folder(reports + junit, folder, spec)
     return result.verdict.exit_code
+
+
+def _refuse_contradictions(
+    against: tuple[str, ...],
+    control: bool,
+    pairs: int | None,
+    history: str | None,
+    baseline: Path | None,
+    *,
+    force: bool,
+) -> None:
+    """Say which options exclude each other, or mean nothing without another.
+
+    Raises:
+        click.UsageError: some do.
+    """
+    if against and control:
+        raise click.UsageError("--control compares SPEC with itself, and takes no --against")
+    ways = {
+        "--against": bool(against),
+        "--control": control,
+        "--history": history is not None,
+        "--baseline": baseline is not None,
+    }
+    asked = [name for name, given in ways.items() if given]
+    if len(asked) > 1:
+        raise click.UsageError(f"{' and '.join(asked)} are different ways to compare: choose one")
+    if pairs is not None and not (against or control):
+        raise click.UsageError("--pairs needs --against or --control")
+    if force and not (against or baseline is not None):
+        raise click.UsageError("--force needs --against or --baseline")

@@ -81,3 +81,10 @@ class UnwritableRunError(RunError):
     """The file system refuses in mid-run what the run has to write."""
 
     code = RUN_UNWRITABLE
+
+
+class EnvironmentRefusedError(RunError):
+    """The environment that a run should be made in is not there, or cannot be sourced."""
+
+    code = "R2B657"
+    exit_code = 2

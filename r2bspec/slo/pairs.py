@@ -72,7 +72,6 @@ def judge_comparison(
         again: the fresh pairs that were played after a failure, if there were any.
         terms: that the head's plan states.
     """
-    terms = replace(terms, looks=None, disturbed={})
     verdict = judge_batch(objectives, first, terms)
     if not wants_confirmation(verdict):
         return verdict
@@ -96,7 +95,11 @@ def judge_comparison(
 
 
 def judge_batch(objectives: Objectives, batch: Batch, terms: Terms) -> Verdict:
-    """Judge the pairs of one batch, without a thought of confirming it."""
+    """Judge the pairs of one batch, without a thought of confirming it.
+
+    The number of pairs is fixed beforehand: there are no looks.
+    """
+    terms = replace(terms, looks=None, disturbed={})
     verdict = _judge(objectives, batch.played, terms)
     if batch.calm is not None:
         without = _judge(objectives, batch.calm, terms)

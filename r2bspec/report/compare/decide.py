@@ -19,8 +19,9 @@ import math
 from collections.abc import Iterator, Sequence
 
 from r2bspec.measure.units import show
-from r2bspec.plan.diff import diff_plans
+from r2bspec.plan.comparable import graph_differences
 from r2bspec.plan.model import Plan
+from r2bspec.record.fingerprint import OF_A_MACHINE
 from r2bspec.report.compare.model import Comparison, Line, Outcome
 from r2bspec.report.compare.subject import Key, Series, Subject
 from r2bspec.report.errors import IncomparableError
@@ -31,10 +32,7 @@ SHARE_MARGIN = 0.005
 """Half a percent of the messages: the margin of what arrived."""
 
 _BIGGER_IS_BETTER = ("throughput.mean", "peak.rate")
-_OF_A_MACHINE = ("architecture", "cpu", "cores", "gpus")
 _MOST_DIFFERENCES = 12
-_UNTOLD = {"objectives", "title", "description", "labels", "generator", "name"}
-"""Fields of a plan in which results may differ and still have measured the same."""
 
 
 def compare(base: Subject, head: Subject, *, margin: float, force: bool) -> Comparison:
@@ -49,7 +47,7 @@ def compare(base: Subject, head: Subject, *, margin: float, force: bool) -> Comp
     Raises:
         IncomparableError: they differ in more than their numbers, or share no number at all.
     """
-    differences = tuple(_differences(base, head))
+    differences = tuple(differences_of(base, head))
     if differences and not force:
         raise IncomparableError(
             f"{base.side.source} and {head.side.source} are not results of the same thing:\n"
@@ -66,7 +64,8 @@ def compare(base: Subject, head: Subject, *, margin: float, force: bool) -> Comp
     )
 
 
-def _differences(base: Subject, head: Subject) -> Iterator[str]:
+def differences_of(base: Subject, head: Subject) -> Iterator[str]:
+    """In what two results differ beside their numbers, a line each."""
     if base.tool != head.tool:
         yield f"tool: {base.tool} -> {head.tool}, which measure by different rules"
     elif base.tool != "r2bspec":
@@ -80,7 +79,7 @@ def _differences(base: Subject, head: Subject) -> Iterator[str]:
         )
     if base.dataset != head.dataset:
         yield f"data: {base.dataset or 'not known'} -> {head.dataset or 'not known'}"
-    for key in _OF_A_MACHINE:
+    for key in OF_A_MACHINE:
         before, after = ((side.machine or {}).get(key) or None for side in (base, head))
         # What a report of another tool leaves open has been told already.
         if before != after and (base.tool == head.tool or None not in {before, after}):
@@ -88,7 +87,7 @@ def _differences(base: Subject, head: Subject) -> Iterator[str]:
 
 
 def _plan_differences(base: Plan, head: Plan) -> Iterator[str]:
-    found = [each for each in diff_plans(base, head) if each.path[0] not in _UNTOLD]
+    found = graph_differences(base, head)
     # The data has a line of its own.
     found = [each for each in found if each.path != ("dataset", "sha256")]
     yield from (f"plan, {each}" for each in found[:_MOST_DIFFERENCES])

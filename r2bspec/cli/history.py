@@ -1,0 +1,141 @@
+"""``r2bspec history``: what earlier runs are remembered, and which of them count."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from r2bspec.history import Entry
+
+USER = "user"
+"""The word that stands for the user's own history."""
+
+_file_option = click.option(
+    "--file",
+    "file",
+    default=USER,
+    show_default=True,
+    metavar="FILE",
+    help="The history; 'user' is a file of your own.",
+)
+
+
+def history_file(text: str) -> Path:
+    """The file that a user names."""
+    from r2bspec.history import user_history
+
+    return user_history() if text == USER else Path(text)
+
+
+@click.group("history")
+def command() -> None:
+    """Show and tidy the runs that 'r2bspec run --history' remembers."""
+
+
+@command.command("list")
+@_file_option
+@click.option("--name", default="", help="Only runs of this benchmark.")
+@click.option("--format", "output_format", type=click.Choice(["text", "json"]), default="text")
+def list_runs(file: str, name: str, output_format: str) -> int:
+    """List the runs, oldest first."""
+    from r2bspec.history import open_history
+
+    with open_history(history_file(file)) as history:
+        runs = history.runs(name=name)
+    if output_format == "json":
+        import msgspec
+
+        click.echo(msgspec.json.format(msgspec.json.encode(runs), indent=2).decode())
+        return 0
+    for line in _table(runs):
+        click.echo(line)
+    return 0
+
+
+def _table(runs: tuple[Entry, ...]) -> list[str]:
+    if not runs:
+        return ["no runs"]
+    rows = [("run", "started", "benchmark", "plan", "machine", "outcome")]
+    rows += [
+        (
+            one.run_id,
+            one.started_at,
+            one.name,
+            one.plan.removeprefix("sha256:")[:12],
+            f"{one.host} ({one.machine})",
+            f"{one.outcome}, accepted" if one.accepted else one.outcome,
+        )
+        for one in runs
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+@command.command("accept")
+@click.argument("run_id", metavar="RUN_ID")
+@_file_option
+def accept(run_id: str, file: str) -> int:
+    """Let a run count as a baseline although it failed: the change is meant."""
+    from r2bspec.history import HistoryError, open_history
+
+    with open_history(history_file(file)) as history:
+        if not history.accept(run_id):
+            raise HistoryError(
+                f"the history holds no run {run_id!r}", hint="'r2bspec history list' shows them."
+            )
+    click.echo(f"run {run_id} counts from now on", err=True)
+    return 0
+
+
+@command.command("prune")
+@_file_option
+@click.option("--keep", type=click.IntRange(min=0), help="Keep so many of the latest runs.")
+@click.option("--before", metavar="DATE", help="Forget runs that started before, as 2026-01-31.")
+@click.option("--run", "run_ids", multiple=True, metavar="RUN_ID", help="Forget this run.")
+@click.option("--name", default="", help="Only runs of this benchmark.")
+def prune(
+    file: str, keep: int | None, before: str | None, run_ids: tuple[str, ...], name: str
+) -> int:
+    """Forget runs: by their number, their age, or one by one.
+
+    --keep counts the runs of each plan on each kind of machine by themselves.
+    """
+    if keep is None and before is None and not run_ids:
+        raise click.UsageError("say what to forget: --keep N, --before DATE or --run RUN_ID")
+    from r2bspec.history import open_history
+
+    since = instant(before) if before is not None else None
+    with open_history(history_file(file)) as history:
+        alike: dict[tuple[str, str, str], list[Entry]] = {}
+        for one in history.runs(name=name):
+            alike.setdefault((one.plan, one.host, one.dataset), []).append(one)
+        gone = set(run_ids)
+        for runs in alike.values():
+            kept = [one for one in runs if one.run_id not in gone]
+            if since is not None:
+                gone |= {one.run_id for one in kept if instant(one.started_at) < since}
+            if keep is not None:
+                gone |= {one.run_id for one in kept[: max(len(kept) - keep, 0)]}
+        number = history.remove(sorted(gone))
+    click.echo(f"{number} run{'' if number == 1 else 's'} forgotten", err=True)
+    return 0
+
+
+def instant(text: str) -> datetime.datetime:
+    """A date or a time as ISO 8601; without a zone, the local one.
+
+    Raises:
+        click.UsageError: it is neither.
+    """
+    try:
+        found = datetime.datetime.fromisoformat(text)
+    except ValueError as error:
+        raise click.UsageError(f"{text!r} is no date such as 2026-01-31") from error
+    return found.astimezone() if found.tzinfo is None else found

@@ -1,0 +1,1 @@
+"""Runs that are compared with others: interleaved pairs, earlier runs, and a graph with itself."""
