@@ -1,6 +1,7 @@
 """Specs to begin with: each is valid as it is, and explains itself.
 
 A template is a file ``NAME.r2b.yaml`` beside this module; its first comment says what it is for.
+Those in ``specs/templates`` of the repository are written from these by a test.
 """
 
 from __future__ import annotations
@@ -31,13 +32,15 @@ def purpose(text: str) -> str:
     return " ".join(lines).split(". ")[0].removesuffix(".")
 
 
-def filled(template: str, name: str, schema: str) -> str:
+def filled(template: str, name: str | None, schema: str) -> str:
     """A template as a file of its own.
 
     Args:
         template: the template's text.
-        name: the name of the benchmark.
+        name: the name of the benchmark; None keeps that of the template.
         schema: where its JSON Schema is, relative to the file, for editors.
     """
     line = f"# yaml-language-server: $schema={schema}\n\n"
+    if name is None:
+        return line + template
     return line + _NAME.sub(f"name: {name}", template, count=1)
