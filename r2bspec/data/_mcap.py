@@ -30,6 +30,9 @@ _MAGIC = b"\x89MCAP0\r\n"
 _HEADER_RECORD = 1
 # Opcode and length, then two offsets and a checksum, then the magic.
 _FOOTER = struct.Struct("<BQQQI8s")
+# Opcode and length, then the times of the first and the last message.
+_CHUNK = struct.Struct("<BQQQ")
+_CHUNK_RECORD = 6
 _BLOCK_BYTES = 1 << 20
 
 
@@ -43,14 +46,16 @@ class McapStorage:
         _check_summary(path)
         with ExitStack() as stack:
             reader = stack.enter_context(Reader(path))
-            self._file: Any = reader.storage
-            self._indexed = _is_indexed(self._file)
+            file: Any = reader.storage
+            _check_chunks(path, file.chunks)
+            self._indexed = _is_indexed(file)
             if not self._indexed:
-                stated = Counter(self._file.statistics.channel_message_counts)
-                self._file.meta_scan()
-                _compare(stated, Counter(self._file.statistics.channel_message_counts), shown)
+                stated: Counter[int] = Counter(file.statistics.channel_message_counts)
+                file.meta_scan()
+                _compare(stated, Counter(file.statistics.channel_message_counts), shown)
             self._stack = stack.pop_all()
-        statistics = self._file.statistics
+        self._file = file
+        statistics = file.statistics
         self._connections: list[Connection] = reader.connections
         self.topics = tuple(
             StoredTopic(
@@ -152,6 +157,25 @@ def _refuse_other_profiles(path: Path, shown: Path) -> None:
             code=STORAGE_UNREADABLE,
             hint="convert it with 'mcap convert', or record it with 'ros2 bag record'",
         )
+
+
+def _check_chunks(path: Path, chunks: list[Any]) -> None:
+    """Compare the times by which windows are cut with those that the chunks themselves state.
+
+    See https://mcap.dev/spec, "Chunk" and "Chunk Index".
+
+    Raises:
+        ValueError, struct.error: they differ, or there is no chunk where one should be.
+    """
+    with path.open("rb") as stream:
+        for chunk in chunks:
+            stream.seek(chunk.chunk_start_offset)
+            # A chunk that is cut short raises here what `struct` raises.
+            kind, _, start_ns, end_ns = _CHUNK.unpack(stream.read(_CHUNK.size))
+            stated = (chunk.message_start_time, chunk.message_end_time)
+            if kind != _CHUNK_RECORD or (start_ns, end_ns) != stated:
+                msg = "its index says something else of a chunk than the chunk itself"
+                raise ValueError(msg)
 
 
 def _check_summary(path: Path) -> None:

@@ -6,8 +6,9 @@ import errno
 import os
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from r2bspec.data._compression import unpack
 from r2bspec.data._metadata import refuse_lfs_pointer
@@ -22,7 +23,8 @@ from r2bspec.data.model import Message, StorageName
 STORAGE_SUFFIXES: dict[str, StorageName] = {".db3": "sqlite3", ".mcap": "mcap", ".bag": "ros1"}
 
 
-class StoredTopic(NamedTuple):
+@dataclass(frozen=True)
+class StoredTopic:
     """A topic as one storage file states it; the type is normalised."""
 
     name: str

@@ -164,12 +164,12 @@ def _look(storages: list[Storage]) -> _Seen:
         seen.start_ns = min(each.start_ns for each in filled)
         seen.end_ns = max(each.end_ns for each in filled)
     for storage in storages:
-        for name, kind, serialization, count in storage.topics:
-            known = seen.types.setdefault(name, kind)
-            if known != kind:
-                seen.notes.append(f"{name} was recorded as {known} and as {kind}")
-            seen.serializations.setdefault(name, serialization)
-            seen.counts[name] += count
+        for topic in storage.topics:
+            known = seen.types.setdefault(topic.name, topic.type)
+            if known != topic.type:
+                seen.notes.append(f"{topic.name} was recorded as {known} and as {topic.type}")
+            seen.serializations.setdefault(topic.name, topic.serialization)
+            seen.counts[topic.name] += topic.count
     return seen
 
 

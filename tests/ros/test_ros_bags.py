@@ -71,7 +71,7 @@ def _unordered_mcap(folder: Path) -> Path:
         for number in (0, 2, 1, 5, 4, 3):
             time_ns = START_NS + number * STEP_NS
             writer.add_message(channel, time_ns, cdr(number), time_ns)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 

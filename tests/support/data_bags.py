@@ -91,7 +91,7 @@ def write_mcap(
                 channels[topic] = writer.register_channel(topic, "cdr", schema)
             time_ns = START_NS + offset_ns
             writer.add_message(channels[topic], time_ns, data, time_ns)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 

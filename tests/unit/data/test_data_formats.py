@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import random
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -140,7 +141,7 @@ FORMS: dict[str, Callable[[Path], Path]] = {
     "ros1, bz2": lambda at: write_ros1(at.with_suffix(".bag"), MESSAGES, compression="bz2"),
     "ros1, lz4": lambda at: write_ros1(at.with_suffix(".bag"), MESSAGES, compression="lz4"),
     **{
-        f"metadata of version {version}": lambda at, version=version: _of_version(at, version)
+        f"metadata of version {version}": partial(_of_version, version=version)
         for version in range(2, 10)
     },
 }

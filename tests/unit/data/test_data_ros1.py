@@ -130,7 +130,7 @@ def test_a_type_of_ones_own_is_converted_by_its_recorded_definition(
     bag = record(tmp_path / "old.bag", store, [("/wheel", kind, message)])
     target = get_typestore(Stores.ROS2_JAZZY)
     target.register(get_types_from_msg(text, kind))
-    found = target.deserialize_cdr(only(bag, "/wheel").data, kind)
+    found: Any = target.deserialize_cdr(only(bag, "/wheel").data, kind)
     assert (found.number, found.angles.tolist(), found.names) == (7, [1.5, 2.5], ["left", "right"])
     assert found.header.stamp.sec == 1_700_000_001
 
