@@ -88,7 +88,7 @@ def test_the_list_says_what_each_is_for(capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_the_templates_in_specs_are_written_from_those_of_the_package() -> None:
-    """`R2BSPEC_REWRITE=1 pytest` writes them: people look for them there, installed copies don't."""
+    """They are there for people to read; `R2BSPEC_REWRITE=1 pytest` writes them."""
     folder = ROOT / "specs" / "templates"
     wanted = {
         f"{name}{SUFFIX}": filled(text, None, "../../schemas/r2bspec-v1.schema.json")

@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 import yaml
+from mcap.writer import CompressionType, IndexType
+
 from data_bags import (
     START_NS,
     STRING,
@@ -22,8 +24,6 @@ from data_bags import (
     write_mcap,
     write_ros1,
 )
-from mcap.writer import CompressionType, IndexType
-
 from r2bspec.data.digest import hash_content, hash_files
 from r2bspec.data.errors import DataError
 from r2bspec.data.index import index_bag
