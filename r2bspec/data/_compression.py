@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 import tempfile
+from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 if sys.version_info >= (3, 14):
     from compression import zstd
 else:
     from backports import zstd
 
+Of = TypeVar("Of")
+
 _MAGIC = b"\x28\xb5\x2f\xfd"
 _BLOCK_BYTES = 1 << 20
+_LARGE_BYTES = 1 << 16
+_MOST_THREADS = 4
 
 
 def uncompressed(data: bytes) -> bytes:
@@ -33,6 +41,35 @@ def uncompressed(data: bytes) -> bytes:
         msg = f"a message begins with {data[:4].hex(' ') or 'nothing'}, which is no CDR"
         raise ValueError(msg)
     return data
+
+
+def uncompressed_ahead(stored: Iterator[tuple[Of, bytes]]) -> Iterator[tuple[Of, bytes]]:
+    """The CDR of stored messages, in their order; large ones are uncompressed ahead in threads.
+
+    zstd lets other threads run, so that a camera's messages take as many cores as there are.
+    Memory holds as many messages as there are threads, and one more.
+
+    Raises:
+        ValueError: as `uncompressed`, when the turn of the message comes.
+    """
+    workers = min(_MOST_THREADS, os.cpu_count() or 1)
+    waiting: deque[tuple[Of, bytes | Future[bytes]]] = deque()
+    with ExitStack() as stack:
+        pool: ThreadPoolExecutor | None = None
+        for what, data in stored:
+            if len(data) >= _LARGE_BYTES and data[:4] == _MAGIC:
+                pool = pool or stack.enter_context(ThreadPoolExecutor(workers))
+                waiting.append((what, pool.submit(uncompressed, data)))
+            else:
+                waiting.append((what, data))
+            while len(waiting) > (workers if pool else 0):
+                yield _done(*waiting.popleft())
+        while waiting:
+            yield _done(*waiting.popleft())
+
+
+def _done(what: Of, data: bytes | Future[bytes]) -> tuple[Of, bytes]:
+    return what, uncompressed(data) if isinstance(data, bytes) else data.result()
 
 
 def uncompressed_size(head: bytes, stored_bytes: int) -> int | None:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-from r2bspec.data._compression import uncompressed
+from r2bspec.data._compression import uncompressed_ahead
 from r2bspec.data._metadata import normalise_type
 from r2bspec.data._storage import StoredTopic
 from r2bspec.data.errors import RECORDING_NOT_CLOSED, STORAGE_UNREADABLE, DataError
@@ -66,8 +66,12 @@ class SqliteStorage:
         connections = [each for each in self._reader.connections if each.topic in names]
         if not connections:
             return
-        for connection, time_ns, data in self._reader.messages(connections, start_ns, stop_ns):
-            yield Message(topic=connection.topic, time_ns=time_ns, data=uncompressed(data))
+        stored = (
+            ((connection.topic, time_ns), data)
+            for connection, time_ns, data in self._reader.messages(connections, start_ns, stop_ns)
+        )
+        for (topic, time_ns), data in uncompressed_ahead(stored):
+            yield Message(topic=topic, time_ns=time_ns, data=data)
 
     def close(self) -> None:
         """As `Storage.close`."""

@@ -217,3 +217,25 @@ def test_reads_recordings_of_others(real_bags: Path, name: str) -> None:
         topic: max((len(each.data) for each in messages if each.topic == topic), default=0)
         for topic in index.topics
     }
+
+
+def test_large_messages_keep_their_order_among_small_ones(tmp_path: Path) -> None:
+    """Those are uncompressed ahead, in threads."""
+    choose = random.Random(5)  # noqa: S311
+    messages = [
+        (
+            "/ping" if number % 3 else "/pong",
+            number * 10_000_000,
+            text(choose.randbytes(100_000).hex() if number % 3 else "small"),
+        )
+        for number in range(20)
+    ]
+    bag = write_bag(tmp_path / "bag", messages, compression="message")
+    assert read(bag) == messages
+    with closing(sqlite3.connect(storage_file(bag))) as database, database:
+        database.execute("UPDATE messages SET data = substr(data, 1, 70000) WHERE rowid = 12")
+    found = read_messages(bag, ["/ping", "/pong"])
+    assert [next(found).data for _ in range(11)] == [data for _, _, data in messages[:11]]
+    with pytest.raises(DataError) as caught:
+        next(found)
+    assert caught.value.code == "R2B304"
