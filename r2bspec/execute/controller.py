@@ -271,6 +271,7 @@ class _Controller:
             largest_message_bytes=max(
                 self._plan.largest_message_bytes, largest_message_bytes(self._buffer_dir)
             ),
+            ros_logs=self._folder.ros_logs,
         )
 
     def _measure(self, domain: int) -> None:

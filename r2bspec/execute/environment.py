@@ -19,7 +19,9 @@ _INHERITED = (
     *("PYTHON*", "VIRTUAL_ENV", "CONDA_PREFIX", "LD_LIBRARY_PATH", "LD_PRELOAD", "XDG_*"),
     *("ROS_*", "_ROS_*", "AMENT_*", "COLCON_*", "CMAKE_PREFIX_PATH", "RMW_*", "RCUTILS_*", "RCL_*"),
     *("FASTRTPS_*", "FASTDDS_*", "CYCLONEDDS_*", "ZENOH_*", "R2B_DATASETS"),
-    *("CUDA_*", "NVIDIA_*", "OMP_*", "MKL_*", "OPENBLAS_*", "OPENCV_*", "DISPLAY", "COVERAGE_*"),
+    *("CUDA_*", "NVIDIA_*", "HIP_*", "ROCR_*", "HSA_*", "LIBGL_*", "VK_*", "__GLX_*", "__NV_*"),
+    *("OMP_*", "KMP_*", "MKL_*", "OPENBLAS_*", "OPENCV_*", "TBB_*", "MALLOC_*", "GLIBC_TUNABLES"),
+    *("DISPLAY", "WAYLAND_DISPLAY", "XAUTHORITY", "QT_*", "GZ_*", "COVERAGE_*"),
 )
 
 _HARNESS_ALLOCATOR = {
@@ -118,7 +120,14 @@ class RunEnvironment:
     """The environments of one run's processes."""
 
     def __init__(
-        self, plan: Plan, *, run_id: str, domain: int, scratch: Path, largest_message_bytes: int
+        self,
+        plan: Plan,
+        *,
+        run_id: str,
+        domain: int,
+        scratch: Path,
+        largest_message_bytes: int,
+        ros_logs: Path | None = None,
     ) -> None:
         self._common = inherited(os.environ, plan.environment)
         if path := self._common.get("PYTHONPATH"):
@@ -130,6 +139,8 @@ class RunEnvironment:
             "ROS_DOMAIN_ID": str(domain),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "PYTHONUNBUFFERED": "1",
+            # Otherwise ROS leaves a file for each process in the user's home.
+            "ROS_LOG_DIR": str(ros_logs or scratch / "ros_logs"),
         }
         self._common.pop("ROS_LOCALHOST_ONLY", None)
         if plan.transport != "inherit":

@@ -74,6 +74,11 @@ class RunFolder:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
+    @property
+    def ros_logs(self) -> Path:
+        """Where ROS processes write the log files that they make themselves."""
+        return self.path / "logs" / "ros"
+
     def write_spec(self, text: str) -> None:
         """Write the resolved spec."""
         write_whole(self.path / "spec.yaml", text.encode())

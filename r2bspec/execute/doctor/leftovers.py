@@ -11,7 +11,8 @@ from r2bspec.execute.doctor.model import Check, System
 from r2bspec.execute.doctor.processes import Process, find_runs
 from r2bspec.execute.doctor.scratch import abandoned_scratch, unfinished_datasets
 from r2bspec.execute.doctor.segments import Segment, dead_segments
-from r2bspec.harness.reaping import end_all, remove_dead_segments
+from r2bspec.harness.reaping import end_all
+from r2bspec.harness.segments import remove_dead_segments
 from r2bspec.measure.units import show
 
 TOPIC = "runs"
@@ -61,7 +62,8 @@ def clean(system: System, cache: Path | None = None) -> list[str]:
             shutil.rmtree(folder)
             removed.append(f"folder {folder}")
     # Last: the segments of processes that were just ended are dead only now.
-    removed += [f"segment {name}" for name in remove_dead_segments()]
+    dead = remove_dead_segments(system.shared_memory, system.proc)
+    removed += [f"segment {name}" for name in dead]
     return removed
 
 

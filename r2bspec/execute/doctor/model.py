@@ -11,7 +11,7 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.execute.machine import interpreter
-from r2bspec.harness.reaping import SHARED_MEMORY
+from r2bspec.harness.segments import SHARED_MEMORY
 
 Status = Literal["ok", "warn", "problem"]
 

@@ -19,7 +19,6 @@ from r2bspec.execute.doctor.model import System
 from r2bspec.execute.doctor.processes import find_runs
 from r2bspec.execute.doctor.scratch import abandoned_scratch, unfinished_datasets
 from r2bspec.execute.doctor.segments import dead_segments
-from r2bspec.harness import reaping
 from r2bspec.harness.protocol import RUN_ID_VARIABLE
 
 WATCHDOG = "r2bspec.harness.watchdog"
@@ -156,19 +155,6 @@ def test_looking_for_segments_changes_nothing(system: System) -> None:
     assert sorted(system.shared_memory.iterdir()) == before
 
 
-def test_the_doctor_finds_exactly_what_cleaning_removes(
-    system: System, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(reaping, "SHARED_MEMORY", system.shared_memory)
-    for name in ("fastrtps_a", "fastrtps_b", "fastdds_port7000"):
-        segment(system, name)
-    segment(system, "fastrtps_c", lock=False)
-    with owner(system, "fastrtps_b"):
-        found = [each.name for each in dead_segments(system)]
-        assert sorted(reaping.remove_dead_segments()) == found
-    assert found == ["fastdds_port7000", "fastrtps_a", "fastrtps_c"]
-
-
 def scratch(system: System, run_id: str, *, age_s: float = 60.0) -> Path:
     folder = system.runs / f"folder-of-{run_id}"
     made = folder / ".scratch-abc"
@@ -246,10 +232,7 @@ def test_leftovers_are_told_with_the_way_to_remove_them(system: System, tmp_path
     assert all("--clean" in c.advice for c in checks.values() if c.status != "ok")
 
 
-def test_cleaning_ends_orphans_and_removes_what_they_left(
-    system: System, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(reaping, "SHARED_MEMORY", system.shared_memory)
+def test_cleaning_ends_orphans_and_removes_what_they_left(system: System, tmp_path: Path) -> None:
     segment(system, "fastrtps_dead")
     dead = scratch(system, "dead")
     alive = scratch(system, "alive")

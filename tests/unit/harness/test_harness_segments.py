@@ -12,14 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.harness import reaping
-from r2bspec.harness.reaping import remove_dead_segments, segments
+from r2bspec.harness.segments import dead_segments, remove_dead_segments, segments
 
 
 @pytest.fixture
-def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def memory(tmp_path: Path) -> Path:
     """Stands for /dev/shm; locks and maps on its files are real."""
-    monkeypatch.setattr(reaping, "SHARED_MEMORY", tmp_path)
     return tmp_path
 
 
@@ -47,7 +45,7 @@ def test_a_segment_whose_owner_is_dead_is_removed_with_all_that_belongs_to_it(
 ) -> None:
     make(memory, "fastrtps_0123")
     make(memory, "fastdds_port7001")
-    assert sorted(remove_dead_segments()) == ["fastdds_port7001", "fastrtps_0123"]
+    assert sorted(remove_dead_segments(memory)) == ["fastdds_port7001", "fastrtps_0123"]
     assert names(memory) == set()
 
 
@@ -55,38 +53,36 @@ def test_a_segment_in_use_stays(memory: Path) -> None:
     make(memory, "fastrtps_0123")
     before = names(memory)
     with owner(memory, "fastrtps_0123"):
-        assert remove_dead_segments() == []
+        assert remove_dead_segments(memory) == []
         assert names(memory) == before
-    assert remove_dead_segments() == ["fastrtps_0123"]
+    assert remove_dead_segments(memory) == ["fastrtps_0123"]
 
 
-def test_a_segment_without_a_lock_is_removed_unless_it_is_mapped(
-    memory: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_segment_without_a_lock_is_removed_unless_it_is_mapped(memory: Path) -> None:
     make(memory, "fastrtps_mapped", lock=False)
     make(memory, "fastrtps_dead", lock=False)
-    monkeypatch.setattr(reaping, "_mapped", lambda: {str(memory / "fastrtps_mapped")})
-    assert remove_dead_segments() == ["fastrtps_dead"]
+    with (memory / "fastrtps_mapped").open("r+b") as file, mmap.mmap(file.fileno(), 0):
+        assert remove_dead_segments(memory) == ["fastrtps_dead"]
     assert names(memory) == {"fastrtps_mapped", "sem.fastrtps_mapped_mutex"}
 
 
-def test_what_processes_map_in_shared_memory_is_seen() -> None:
-    if not os.access("/dev/shm", os.W_OK):  # noqa: S108
-        pytest.skip("this machine has no shared memory")
-    path = Path(f"/dev/shm/r2bspec-test-{os.getpid()}")  # noqa: S108
-    path.write_bytes(bytes(mmap.PAGESIZE))
-    try:
-        assert str(path) not in reaping._mapped()
-        with path.open("r+b") as file, mmap.mmap(file.fileno(), 0):
-            assert str(path) in reaping._mapped()
-    finally:
-        path.unlink()
+def test_what_is_found_dead_is_what_is_removed_and_looking_changes_nothing(memory: Path) -> None:
+    for name in ("fastrtps_a", "fastrtps_b", "fastdds_port7000"):
+        make(memory, name)
+    make(memory, "fastrtps_c", lock=False)
+    (memory / "fastrtps_d_el").touch()
+    before = names(memory)
+    with owner(memory, "fastrtps_b"):
+        found = dead_segments(memory)
+        assert names(memory) == before
+        assert remove_dead_segments(memory) == found
+    assert found == ["fastdds_port7000", "fastrtps_a", "fastrtps_c", "fastrtps_d"]
 
 
 def test_a_shared_lock_is_no_segment(memory: Path) -> None:
     # Readers that share a port hold NAME_sl; they map NAME and never NAME_sl.
     (memory / "fastrtps_port7000_sl").touch()
-    assert remove_dead_segments() == []
+    assert remove_dead_segments(memory) == []
     assert names(memory) == {"fastrtps_port7000_sl"}
 
 
@@ -96,7 +92,7 @@ def test_what_is_older_than_the_run_stays(memory: Path) -> None:
     for each in memory.iterdir():
         os.utime(each, (1_000.0, 1_000.0))
     make(memory, "fastrtps_new")
-    assert remove_dead_segments(since_s=time.time() - 3600) == ["fastrtps_new"]
+    assert remove_dead_segments(memory, since_s=time.time() - 3600) == ["fastrtps_new"]
     assert "fastrtps_old" in names(memory)
     assert "fastrtps_older" in names(memory)
 
@@ -105,7 +101,7 @@ def test_what_is_not_the_middlewares_stays(memory: Path) -> None:
     for name in ("lttng-ust-wait-6", "sem.mine", "psm_1234", "my_fastrtps_el"):
         (memory / name).touch()
     before = names(memory)
-    assert remove_dead_segments() == []
+    assert remove_dead_segments(memory) == []
     assert names(memory) == before
 
 
@@ -114,19 +110,16 @@ def test_files_of_another_user_stay(memory: Path, monkeypatch: pytest.MonkeyPatc
     make(memory, "fastrtps_4567", lock=False)
     before = names(memory)
     monkeypatch.setattr(os, "getuid", lambda: os.geteuid() + 1)
-    assert remove_dead_segments() == []
+    assert remove_dead_segments(memory) == []
     assert names(memory) == before
 
 
-def test_a_machine_without_shared_memory_has_no_segments(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(reaping, "SHARED_MEMORY", tmp_path / "none")
-    assert remove_dead_segments() == []
-    assert segments() == []
+def test_a_machine_without_shared_memory_has_no_segments(tmp_path: Path) -> None:
+    assert remove_dead_segments(tmp_path / "none") == []
+    assert segments(tmp_path / "none") == []
 
 
 def test_segments_lists_the_middlewares_files_whoever_owns_them(memory: Path) -> None:
     make(memory, "fastrtps_0123")
     (memory / "lttng-ust-wait-6").touch()
-    assert segments() == ["fastrtps_0123", "fastrtps_0123_el", "sem.fastrtps_0123_mutex"]
+    assert segments(memory) == ["fastrtps_0123", "fastrtps_0123_el", "sem.fastrtps_0123_mutex"]
