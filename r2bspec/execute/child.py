@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ class Child:
         process: subprocess.Popen[bytes],
         log: Path,
         connection: socket.socket | None,
+        conceal: Callable[[str], str] = str,
     ) -> None:
         self.name = name
         self.role = role
@@ -45,6 +47,7 @@ class Child:
         self.inbox: deque[Any] = deque()
         self.ending = False
         self.answered = False
+        self._conceal = conceal
         self._pending = bytearray()
 
     @property
@@ -103,7 +106,7 @@ class Child:
             os.killpg(self.pid, which)
 
     def log_tail(self) -> str:
-        """The last lines that the process printed."""
+        """The last lines that the process printed, without the secrets that it was given."""
         try:
             with self.log.open("rb") as file:
                 file.seek(0, 2)
@@ -111,7 +114,7 @@ class Child:
                 text = file.read().decode(errors="replace")
         except OSError:
             return ""
-        return "\n".join(text.splitlines()[-_LOG_TAIL_LINES:])
+        return self._conceal("\n".join(text.splitlines()[-_LOG_TAIL_LINES:]))
 
 
 def describe_exit(status: int) -> str:

@@ -42,7 +42,9 @@ class Children:
         scratch: Path,
         check_interrupt: Callable[[], None],
         on_start: Callable[[Child], None] | None = None,
+        conceal: Callable[[str], str] = str,
     ) -> None:
+        self._conceal = conceal
         self._run_id = run_id
         self._check_interrupt = check_interrupt
         self._on_start = on_start
@@ -108,7 +110,7 @@ class Children:
             if theirs is not None:
                 theirs.close()
         self._tell_watchdog(f"session {process.pid}\n")
-        child = Child(name, role, process, log, ours)
+        child = Child(name, role, process, log, ours, self._conceal)
         if ours is not None:
             self._selector.register(ours, selectors.EVENT_READ, child)
         self._living[name] = child
@@ -144,8 +146,8 @@ class Children:
             if isinstance(message, protocol.Failed):
                 missing = message.code.startswith(_NOT_INSTALLED)
                 raise (NotInstalledError if missing else ProcessFailedError)(
-                    f"{child.name}: {message.message}",
-                    hint=message.hint or f"Its output is in {child.log}",
+                    f"{child.name}: {self._conceal(message.message)}",
+                    hint=self._conceal(message.hint) or f"Its output is in {child.log}",
                     code=message.code,
                 )
 

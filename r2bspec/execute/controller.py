@@ -22,6 +22,7 @@ from r2bspec.errors import R2bspecError
 from r2bspec.execute.batch import Batch, Reporting
 from r2bspec.execute.buffering import buffer_bags
 from r2bspec.execute.children import Children
+from r2bspec.execute.concealing import concealing
 from r2bspec.execute.dataset import Dataset, obtain
 from r2bspec.execute.domain import reserved_domain
 from r2bspec.execute.environment import RunEnvironment
@@ -126,7 +127,11 @@ class _Controller:
         }
         self._resources = ResourceSampler()
         self._children = Children(
-            run_id, scratch, self._check, lambda child: self._resources.add(child.pid)
+            run_id,
+            scratch,
+            self._check,
+            lambda child: self._resources.add(child.pid),
+            concealing(plan.environment, os.environ),
         )
         self._batches: list[Batch] = []
         self._measuring: list[Measuring] = []

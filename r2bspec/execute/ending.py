@@ -36,11 +36,11 @@ def end_in_turn(children: Sequence[Child], meanwhile: Callable[[], None]) -> lis
     Returns:
         The names of those that had to be killed.
     """
-    in_turn = time.monotonic() + _IN_TURN_S
+    began = time.monotonic()
     for child in children:
         child.ask_to_end()
-        _wait_for([child], in_turn, meanwhile)
-    _wait_for(children, time.monotonic() + ASKED_S, meanwhile)
+        _wait_for([child], began + _IN_TURN_S, meanwhile)
+    _wait_for(children, began + ASKED_S, meanwhile)
     _signal_all(children, signal.SIGTERM)
     _wait_for(children, time.monotonic() + GRACE_S, meanwhile)
     killed = _signal_all(children, signal.SIGKILL)

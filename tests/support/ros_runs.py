@@ -181,13 +181,18 @@ class Bench:
         (self.folder / name).write_text(_NODE_IMPORTS + code)
 
     def start(
-        self, spec: Mapping[str, Any] | Path, *arguments: str, output: Path | None = None
+        self,
+        spec: Mapping[str, Any] | Path,
+        *arguments: str,
+        output: Path | None = None,
+        through: Sequence[str] = (),
     ) -> Running:
-        """Start ``r2bspec run``; whoever starts it sees to its end."""
+        """Start ``r2bspec run``, `through` another program; whoever starts it sees to its end."""
         number = next(self._numbers)
         path = spec if isinstance(spec, Path) else self.write(spec, f"spec{number}")
         folder = output or self.folder / f"run{number}"
-        return Running(self, ["run", str(path), "--output", str(folder), *arguments], folder)
+        words = ["run", str(path), "--output", str(folder), *arguments]
+        return Running(self, words, folder, through)
 
     def run(
         self, spec: Mapping[str, Any] | Path, *arguments: str, output: Path | None = None
@@ -219,7 +224,9 @@ _NODE_IMPORTS = "from rclpy.node import Node\nfrom sensor_msgs.msg import Image\
 class Running:
     """A command under way, whose processes and segments are watched."""
 
-    def __init__(self, bench: Bench, arguments: list[str], folder: Path) -> None:
+    def __init__(
+        self, bench: Bench, arguments: list[str], folder: Path, through: Sequence[str] = ()
+    ) -> None:
         self.folder = folder
         self._bench = bench
         # Runs also use, and leave alone, what the dead of others have left.
@@ -232,7 +239,7 @@ class Running:
             self._output["stderr"].open("wb") as stderr,
         ):
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "r2bspec", *arguments],
+                [*through, sys.executable, "-m", "r2bspec", *arguments],
                 cwd=bench.folder,
                 stdin=subprocess.DEVNULL,
                 stdout=stdout,

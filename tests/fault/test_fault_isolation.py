@@ -1,0 +1,205 @@
+"""Promise: what runs is what was planned, with nothing of the user's that it does not need."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+pytest.importorskip("rclpy")
+
+from r2bspec.execute.environment import inherited
+from ros_runs import Bench, Finished, relay_node, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+SECRETS = {
+    "MY_TOKEN": "7c5e2b9d-not-for-anyone",
+    "AWS_SECRET_ACCESS_KEY": "f3b1-not-for-anyone-either",
+    "http_proxy": "http://user:e41a-nor-this@proxy",
+}
+NAMED = {"NAMED_TOKEN": "90cc1d-for-nodes-only"}
+
+OWN = {
+    "R2BSPEC_RUN_ID",
+    "R2BSPEC_CONTROL_FD",
+    "ROS_DOMAIN_ID",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE",
+    "ROS_LOG_DIR",
+    "PYTHONUNBUFFERED",
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+}
+"""What docs/reliability.md says that every process of a run gets."""
+
+MEMORY = {"MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", "MALLOC_TOP_PAD_"}
+"""What those of the harness get, too."""
+
+SHOWS = "import os, time; print(sorted(os.environ)); time.sleep(600)"
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A process as the kernel shows it."""
+
+    argv: list[str]
+    environ: dict[str, str]
+    session: int
+    group: int
+    pid: int
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Looked:
+    """A run that has ended, with what its processes were, and the plan as printed before it."""
+
+    done: Finished
+    seen: dict[str, Seen]
+    plan: dict[str, Any]
+    made: set[Path]
+
+
+def look(process: psutil.Process) -> Seen:
+    return Seen(
+        argv=process.cmdline(),
+        environ=process.environ(),
+        session=os.getsid(process.pid),
+        group=os.getpgid(process.pid),
+        pid=process.pid,
+        folder=Path(process.cwd()),
+    )
+
+
+@pytest.fixture(scope="module")
+def looked(tmp_path_factory: pytest.TempPathFactory) -> Looked:
+    bench = Bench(tmp_path_factory.mktemp("isolation"))
+    home = bench.folder / "home"
+    home.mkdir()
+    spec = relay_spec(
+        environment=list(NAMED),
+        graph={
+            "nodes": {
+                "relay": relay_node(env={"MY_SETTING": "on"}),
+                "shows": {"command": [sys.executable, "-c", SHOWS, "$HOME", "; touch oops"]},
+            }
+        },
+    )
+    spec["benchmark"] |= {"iterations": 2}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in (SECRETS | NAMED | {"HOME": str(home)}).items():
+            patch.setenv(name, value)
+        path = bench.write(spec, "isolated")
+        printed = subprocess.run(
+            [sys.executable, "-m", "r2bspec", "plan", str(path)],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        before = set(bench.folder.rglob("*"))
+        with bench.start(path) as running:
+            running.wait_for("iteration 1 of 2")
+            names = ("player", "monitor", "relay", "shows")
+            seen = {name: look(running.child(name)) for name in names}
+            done = running.finish()
+    made = {each for each in bench.folder.rglob("*") if each not in before}
+    return Looked(done, seen, json.loads(printed.stdout), made)
+
+
+def processes(looked: Looked) -> dict[str, dict[str, Any]]:
+    """The planned processes, by name."""
+    return {each["name"]: each for each in looked.plan["processes"]}
+
+
+def test_the_run_went_to_its_end(looked: Looked) -> None:
+    looked.done.assert_complete()
+    # The plan that was carried out is, byte for byte, the one that was printed.
+    assert json.loads((looked.done.folder / "plan.json").read_text()) == looked.plan
+
+
+def test_every_process_runs_the_command_line_that_the_plan_prints(looked: Looked) -> None:
+    planned = processes(looked)
+    assert set(planned) == set(looked.seen)
+    for name, seen in looked.seen.items():
+        words = [sys.executable if word == "$(python)" else word for word in planned[name]["argv"]]
+        assert seen.argv == words, name
+
+
+def test_no_word_of_a_command_goes_through_a_shell(looked: Looked) -> None:
+    assert looked.seen["shows"].argv[-2:] == ["$HOME", "; touch oops"]
+    assert not [each for each in looked.made if each.name == "oops"]
+
+
+def test_every_process_has_a_session_and_a_group_of_its_own(looked: Looked) -> None:
+    for name, seen in looked.seen.items():
+        assert seen.session == seen.group == seen.pid, name
+
+
+def test_every_process_has_the_environment_that_the_plan_states_and_no_more(
+    looked: Looked,
+) -> None:
+    planned = processes(looked)
+    kept = inherited(dict.fromkeys(os.environ | SECRETS | NAMED, ""), NAMED)
+    for name, seen in looked.seen.items():
+        changes = planned[name].get("env", {})
+        harness = MEMORY if planned[name]["role"] in {"player", "monitor"} else set()
+        assert set(seen.environ) - set(kept) - set(changes) <= OWN | harness, name
+        assert changes.items() <= seen.environ.items()
+        for secret, value in NAMED.items():
+            assert seen.environ[secret] == value
+    assert processes(looked)["relay"]["env"] == {"MY_SETTING": "on"}
+    assert "MY_SETTING" not in looked.seen["shows"].environ
+
+
+def test_secrets_reach_neither_processes_nor_the_run_folder(looked: Looked) -> None:
+    for name, seen in looked.seen.items():
+        for secret, value in SECRETS.items():
+            assert secret not in seen.environ, name
+            assert value not in seen.environ.values()
+    texts = [looked.done.stdout, looked.done.stderr, json.dumps(looked.plan)]
+    texts += [
+        path.read_bytes().decode("latin-1")
+        for path in looked.done.folder.rglob("*")
+        if path.is_file()
+    ]
+    for value in (*SECRETS.values(), *NAMED.values()):
+        assert not [text for text in texts if value in text]
+    # Their names are, where a node prints them: it saw those that the spec names.
+    assert "NAMED_TOKEN" in looked.done.log("shows")
+    assert not [name for name in SECRETS if name in looked.done.log("shows")]
+
+
+def test_a_run_writes_nothing_outside_its_folder(looked: Looked) -> None:
+    folder = looked.done.folder
+    outside = {
+        each
+        for each in looked.made
+        if not each.is_relative_to(folder)
+        # Where this test keeps what the command prints; Python's and the kernel's own caches.
+        and not each.name.startswith((".stdout", ".stderr"))
+        and "__pycache__" not in each.parts
+        and ".cache" not in each.parts
+    }
+    assert outside == set()
+
+
+def test_what_a_dying_node_prints_of_its_secrets_does_not_reach_the_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in NAMED.items():
+        monkeypatch.setenv(name, value)
+    program = "import os; raise SystemExit('refused: ' + os.environ['NAMED_TOKEN'])"
+    spec = relay_spec(environment=list(NAMED))
+    spec["graph"]["nodes"]["dies"] = {"command": [sys.executable, "-c", program]}
+    done = Bench(tmp_path).run(spec)
+    assert done.status == 4
+    assert "refused: ***" in done.error
+    (value,) = NAMED.values()
+    for text in (done.stdout, done.stderr, (done.folder / "record.json").read_text()):
+        assert value not in text
