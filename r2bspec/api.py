@@ -27,6 +27,24 @@ if TYPE_CHECKING:
 Variables = Mapping[str, bool | int | float | str]
 
 
+class GraphDiffersError(R2bspecError):
+    """The graph that was started is not the one of the spec: to run it again would not help.
+
+    Attributes:
+        diagnostics: in what it differs, at its place in the spec, sorted by place.
+        loaded: the document, with the texts that the diagnostics point into.
+    """
+
+    exit_code = 2
+
+    def __init__(
+        self, error: R2bspecError, loaded: Loaded, diagnostics: Sequence[Diagnostic]
+    ) -> None:
+        super().__init__(str(error), hint=error.hint, code=error.code)
+        self.loaded = loaded
+        self.diagnostics = tuple(diagnostics)
+
+
 class InvalidSpecError(R2bspecError):
     """A spec that cannot be used.
 
@@ -180,6 +198,7 @@ def run(
         baseline: a stored run that they are compared with, as advice; see `stored_baseline`.
 
     Raises:
+        GraphDiffersError: the graph is not the one of the spec, which was compiled just now.
         RunError: the run failed; its folder has what was observed until then.
         RecordError: the run folder cannot be made.
         HistoryError: the history cannot be used.
@@ -203,7 +222,9 @@ def run(
 
 
 def _run_into(folder: RunFolder, prepared: Prepared, progress: Progress) -> Result:
+    from r2bspec.check.differences import place_differences
     from r2bspec.execute.controller import run_plan
+    from r2bspec.execute.errors import GraphDiffersError as Differs
 
     try:
         run_plan(
@@ -214,13 +235,24 @@ def _run_into(folder: RunFolder, prepared: Prepared, progress: Progress) -> Resu
             spec_text=prepared.spec_text,
             progress=progress,
         )
-    except R2bspecError:
+    except R2bspecError as error:
         # What was measured before the failure is worth a result, marked as incomplete; should
         # that fail, too, the first failure is the one to tell.
         with contextlib.suppress(R2bspecError, OSError):
             _write_result(folder)
+        loaded = prepared.loaded
+        if isinstance(error, Differs) and loaded is not None:
+            placed = place_differences(error.differences, loaded)
+            raise GraphDiffersError(error, loaded, placed) from error
         raise
     return _write_result(folder)
+
+
+def place_differences(result: Result, loaded: Loaded) -> tuple[Diagnostic, ...]:
+    """What of the real graph was not as the spec says, and did not end the run, in its place."""
+    from r2bspec.check.differences import place_differences
+
+    return place_differences(result.differences, loaded)
 
 
 def _write_result(folder: RunFolder) -> Result:

@@ -94,6 +94,7 @@ def command(
     """
     from r2bspec import api
     from r2bspec.cli.history import history_file
+    from r2bspec.report.findings.show import show
     from r2bspec.report.progress import shown_progress
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write import takes_stdout, write_of_folder
@@ -123,11 +124,16 @@ def command(
             else:
                 kept = history_file(history) if history is not None else None
                 result = api.run(prepared, folder, progress, history=kept, baseline=stored)
-    except R2bspecError:
+    except R2bspecError as error:
+        if isinstance(error, api.GraphDiffersError):
+            show(error.diagnostics, error.loaded.texts)
         # What was observed until then is worth its reports; the failure is the one to tell.
         with contextlib.suppress(R2bspecError):
             write_of_folder(reports + junit, folder, spec)
         raise
+    if prepared.loaded is not None:
+        # What ended no run is worth a look all the same.
+        show(api.place_differences(result, prepared.loaded), prepared.loaded.texts)
     if not takes_stdout(reports + junit):
         show_result(result, output_format, folder)
     write_of_folder(reports + junit, folder, spec)

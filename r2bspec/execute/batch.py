@@ -16,15 +16,18 @@ from r2bspec.execute.children import Child, Children
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.external import wait_for_external
 from r2bspec.execute.floor import measure_floor, usual_rate_hz
-from r2bspec.execute.graph import Launcher, diagnose_silence, readers_wanted, wait_until_matched
+from r2bspec.execute.graph import Launcher, readers_wanted, wait_until_matched
 from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
 from r2bspec.execute.probes import wait_for_probe
 from r2bspec.execute.progress import Progress
+from r2bspec.execute.silence.facts import Facts
+from r2bspec.execute.silence.observe import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
+from r2bspec.execute.silence.walk import described, way_to
 from r2bspec.harness import protocol
 from r2bspec.harness.buffers import read_index
-from r2bspec.plan.model import Plan
+from r2bspec.plan.model import MonitorPlan, Plan
 from r2bspec.plan.taps import all_taps, tap_watches
-from r2bspec.record.model import FloorRecord, Segment
+from r2bspec.record.model import FloorRecord, Segment, SilenceRecord
 from r2bspec.record.store import RunFolder
 
 PHASE = "measure"
@@ -49,6 +52,7 @@ class Batch:
 
     Attributes:
         floor: what the harness alone takes, once the batch has been brought up.
+        silences: outputs that have stopped since then.
     """
 
     def __init__(
@@ -74,6 +78,7 @@ class Batch:
         self._confirms = confirms
         self._stage: Stage | None = None
         self.floor: tuple[FloorRecord, ...] = ()
+        self.silences: tuple[SilenceRecord, ...] = ()
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -102,7 +107,11 @@ class Batch:
         )
         self._get_ready(monitor)
         self._warm_up(self._stage, monitor)
-        return self._stage
+        stage = self._stage
+        stage.on_silence = lambda segment, plan: self._explain_silence(
+            stage, monitor, segment, plan
+        )
+        return stage
 
     def _start_harness(self) -> tuple[Child, Child]:
         """The player and the monitor, and what they take with no graph between them."""
@@ -209,7 +218,39 @@ class Batch:
                 return
             if time.monotonic() > deadline:
                 topics = [each.topic for each in plan.monitors if each.name in silent]
+                facts = self._watch_all(stage, monitor)
                 raise NoOutputError(
-                    diagnose_silence(self._children, plan, monitor, topics, PHASE),
+                    f"nothing arrived on {', '.join(topics)}: "
+                    f"{told(facts, topics, breaks_of(facts, topics))}",
                     hint="The inputs were played, but the graph published nothing there.",
                 )
+
+    def _watch_all(self, stage: Stage, monitor: Child) -> Facts:
+        """Play some steps and see what passes on each topic."""
+        observer = Observer(self._children, monitor, self._plan, PHASE)
+        facts = observer.watch(self._rows_dir, lambda: stage.play_aside(PLAY_HZ, PLAY_STEPS))
+        stage.skip()
+        return facts
+
+    def _explain_silence(
+        self, stage: Stage, monitor: Child, segment: Segment, plan: MonitorPlan
+    ) -> None:
+        """Find out, once, why an output has stopped in the middle of a run."""
+        self._tell.note(f"{plan.topic} has fallen silent; looking where its messages stop")
+        facts = self._watch_all(stage, monitor)
+        breaks = breaks_of(facts, [plan.topic])
+        reason = "; ".join(each.sentence for each in breaks)
+        if not reason:
+            passed = facts.topics[plan.topic].passed
+            reason = (
+                f"{plan.topic}: {passed} messages came for {PLAY_STEPS} steps played afterwards"
+            )
+        self._tell.note(reason)
+        self.silences += (
+            SilenceRecord(
+                segment=segment.id,
+                topic=plan.topic,
+                reason=reason,
+                way=tuple(each.strip() for each in described(facts, way_to(facts, plan.topic))),
+            ),
+        )

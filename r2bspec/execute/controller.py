@@ -27,6 +27,7 @@ from r2bspec.execute.dataset import Dataset, obtain
 from r2bspec.execute.domain import reserved_domain
 from r2bspec.execute.environment import RunEnvironment
 from r2bspec.execute.errors import (
+    GraphDiffersError,
     MemoryLimitError,
     RunError,
     UnsupportedError,
@@ -48,7 +49,7 @@ from r2bspec.plan.canonical import canonical_json, plan_hash
 from r2bspec.plan.model import Plan
 from r2bspec.plan.unsupported import unsupported
 from r2bspec.record.errors import RecordError
-from r2bspec.record.model import RunRecord
+from r2bspec.record.model import Difference, RunRecord
 from r2bspec.record.store import RunFolder, open_run
 from r2bspec.slo.confirmation import wants_confirmation
 from r2bspec.slo.judge import judge
@@ -133,6 +134,7 @@ class _Controller:
             lambda child: self._resources.add(child.pid),
             concealing(plan.environment, os.environ),
         )
+        self._launchers: list[Launcher] = []
         self._batches: list[Batch] = []
         self._measuring: list[Measuring] = []
 
@@ -265,7 +267,9 @@ class _Controller:
 
         Preprocessors may publish larger messages than the bag holds, so each phase gets its own.
         """
-        return Launcher(self._children, self._environment(domain), self._folder, self._base_dir)
+        made = Launcher(self._children, self._environment(domain), self._folder, self._base_dir)
+        self._launchers.append(made)
+        return made
 
     def _environment(self, domain: int) -> RunEnvironment:
         return RunEnvironment(
@@ -342,6 +346,12 @@ class _Controller:
         first, *others = (each.provenance for each in self._datasets)
         return first | ({"also": others} if others else {})
 
+    def _differences(self, failure: BaseException | None) -> tuple[Difference, ...]:
+        """What of the real graph is not as the plan says, each once."""
+        found = [each for launcher in self._launchers for each in launcher.differences]
+        found += failure.differences if isinstance(failure, GraphDiffersError) else ()
+        return tuple(dict.fromkeys(found))
+
     def _record(self, failure: BaseException | None) -> RunRecord:
         status: Literal["complete", "incomplete"] = "incomplete" if failure else "complete"
         first = self._measuring[0] if self._measuring else None
@@ -363,6 +373,8 @@ class _Controller:
             events=tuple(self._events),
             floor=self._batches[0].floor if self._batches else (),
             confirmation=again[0].confirmation() if again else None,
+            silences=tuple(each for batch in self._batches for each in batch.silences),
+            differences=self._differences(failure),
         )
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from r2bspec.errors import R2bspecError
 from r2bspec.record.errors import RUN_UNWRITABLE
+from r2bspec.record.model import Difference
 
 
 class RunError(R2bspecError):
@@ -43,6 +46,20 @@ class NotReadyError(RunError):
     """The graph did not come up as planned within the time allowed."""
 
     code = "R2B640"
+
+
+class GraphDiffersError(RunError):
+    """The real graph is not the one of the spec: to try again would not help.
+
+    Attributes:
+        differences: in what; at least one.
+    """
+
+    exit_code = 2
+
+    def __init__(self, differences: Sequence[Difference], message: str, hint: str = "") -> None:
+        super().__init__(message, hint=hint, code=differences[0].code)
+        self.differences = tuple(differences)
 
 
 class NoOutputError(RunError):

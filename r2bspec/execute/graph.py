@@ -13,14 +13,19 @@ from pathlib import Path
 from typing import Any
 
 from r2bspec.execute.children import Child, Children
+from r2bspec.execute.differences import refuse_undeclared, unmatched_remappings
 from r2bspec.execute.environment import RunEnvironment
-from r2bspec.execute.errors import NotReadyError
+from r2bspec.execute.errors import GraphDiffersError, NotReadyError, RunError
 from r2bspec.execute.machine import interpreter
 from r2bspec.execute.placing import place
 from r2bspec.execute.programs import resolve_argv, resolve_words
+from r2bspec.execute.silence.facts import HARNESS
+from r2bspec.execute.silence.observe import Observer, breaks_of, told
+from r2bspec.execute.silence.walk import Break
 from r2bspec.execute.steps import wait_for_end
 from r2bspec.harness import protocol
 from r2bspec.plan.model import AfterReadyPlan, Plan, ProcessPlan
+from r2bspec.record.model import Difference
 from r2bspec.record.store import RunFolder
 
 _CONFIGURE_S = 60.0
@@ -31,7 +36,9 @@ _POLL_S = 0.02
 class Launcher:
     """Starts the processes of a plan.
 
-    `endpoints` is what the Python nodes really turned out to have, as `protocol.Ready` tells it.
+    Attributes:
+        endpoints: what the Python nodes really turned out to have, as `protocol.Ready` tells it.
+        differences: what they did not take of the plan. None of it has ended the run so far.
     """
 
     def __init__(
@@ -46,6 +53,8 @@ class Launcher:
         self._folder = folder
         self._base_dir = base_dir
         self.endpoints: list[tuple[str, str, str, str]] = []
+        self.differences: list[Difference] = []
+        self._made: set[str] = set()
 
     def start(self, plan: ProcessPlan) -> Child:
         """Start one process; a harness process then waits to be configured.
@@ -70,7 +79,7 @@ class Launcher:
 
         Raises:
             RunError: a node cannot be made, is not made in time, or dies.
-            UndeclaredParameterError: a node does not declare a parameter that the spec gives it.
+            GraphDiffersError: a node does not declare a parameter that the spec gives it.
         """
         plans = list(plans)
         children = [self.start(plan) for plan in plans]
@@ -88,11 +97,17 @@ class Launcher:
                     threads=plan.threads,
                 )
             )
-        for child, _ in hosts:
+        for child, plan in hosts:
             ready = self._children.answer(child, protocol.Ready, timeout_s)
-            _refuse_undeclared(ready)
+            refuse_undeclared(ready)
             self.endpoints += ready.endpoints
+            self.differences += unmatched_remappings(ready)
+            self._made |= {node.name for node in plan.nodes}
         return children
+
+    def has_made(self, nodes: Iterable[str]) -> bool:
+        """Whether some nodes are all there, with every endpoint that they make at their start."""
+        return all(node in self._made or node in {"", *HARNESS} for node in nodes)
 
     def do(self, step: AfterReadyPlan) -> None:
         """Do what the spec says once the graph stands, and wait until it is done.
@@ -129,19 +144,6 @@ class Launcher:
         self._children.ask(child, command, protocol.Ready, _CONFIGURE_S)
 
 
-def _refuse_undeclared(ready: protocol.Ready) -> None:
-    """A parameter that no node declares is ignored by ROS, and so is the typing error in it."""
-    if not ready.undeclared:
-        return
-    node, name = ready.undeclared[0]
-    known = ", ".join(sorted(ready.parameters.get(node, ()))) or "none"
-    raise NotReadyError(
-        f"node {node} declares no parameter {name!r}; it declares {known}",
-        hint=f"Correct or remove parameters.{name} of {node.rpartition('/')[2]} in the spec.",
-        code="R2B642",
-    )
-
-
 def wait_until_matched(
     children: Children,
     launcher: Launcher,
@@ -160,7 +162,8 @@ def wait_until_matched(
         phase: ``preprocess`` or ``measure``.
 
     Raises:
-        NotReadyError: some have not, in the time that the plan allows.
+        GraphDiffersError: some have not, in the time that the plan allows, and never will.
+        NotReadyError: some have not, for whatever reason.
     """
     deadline = time.monotonic() + plan.start_timeout_ns / 1e9
     while True:
@@ -185,31 +188,33 @@ def _not_ready(
     plan: Plan,
     phase: str,
     missing: dict[str, tuple[int, int]],
-) -> NotReadyError:
-    """Say which topics lack whom, what discovery shows on them, and what the nodes have instead."""
-    observer = next(child for child in children if child.role in {"monitor", "loader"})
-    seen = children.ask(
-        observer, protocol.Discover(topics=tuple(missing)), protocol.Discovered, _ASK_S
-    )
-    lines = [
-        f"  {topic}: {have} of {want} endpoints matched; "
-        f"writers: {_listed(seen.writers[topic])}; readers: {_listed(seen.readers[topic])}"
-        for topic, (have, want) in sorted(missing.items())
-    ]
-    lines += [
-        f"  {node} {direction} {topic} ({type_name})"
-        for node, topic, type_name, direction in sorted(launcher.endpoints)
-    ]
+) -> RunError:
+    """Say where the ways break: as a difference from the spec, if trying again cannot help."""
+    eyes = next(child for child in children if child.role in {"monitor", "loader"})
+    facts = Observer(children, eyes, plan, phase).look()
+    inputs = [topic for topic in missing if topic in facts.inputs]
+    silent = [topic for topic in missing if topic not in facts.inputs]
+    breaks = breaks_of(facts, silent, inputs)
     seconds = plan.start_timeout_ns / 1e9
-    return NotReadyError(
-        f"the {phase} graph was not ready after {seconds:g} s:\n" + "\n".join(lines),
-        hint="Check remappings, message types and QoS of the nodes on these topics.",
+    counted = "; ".join(f"{t}: {have} of {want} matched" for t, (have, want) in missing.items())
+    said = (
+        f"the {phase} graph was not ready after {seconds:g} s ({counted}): "
+        f"{told(facts, silent or inputs, breaks)}"
     )
+    hint = "Check remappings, message types and QoS of the nodes on these topics."
+    differences = (*launcher.differences, *(_difference(each) for each in breaks))
+    if differences and launcher.has_made(each.owner for each in breaks):
+        return GraphDiffersError(differences, said, hint)
+    return NotReadyError(said, hint=hint)
 
 
-def _listed(endpoints: tuple[protocol.Endpoint, ...]) -> str:
-    return (
-        ", ".join(f"{each.node} ({each.type}, {each.reliability})" for each in endpoints) or "none"
+def _difference(found: Break) -> Difference:
+    return Difference(
+        code=found.code,
+        message=found.sentence,
+        part="endpoint",
+        owner=found.owner,
+        name=found.topic,
     )
 
 
@@ -220,17 +225,3 @@ def readers_wanted(plan: Plan, topic: str, phase: str) -> int:
         reader for each in planned for reader in each.readers if reader not in {"loader", "monitor"}
     }
     return max(1, len(readers))
-
-
-def diagnose_silence(
-    children: Children, plan: Plan, observer: Child, silent: list[str], phase: str
-) -> str:
-    """Walk the planned topics and say, for each, who writes and who reads it in the real graph."""
-    topics = tuple(each.name for each in plan.topics if each.phase == phase)
-    seen = children.ask(observer, protocol.Discover(topics=topics), protocol.Discovered, _ASK_S)
-    lines = [
-        f"  {topic}: writers: {_listed(seen.writers[topic])}; readers: "
-        f"{_listed(seen.readers[topic])}"
-        for topic in topics
-    ]
-    return f"nothing arrived on {', '.join(silent)}; the graph as discovered:\n" + "\n".join(lines)

@@ -12,6 +12,7 @@ from pathlib import Path
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.progress import Progress
+from r2bspec.execute.silence.falling import fell_silent
 from r2bspec.harness import protocol
 from r2bspec.harness.rows import RowReader
 from r2bspec.measure.matching import Matching, match, ratio_of
@@ -75,7 +76,12 @@ class Observed:
 
 
 class Stage:
-    """The player, the monitors and their sample files: everything that playing needs."""
+    """The player, the monitors and their sample files: everything that playing needs.
+
+    Attributes:
+        segments: what has been played.
+        on_silence: is called once for each monitor whose output stops, after the segment.
+    """
 
     def __init__(
         self,
@@ -106,6 +112,8 @@ class Stage:
         # What was played by now, nobody has seen: the graph was not there.
         self._begun = self._playback.count()
         self._read: dict[str, int] = {}
+        self._silent: set[str] = set()
+        self.on_silence: Callable[[Segment, MonitorPlan], None] = lambda _, __: None
         self._folder = folder
         self._progress = progress
         self.segments: list[Segment] = []
@@ -144,7 +152,32 @@ class Stage:
         finally:
             observed = self._observed(first)
             self._write(kind, segment_id, rate_hz, steps, index, first, observed, complete)
+        self._look_for_silence(kind, observed)
         return observed
+
+    def play_aside(self, rate_hz: float, steps: int) -> None:
+        """Play what belongs to no segment; `skip` what comes of it.
+
+        Raises:
+            RunError: the player does not answer, or a process died or failed.
+        """
+        timeout_s = steps / rate_hz * 1.5 + _PLAYER_SLACK_S
+        command = protocol.Play(rate_hz=rate_hz, steps=steps)
+        self._children.ask(self._player, command, protocol.Played, timeout_s)
+
+    def skip(self) -> None:
+        """Leave out what has arrived since the last segment."""
+        self._read = self._counts() | {name: rows.count() for name, rows in self._taps.items()}
+
+    def _look_for_silence(self, kind: SegmentKind, observed: Observed) -> None:
+        """Tell of outputs that have stopped, each once."""
+        for plan in self._plans:
+            if kind == "warm_up" or plan.name in self._silent or not observed.playback.size:
+                continue
+            seen, matched = observed.monitors[plan.name], observed.matching(plan.name)
+            if fell_silent(observed.playback, seen, matched):
+                self._silent.add(plan.name)
+                self.on_silence(self.segments[-1], plan)
 
     def id_of(self, name: str) -> str:
         """The id of a segment that is played under a name, apart from those of another batch."""

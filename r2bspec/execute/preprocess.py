@@ -9,16 +9,21 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Final
 
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.errors import NoOutputError
-from r2bspec.execute.graph import Launcher, diagnose_silence, readers_wanted, wait_until_matched
+from r2bspec.execute.graph import Launcher, readers_wanted, wait_until_matched
+from r2bspec.execute.silence.facts import Facts
+from r2bspec.execute.silence.observe import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
 from r2bspec.harness import protocol
+from r2bspec.plan.argv import HARNESS_ARGV
 from r2bspec.plan.model import Plan, ProcessPlan
 
-_PHASE = "preprocess"
+_PHASE: Final = "preprocess"
 _PATIENCE_NS = 5_000_000_000
 _LOAD_S = 3600.0
+_PLAY_S = 60.0
 
 
 def preprocess(
@@ -61,7 +66,7 @@ def preprocess(
     between = _readers_between(zip(nodes, others, strict=True), launcher, recorded)
     wait_until_matched(children, launcher, {loader: wanted} | between, plan, _PHASE)
     loaded = children.ask(loader, protocol.Load(patience_ns=_PATIENCE_NS), protocol.Loaded, _LOAD_S)
-    _check(plan, children, loader, loaded, note)
+    _check(plan, children, launcher, loader, loaded, buffer_dir, note)
     children.end([loader, *nodes])
 
 
@@ -89,15 +94,19 @@ def _readers_between(
 def _check(
     plan: Plan,
     children: Children,
+    launcher: Launcher,
     loader: Child,
     loaded: protocol.Loaded,
+    buffer_dir: Path,
     note: Callable[[str], None],
 ) -> None:
     """Compare what came out with what went in."""
     silent = [topic for topic, count in loaded.recorded.items() if count == 0]
     if silent:
+        facts = _watch_all(plan, children, launcher, loader, buffer_dir)
         raise NoOutputError(
-            diagnose_silence(children, plan, loader, silent, _PHASE),
+            f"nothing arrived on {', '.join(silent)}: "
+            f"{told(facts, silent, breaks_of(facts, silent))}",
             hint="The preprocessors were fed, but published nothing there.",
         )
     # The shortest source: whatever is made of several has no more to go by.
@@ -105,3 +114,19 @@ def _check(
     for topic, count in loaded.recorded.items():
         if count < sent:
             note(f"{topic}: {count} messages came out of the preprocessors for {sent} in")
+
+
+def _watch_all(
+    plan: Plan, children: Children, launcher: Launcher, loader: Child, rows_dir: Path
+) -> Facts:
+    """Load some messages again, and see what passes on each topic."""
+    eyes = launcher.start(
+        ProcessPlan(name="observer", role="monitor", phase=_PHASE, argv=HARNESS_ARGV, env={})
+    )
+    launcher.configure(eyes, protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir)))
+
+    def play() -> None:
+        command = protocol.Play(rate_hz=PLAY_HZ, steps=PLAY_STEPS)
+        children.ask(loader, command, protocol.Played, _PLAY_S)
+
+    return Observer(children, eyes, plan, _PHASE).watch(rows_dir, play)

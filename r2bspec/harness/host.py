@@ -12,6 +12,7 @@ import importlib
 import importlib.util
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from rclpy.parameter import Parameter
 from r2bspec.harness import protocol, ros
 from r2bspec.harness.channel import Channel, ChannelClosedError
 from r2bspec.plan.model import NodePlan
+from r2bspec.wiring.names import expand
 
 
 class NodeError(Exception):
@@ -105,7 +107,7 @@ def make_node(plan: NodePlan, base_dir: Path) -> Node:
 
 
 def describe(plan: NodePlan, node: Node) -> protocol.Ready:
-    """What the node turned out to be: its endpoints, and parameters that it did not declare."""
+    """What the node turned out to be: its endpoints, and what it did not take of the plan."""
     endpoints = [
         (plan.name, each.topic_name, _type_name(each.msg_type), direction)
         for direction, group in (("publishes", node.publishers), ("subscribes", node.subscriptions))
@@ -118,7 +120,32 @@ def describe(plan: NodePlan, node: Node) -> protocol.Ready:
         endpoints=tuple(endpoints),
         undeclared=tuple(undeclared),
         parameters={plan.name: tuple(sorted(declared))},
+        unmatched=tuple(_unmatched(plan, node)),
     )
+
+
+def _unmatched(plan: NodePlan, node: Node) -> Iterator[tuple[str, str, str]]:
+    """The remappings after which nothing of the node is called.
+
+    An action, or a transport of images, is a name with more behind it.
+    """
+    name, namespace = node.get_name(), node.get_namespace()
+    found = [
+        each
+        for ask in (
+            node.get_publisher_names_and_types_by_node,
+            node.get_subscriber_names_and_types_by_node,
+            node.get_service_names_and_types_by_node,
+            node.get_client_names_and_types_by_node,
+        )
+        for each, _ in ask(name, namespace)
+    ]
+    found += [each.topic_name for each in node.publishers]
+    found += [each.topic_name for each in node.subscriptions]
+    for before, after in plan.remappings.items():
+        full = expand(after, name, namespace)
+        if not any(each == full or each.startswith(f"{full}/") for each in found):
+            yield plan.name, before, after
 
 
 def _type_name(message_class: Any) -> str:
@@ -156,6 +183,7 @@ class Host:
             protocol.Ready(
                 endpoints=tuple(each for found in self._found for each in found.endpoints),
                 undeclared=tuple(each for found in self._found for each in found.undeclared),
+                unmatched=tuple(each for found in self._found for each in found.unmatched),
                 parameters={
                     name: names for found in self._found for name, names in found.parameters.items()
                 },

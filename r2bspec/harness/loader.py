@@ -96,6 +96,8 @@ class Loader:
                     self._channel.send(discover(self._node, topics))
                 case protocol.Load(patience_ns=patience_ns):
                     self._channel.send(self._load(patience_ns))
+                case protocol.Play(rate_hz=rate_hz, steps=steps):
+                    self._channel.send(protocol.Played(steps=self._again(rate_hz, steps)))
                 case protocol.Shutdown():
                     return
                 case _:
@@ -167,6 +169,18 @@ class Loader:
                 last_ns = time.monotonic_ns()
             elif time.monotonic_ns() - last_ns > patience_ns:
                 return
+
+    def _again(self, rate_hz: float, steps: int) -> int:
+        """Publish the first stamps once more, for whoever wants to see where they go."""
+        schedule = self._schedule()
+        stamps = [*dict.fromkeys(stamp_ns for stamp_ns, _, _ in schedule)][:steps]
+        for number, stamp_ns in enumerate(stamps):
+            if self._channel.wait(1 / rate_hz):
+                return number
+            for at_ns, topic, message in schedule:
+                if at_ns == stamp_ns:
+                    self._writers[topic].publish(message)
+        return len(stamps)
 
     def _interrupted(self) -> bool:
         """Whether a command waits: while loading there is but one, to shut down."""

@@ -146,10 +146,17 @@ class Monitor:
     def _watch(self, plans: tuple[MonitorPlan, ...]) -> None:
         """Read topics that are no monitors', for a while."""
         for plan in plans:
-            if plan.qos is not None:
-                rows = RowWriter(self._rows_dir / f"{plan.name}.rows", width=4)
-                self._add(plan, rows, ros.profile(plan.qos))
-                self._watched.append(self._watches[-1])
+            with contextlib.suppress(ros.TypeNotFoundError):
+                ros.message_class(plan.type)
+                qos = (
+                    ros.profile(plan.qos)
+                    if plan.qos is not None
+                    else ros.profile_heard_from(self._node, plan.topic)
+                )
+                if qos is not None:
+                    rows = RowWriter(self._rows_dir / f"{plan.name}.rows", width=4)
+                    self._add(plan, rows, qos)
+                    self._watched.append(self._watches[-1])
 
     def _unwatch(self) -> None:
         for watch in self._watched:
@@ -167,30 +174,41 @@ class Monitor:
 
 def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
     """Which endpoints discovery shows on these topics, those of the harness included."""
-
-    def described(infos: list[TopicEndpointInfo]) -> tuple[protocol.Endpoint, ...]:
-        return tuple(
-            protocol.Endpoint(
-                node=f"{info.node_namespace.rstrip('/')}/{info.node_name}",
-                type=info.topic_type,
-                reliability=info.qos_profile.reliability.name.lower(),
-                durability=info.qos_profile.durability.name.lower(),
-            )
-            for info in infos
-        )
-
+    writers = {each: node.get_publishers_info_by_topic(each) for each in topics}
+    readers = {each: node.get_subscriptions_info_by_topic(each) for each in topics}
     return protocol.Discovered(
-        writers={each: described(node.get_publishers_info_by_topic(each)) for each in topics},
-        readers={each: described(node.get_subscriptions_info_by_topic(each)) for each in topics},
+        writers={topic: tuple(map(_endpoint, infos)) for topic, infos in writers.items()},
+        readers={topic: tuple(map(_endpoint, infos)) for topic, infos in readers.items()},
+        refused=tuple(
+            protocol.Refused(_full_name(writer), _full_name(reader), topic, why)
+            for topic in topics
+            for writer in writers[topic]
+            for reader in readers[topic]
+            if (why := ros.why_refused(writer.qos_profile, reader.qos_profile))
+        ),
     )
 
 
+def _endpoint(info: TopicEndpointInfo) -> protocol.Endpoint:
+    return protocol.Endpoint(
+        node=_full_name(info),
+        type=info.topic_type,
+        reliability=info.qos_profile.reliability.name.lower(),
+        durability=info.qos_profile.durability.name.lower(),
+    )
+
+
+def _full_name(info: TopicEndpointInfo) -> str:
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+
+
 def survey(node: Node) -> protocol.Surveyed:
-    """The full names of the nodes and services that discovery shows."""
+    """The full names of the nodes, services and topics that discovery shows."""
     return protocol.Surveyed(
         nodes=tuple(
             f"{namespace.rstrip('/')}/{name}"
             for name, namespace in node.get_node_names_and_namespaces()
         ),
         services=tuple(name for name, _ in node.get_service_names_and_types()),
+        topics=tuple(name for name, _ in node.get_topic_names_and_types()),
     )

@@ -74,7 +74,11 @@ class Subscribe(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Watch(_Message, frozen=True, kw_only=True, tag=True):
-    """Read these topics, too, until `Unwatch`; their QoS must be given. `Matched` answers it."""
+    """Read these topics, too, until `Unwatch`. `Matched` answers it.
+
+    A topic without QoS of its own is read with that of its writer; one that has no writer now, or
+    a type that is not installed, is not read at all.
+    """
 
     monitors: tuple[MonitorPlan, ...]
 
@@ -107,7 +111,10 @@ class Load(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Play(_Message, frozen=True, kw_only=True, tag=True):
-    """Publish `steps` steps at `rate_hz`. The answer, `Played`, comes when that is done."""
+    """Publish `steps` steps at `rate_hz`. The answer, `Played`, comes when that is done.
+
+    A loader publishes the first so many of its messages once more, and records nothing.
+    """
 
     rate_hz: float
     steps: int
@@ -144,13 +151,15 @@ class Ready(_Message, frozen=True, kw_only=True, tag=True):
     """The child is configured. The rest is what a host found of its nodes.
 
     `endpoints` lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the
-    parameters given that the node does not declare, as (node, parameter), and `parameters` what
-    each node does declare.
+    parameters given that the node does not declare, as (node, parameter), `parameters` what each
+    node does declare, and `unmatched` the remappings that changed no name of the node's, as (node,
+    name before, name after).
     """
 
     endpoints: tuple[tuple[str, str, str, str], ...] = ()
     undeclared: tuple[tuple[str, str], ...] = ()
     parameters: dict[str, tuple[str, ...]] = {}
+    unmatched: tuple[tuple[str, str, str], ...] = ()
 
 
 class Matched(_Message, frozen=True, kw_only=True, tag=True):
@@ -168,18 +177,29 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True):
     durability: str
 
 
+class Refused(msgspec.Struct, frozen=True):
+    """A writer and a reader of a topic whose QoS never match; `why` is what the middleware says."""
+
+    writer: str
+    reader: str
+    topic: str
+    why: str
+
+
 class Discovered(_Message, frozen=True, kw_only=True, tag=True):
-    """Which endpoints exist: topic to writers, topic to readers."""
+    """Which endpoints exist: topic to writers, topic to readers; and which pairs never match."""
 
     writers: dict[str, tuple[Endpoint, ...]]
     readers: dict[str, tuple[Endpoint, ...]]
+    refused: tuple[Refused, ...] = ()
 
 
 class Surveyed(_Message, frozen=True, kw_only=True, tag=True):
-    """The full names of all nodes and services that are seen."""
+    """The full names of all nodes, services and topics that are seen."""
 
     nodes: tuple[str, ...]
     services: tuple[str, ...]
+    topics: tuple[str, ...] = ()
 
 
 class Called(_Message, frozen=True, kw_only=True, tag=True):

@@ -11,7 +11,14 @@ from typing import Any
 import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation as _implementation
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
@@ -79,6 +86,14 @@ def profile_heard_from(node: Node, topic: str) -> QoSProfile | None:
         history=HistoryPolicy.KEEP_LAST,
         depth=READER_DEPTH,
     )
+
+
+def why_refused(offered: QoSProfile, asked: QoSProfile) -> str:
+    """Why a reader never matches a writer, in the middleware's words; empty if it may."""
+    found, why = qos_check_compatible(offered, asked)
+    if found != QoSCompatibility.ERROR:
+        return ""
+    return str(why).replace("ERROR: ", "").strip("; ").lower()
 
 
 class RawReader:

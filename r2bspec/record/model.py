@@ -124,6 +124,40 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
     lateness_p99_ns: int | None
 
 
+class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """An output that fell silent while something was measured, and where its messages stop.
+
+    `segment` is the one in which that was noticed; afterwards some steps were played and every
+    topic was watched. `reason` names the first break; `way` says of each topic who writes and who
+    reads it, and how many messages passed.
+    """
+
+    segment: str
+    topic: str
+    reason: str
+    way: tuple[str, ...]
+
+
+class Difference(msgspec.Struct, frozen=True, kw_only=True):
+    """Something in which the real graph is not the one of the spec.
+
+    Attributes:
+        code: that of the rule of ``r2bspec validate`` which finds the same where it can be known.
+        part: what it is about: a `parameter` or a `remapping` of a node, or an `endpoint`.
+        owner: the full name of the node, or the part of the harness, that has it.
+        name: the parameter, the left side of the remapping, or the full name of the topic.
+        harmless: whether the run could go on all the same.
+    """
+
+    code: str
+    message: str
+    part: Literal["parameter", "remapping", "endpoint"]
+    owner: str
+    name: str
+    help: str = ""
+    harmless: bool = False
+
+
 class ConfirmationRecord(msgspec.Struct, frozen=True, kw_only=True):
     """The fresh batch that was played after a failure.
 
@@ -143,7 +177,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     bag was read, with its hash; `machine` and `versions` where and with what.
     `events` are (monotonic time, text): phases entered and everything notable. `floor` has one
     entry per input; it is empty where nothing is played, or where measuring would have disturbed.
-    `confirmation` is there if a failure was followed by a fresh batch.
+    `confirmation` is there if a failure was followed by a fresh batch. `silences` are outputs that
+    stopped, `differences` what of the real graph is not as the spec says.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -163,3 +198,5 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     events: tuple[tuple[int, str], ...]
     floor: tuple[FloorRecord, ...] = ()
     confirmation: ConfirmationRecord | None = None
+    silences: tuple[SilenceRecord, ...] = ()
+    differences: tuple[Difference, ...] = ()

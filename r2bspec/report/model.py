@@ -7,7 +7,7 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.measure.model import RunMetrics
-from r2bspec.record.model import FloorRecord, ProcessRecord
+from r2bspec.record.model import Difference, FloorRecord, ProcessRecord, SilenceRecord
 from r2bspec.record.pairs import PairRecord
 from r2bspec.slo.model import Verdict
 from r2bspec.spec.model import Scalar
@@ -73,6 +73,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         plan_hash: names the plan that was carried out.
         floor: what harness and transport take with nothing under test; contained in every
             latency, and never subtracted.
+        silences: outputs that stopped, and where their messages stop.
+        differences: what of the real graph was not as the spec says.
         dataset: the recorded messages that were played, with their hash.
         machine: where the run was made.
         versions: what took part, by name.
@@ -100,6 +102,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str]
     processes: tuple[ProcessRecord, ...]
     floor: tuple[FloorRecord, ...] = ()
+    silences: tuple[SilenceRecord, ...] = ()
+    differences: tuple[Difference, ...] = ()
     spec: str
     judged_by: str
     objectives: dict[str, ObjectiveText]

@@ -82,6 +82,8 @@ def result_with(
         versions=record.versions,
         processes=record.processes,
         floor=record.floor,
+        silences=record.silences,
+        differences=record.differences,
         spec=run.spec_text(),
         judged_by=judged_by,
         objectives={name: _text(objective) for name, objective in asked.items()},

@@ -87,6 +87,11 @@ def notes(result: Result) -> Iterator[str]:
         yield f"Cut short, and in no number: {', '.join(result.metrics.incomplete)}"
     for one in result.verdict.unusable:
         yield f"Nothing can be judged at {show(one.offered_hz, 'Hz')}: {one.reason}"
+    for silence in result.silences:
+        yield f"{silence.topic} fell silent in {silence.segment}. {silence.reason}"
+    for difference in result.differences:
+        if difference.harmless:
+            yield f"{difference.code}: {difference.message}; {difference.help}"
     yield from _odd_messages(result)
     for process in result.processes:
         if process.exit_code not in {0, None}:

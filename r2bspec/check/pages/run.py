@@ -65,18 +65,16 @@ RUN_PAGES = (
         "R2B640",
         "the graph did not come up as planned",
         "Within 'benchmark.start_timeout' not every planned writer found its reader. The message "
-        "names the topics on which one of the two is missing.",
+        "names the first topic on the way where one of the two is missing. Where the nodes are all "
+        "there and simply have other topics than the spec says, the code is that of the rule which "
+        "finds the same (R2B204, R2B207, R2B208, R2B210, R2B216), and to try again would not help.",
     ),
     error_page(
         "R2B641",
         "nothing comes out of the graph",
-        "All writers and readers have found each other, but no output was seen. The message "
-        "follows the way of the messages and says where they stop.",
-    ),
-    error_page(
-        "R2B642",
-        "a node does not declare a parameter that the spec gives",
-        "ROS ignores such a value without a word, and the node runs with its default.",
+        "All writers and readers have found each other, but no output was seen. Some messages are "
+        "then played while every topic is watched; the message follows their way and says where "
+        "they stop.",
     ),
     error_page(
         "R2B643",
