@@ -30,6 +30,10 @@ from r2bspec.record.store import RunFolder, open_run
 from r2bspec.slo.pairs import what_disturbed, why_unusable
 from r2bspec.slo.statistics.paired import abba
 
+_MOST_IN_VAIN = 2
+"""Pairs in a row that were disturbed again when they were played again. A machine that is always
+busy is not going to calm down, and each pair would take twice as long."""
+
 
 @dataclass(frozen=True)
 class Contender:
@@ -106,6 +110,7 @@ class _Pairing:
         self._pairs: list[PairRecord] = []
         self._notes: list[str] = []
         self._planned = wanted.pairs
+        self._in_vain = 0
         self._started_at = _now()
         self._run_id = secrets.token_hex(8)
 
@@ -135,16 +140,22 @@ class _Pairing:
         for number in range(1, self._planned + 1):
             order: Literal["AB", "BA"] = "AB" if orders[2 * number - 2] == "A" else "BA"
             pair = self._play(number, order, confirms=confirms)
-            if pair.unusable or pair.disturbed:
-                why = pair.unusable or f"the machine was disturbed: {pair.disturbed}"
+            if pair.unusable or (pair.disturbed and self._in_vain < _MOST_IN_VAIN):
+                why = pair.unusable or f"the machine was disturbed ({pair.disturbed})"
                 self._note(f"pair {number} is played again: {why}")
-                pair = self._play(number, order, confirms=confirms, again=True)
-                if pair.unusable:
-                    self._note(f"pair {number} could not be judged again: {pair.unusable}")
+                self._see_to(self._play(number, order, confirms=confirms, again=True))
             if self._over_budget(number) and not confirms:
                 self._note(f"the time budget ends the comparison after {number} pairs")
                 self._planned = number
                 return
+
+    def _see_to(self, again: PairRecord) -> None:
+        """Take note of how it went to play a pair again."""
+        if again.unusable:
+            self._note(f"pair {again.number} is left out: {again.unusable}")
+        self._in_vain = self._in_vain + 1 if again.disturbed else 0
+        if self._in_vain == _MOST_IN_VAIN:
+            self._note("this machine stays disturbed: no more pairs are played again for that")
 
     def _play(
         self, number: int, order: Literal["AB", "BA"], *, confirms: bool, again: bool = False

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from r2bspec.measure.model import Distribution, MonitorMetrics, SegmentMetrics, UseMetrics
 from r2bspec.report.model import Result
+from r2bspec.slo.model import RequirementVerdict
 
 PARTS = ("min", "mean", "p50", "p90", "p95", "p99", "p99_9", "max")
 """Of a distribution, in ascending order but for the mean."""
@@ -38,7 +39,7 @@ class Row:
 
 
 def rows(result: Result) -> Iterator[Row]:
-    """All numbers: by rate; pooled first, then by iteration; the peak last."""
+    """All numbers: by rate; pooled first, then by iteration; the peak and ratios last."""
     for rate in result.metrics.rates:
         for number, segment in (
             (None, rate.pooled),
@@ -48,6 +49,26 @@ def rows(result: Result) -> Iterator[Row]:
     search = result.metrics.search
     if search is not None and search.holds_hz is not None:
         yield Row(None, None, "", "peak.rate", "Hz", search.holds_hz)
+    for one in result.verdict.requirements:
+        yield from _compared(one)
+
+
+def _compared(one: RequirementVerdict) -> Iterator[Row]:
+    """Base, head and ratio of a requirement of the baseline."""
+    if one.compared is None:
+        return
+    values = {
+        "base": (one.compared.unit, one.compared.base),
+        "head": (one.compared.unit, one.compared.head),
+        "ratio": ("share", one.estimate),
+        "ratio.lower": ("share", one.lower),
+        "ratio.upper": ("share", one.upper),
+        "ratio.limit": ("share", one.limit),
+        "ratio.n": ("count", float(one.n)),
+    }
+    for part, (unit, value) in values.items():
+        if value is not None:
+            yield Row(one.at_hz, None, one.monitor or "", f"{one.metric}.{part}", unit, value)
 
 
 def _segment(segment: SegmentMetrics, rate: float, number: int | None) -> Iterator[Row]:

@@ -79,6 +79,33 @@ def peak_text(search: SearchRecord) -> str:
     return f"{found} · {limits[search.limited_by]} · {len(search.probes)} probes"
 
 
+def comparison(result: Result) -> Iterator[str]:
+    """With what a result was compared, a sentence each; nothing if with nothing."""
+    pairs, earlier = result.pairs, result.baseline
+    if pairs is not None:
+        played = f"{pairs.used} of {pairs.planned} pairs" if pairs.used < pairs.planned else ""
+        played = played or ("1 pair" if pairs.used == 1 else f"{pairs.used} pairs")
+        if pairs.control:
+            yield f"A control: the graph against itself, in {played} of interleaved runs."
+        else:
+            yield f"Compared with {pairs.against}, in {played} of interleaved runs."
+        if pairs.environment:
+            yield f"The base has another environment: {', '.join(sorted(pairs.environment))}."
+        yield from (f"From base to head, {each}" for each in pairs.differences)
+    if earlier is not None:
+        runs = "1 run" if len(earlier.run_ids) == 1 else f"{len(earlier.run_ids)} runs"
+        if earlier.kind == "history":
+            yield f"Compared with {runs} of the history {earlier.source}."
+        else:
+            yield f"Compared with the stored run {earlier.source}, as advice."
+        yield from (f"It differs in {each}" for each in earlier.differences)
+
+
+def _of_pairs(result: Result) -> tuple[str, ...]:
+    """What was decided while pairs were played."""
+    return result.pairs.notes if result.pairs is not None else ()
+
+
 def notes(result: Result) -> Iterator[str]:
     """What a reader must know to trust the numbers, a sentence each."""
     if result.status != "complete":
@@ -92,6 +119,7 @@ def notes(result: Result) -> Iterator[str]:
     for difference in result.differences:
         if difference.harmless:
             yield f"{difference.code}: {difference.message}; {difference.help}"
+    yield from (f"{each[:1].upper()}{each[1:]}" for each in _of_pairs(result))
     yield from _odd_messages(result)
     for process in result.processes:
         if process.exit_code not in {0, None}:

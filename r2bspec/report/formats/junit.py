@@ -17,6 +17,7 @@ from r2bspec.measure.units import show
 from r2bspec.report.reported import Reported
 from r2bspec.report.wording import (
     bounds_text,
+    comparison,
     estimate_text,
     notes,
     requirement_text,
@@ -69,7 +70,7 @@ def _run_case(reported: Reported, name: str) -> TestCase:
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
         case.result = [Error(printable(verdict.reason), verdict.outcome)]
-    said = [printable(note) for note in notes(reported.result)]
+    said = [printable(note) for note in (*comparison(reported.result), *notes(reported.result))]
     if said:
         case.system_out = "\n".join(said)
     return case

@@ -15,6 +15,7 @@ from r2bspec.report.reported import Reported
 from r2bspec.report.wording import (
     OUTCOME_WORDS,
     bounds_text,
+    comparison,
     estimate_text,
     notes,
     peak_text,
@@ -43,6 +44,8 @@ def _lines(reported: Reported) -> Iterator[str]:
     yield ""
     yield escaped(verdict.reason)
     yield ""
+    yield from (f"{escaped(each)}  " for each in comparison(result))
+    yield ""
     if verdict.requirements:
         yield from _requirements(verdict)
     yield from (f"> {escaped(note)}  " for note in notes(result))
@@ -68,8 +71,9 @@ def _requirements(verdict: Verdict) -> Iterator[str]:
             for one in ordered
         ],
     )
-    undecided = [one for one in ordered if one.outcome != "pass"]
-    for one in undecided[:_MOST_ROWS]:
+    # Of a ratio that passes, the table does not show what it is of.
+    explained = [one for one in ordered if one.outcome != "pass" or one.compared is not None]
+    for one in explained[:_MOST_ROWS]:
         yield f"- {_why(one, several=several)}"
     yield ""
 

@@ -71,6 +71,7 @@ def _families(reported: Reported) -> Iterator[_Family]:
     yield _info(reported)
     yield _states("r2bspec_verdict", "How the run was judged.", named, result.verdict.outcome)
     yield _requirements(reported)
+    yield _ratios(reported)
     yield from _of_monitors(result.metrics.rates, named)
     yield from _of_processes(result.metrics.rates, named)
     peak = _Family("r2bspec_peak_hertz", "gauge", "Highest rate that held.", "hertz")
@@ -115,6 +116,32 @@ def _requirements(reported: Reported) -> _Family:
         }
         for each in _OUTCOMES:
             family.samples.append(("", {**labels, name: each}, int(each == one.outcome)))
+    return family
+
+
+def _ratios(reported: Reported) -> _Family:
+    about = "Head over base, for requirements of the baseline."
+    family = _Family("r2bspec_baseline_ratio", "gauge", about, "ratio")
+    for one in reported.result.verdict.requirements:
+        if one.compared is None:
+            continue
+        labels = {
+            "benchmark": reported.result.name,
+            "requirement": one.text.strip(),
+            "monitor": one.monitor or "",
+            "offered_hz": _rate(one.at_hz) if one.at_hz is not None else "",
+        }
+        values = {
+            "estimate": one.estimate,
+            "lower": one.lower,
+            "upper": one.upper,
+            "limit": one.limit,
+        }
+        family.samples += [
+            ("", {**labels, "value": name}, value)
+            for name, value in values.items()
+            if value is not None
+        ]
     return family
 
 

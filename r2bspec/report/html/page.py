@@ -18,6 +18,7 @@ from r2bspec.report.reported import Reported
 from r2bspec.report.wording import (
     OUTCOME_WORDS,
     bounds_text,
+    comparison,
     estimate_text,
     notes,
     peak_text,
@@ -87,6 +88,12 @@ def _context(reported: Reported) -> dict[str, Any]:
             for one in ordered
         ],
         "notes": [*notes(result)],
+        "comparison": [*comparison(result)],
+        "compared": [
+            {"one": one, "index": number, "text": requirement_text(one, name_monitor=several)}
+            for number, one in enumerate(result.verdict.requirements)
+            if one.compared is not None
+        ],
         "monitors": monitors,
         "processes": processes,
         "peak": peak_text(metrics.search) if metrics.search is not None else "",

@@ -12,7 +12,7 @@ from r2bspec.measure.units import show
 from r2bspec.record.model import SearchRecord
 from r2bspec.report.model import Result
 from r2bspec.report.terminal.style import QUIET, heading, outcome_text
-from r2bspec.report.wording import notes, peak_text
+from r2bspec.report.wording import comparison, notes, peak_text
 from r2bspec.slo.model import Verdict
 
 
@@ -28,6 +28,7 @@ def header(result: Result) -> RenderableType:
     lines = [Text(title, style="bold"), Text(" · ".join(filter(None, where)), style=QUIET)]
     if result.judged_by:
         lines.append(Text(f"judged by the objectives of {result.judged_by}", style=QUIET))
+    lines += [Text(each, style=QUIET) for each in comparison(result)]
     return Group(*(line for line in lines if line.plain))
 
 
