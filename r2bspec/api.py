@@ -327,6 +327,22 @@ def run_pairs(
     return compare(wanted, output or new_folder(f"{head.plan.name}-pairs"), progress)
 
 
+def calibrate(
+    prepared: Prepared, output: Path, progress: Progress | None = None, *, pairs: int
+) -> Result:
+    """Run a graph against itself, to see how much is noise. What fails is not confirmed.
+
+    Raises:
+        RunError: a run failed; the folder has the pairs that were finished until then.
+        RecordError: the folder cannot be made.
+    """
+    import msgspec
+
+    gate = msgspec.structs.replace(prepared.plan.gate, confirm=False, time_budget_ns=0)
+    plan = msgspec.structs.replace(prepared.plan, gate=gate)
+    return run_pairs(replace(prepared, plan=plan), (), output, progress, pairs=pairs, control=True)
+
+
 def judge(run: Run) -> Result:
     """Judge a finished run, opened with `r2bspec.record.store.open_run`. Needs no ROS.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, NamedTuple
 
 from r2bspec.check.bag_cache import cached_index
@@ -11,6 +12,8 @@ from r2bspec.check.requirements import Placed, placed_requirements
 from r2bspec.diagnostics.model import Path
 from r2bspec.plan.compile import bag_types
 from r2bspec.plan.processes import process_names
+from r2bspec.record.errors import RecordError
+from r2bspec.record.noise import NoiseFile, noise_path, read_noise
 from r2bspec.spec.model import BagSource, Spec
 from r2bspec.spec.tree import ListNode, MapNode, TreeNode, child, lookup
 from r2bspec.wiring.beside import Beside, read_beside
@@ -51,6 +54,24 @@ class Context:
     def beside(self) -> Beside:
         """What was read beside the spec: recorded interfaces, parameter files, Python files."""
         return read_beside(self.spec, self.loaded.base_dir)
+
+    @property
+    def noise(self) -> NoiseFile | None:
+        """What was calibrated; None if nothing was, or if its file cannot be used."""
+        return self._noise[0]
+
+    @property
+    def noise_problem(self) -> str:
+        """Why the file of the calibration cannot be used; empty if it can, or is not there."""
+        return self._noise[1]
+
+    @cached_property
+    def _noise(self) -> tuple[NoiseFile | None, str]:
+        path = noise_path(self.loaded.base_dir / FilePath(self.loaded.file).name)
+        try:
+            return read_noise(path), ""
+        except RecordError as error:
+            return None, str(error).replace(str(path), path.name)
 
     @cached_property
     def wiring(self) -> Wiring:

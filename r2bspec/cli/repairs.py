@@ -38,7 +38,7 @@ def repair(
     """
     changed = made = 0
     for file in files:
-        before = _text(file)
+        before = read_text(file)
         if before is None:
             continue  # that it cannot be read is a finding of its own
         bom = _BOM if before.startswith(_BOM) else ""
@@ -48,7 +48,7 @@ def repair(
         changed += 1
         made += len(fixed.applied)
         if write:
-            _write(file, bom + fixed.text)
+            write_text(file, bom + fixed.text)
         else:
             click.echo(unified_diff(before, bom + fixed.text, file), nl=False)
     if write or changed:
@@ -62,7 +62,8 @@ def _fixed(text: str, file: str, check_text: Callable[[str, str], Sequence[Diagn
     return fix(text, file, lambda changed: check_text(changed, file))
 
 
-def _text(file: str) -> str | None:
+def read_text(file: str) -> str | None:
+    """The text of a file; None if it cannot be read, or is too large for a spec."""
     from r2bspec.spec.source import LARGEST_BYTES
 
     try:
@@ -73,8 +74,12 @@ def _text(file: str) -> str | None:
         return None
 
 
-def _write(file: str, text: str) -> None:
-    """Replace a file's content whole or not at all; a link stays, and so does the mode."""
+def write_text(file: str, text: str) -> None:
+    """Replace a file's content whole or not at all; a link stays, and so does the mode.
+
+    Raises:
+        UsageError: it cannot be written.
+    """
     path = Path(os.path.realpath(file))
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:

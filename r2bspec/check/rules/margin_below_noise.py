@@ -1,0 +1,39 @@
+"""Margins of the baseline below the noise that was calibrated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.finding import Finding
+from r2bspec.check.margins import narrow_margins
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics.model import Certainty, Severity
+from r2bspec.diagnostics.quote import quote
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    for each in narrow_margins(context):
+        noise = each.calibration
+        pairs = "1 pair" if each.pairs == 1 else f"{each.pairs} pairs"
+        yield Finding(
+            message=f"the margin of {quote(each.known.placed.requirement.text)} is "
+            f"{each.margin:.1%}, and {pairs} tell no less than {each.least:.1%} on "
+            f"{noise.machine} (calibrated {noise.started_at[:10]})",
+            path=each.known.placed.path,
+            part=each.part,
+            help=f"write {each.proposed!r}, set 'benchmark.iterations' higher, or find out what "
+            "makes runs differ",
+            certainty=Certainty.ENVIRONMENT,
+        )
+
+
+RULE = Rule(
+    code="R2B523",
+    title="a margin below the noise of the machine",
+    severity=Severity.WARNING,
+    why="'r2bspec calibrate' has measured by how much runs of the unchanged graph differ. With a "
+    "narrower margin that graph itself is often left open, and regressions of that size are "
+    "missed more often than once in ten times.",
+    find=_find,
+)

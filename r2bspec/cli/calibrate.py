@@ -1,0 +1,170 @@
+"""``r2bspec calibrate``: how small a change of a graph can be told on this machine."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from r2bspec.cli.chosen import Chosen, prepare_shown
+from r2bspec.cli.options import (
+    allow_path_option,
+    case_option,
+    parse_variables,
+    sets_option,
+    variables_option,
+)
+
+if TYPE_CHECKING:
+    from r2bspec.api import Prepared
+    from r2bspec.record.noise import Calibration
+    from r2bspec.record.pairs import Pairs
+
+
+@click.command("calibrate")
+@click.argument("spec", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--runs",
+    type=click.IntRange(min=6),
+    help="How many runs to make; two make a pair.  [default: 20]",
+)
+@click.option(
+    "--from",
+    "source",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="FOLDER",
+    help="Use the folder of an earlier calibration or 'run --control'; run nothing.",
+)
+@click.option(
+    "--output",
+    "-o",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="The folder of the runs; it must be new or empty.  [default: runs/NAME-pairs-TIME]",
+)
+@click.option("--write", is_flag=True, help="Make the proposed changes in SPEC.")
+@sets_option
+@variables_option
+@case_option
+@allow_path_option
+@click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
+def command(
+    spec: Path,
+    runs: int | None,
+    source: Path | None,
+    output: Path | None,
+    write: bool,
+    sets: tuple[str, ...],
+    variables: tuple[str, ...],
+    case: str,
+    allow_paths: tuple[Path, ...],
+    quiet: bool,
+) -> int:
+    """Run SPEC against itself, and say how small a change can be told.
+
+    What is found is kept beside the spec, in NAME.noise.json, from which 'r2bspec validate' warns
+    of margins below the noise. Limits that can be held are shown as a patch of the spec; --write
+    applies it.
+    """
+    if spec.suffix == ".json":
+        raise click.UsageError("a plan has no limits to propose: name the spec")
+    if source is not None and (runs is not None or output is not None):
+        raise click.UsageError("--from runs nothing, and takes neither --runs nor --output")
+    from r2bspec.record.pairs import open_pairs
+    from r2bspec.regressions.calibration import calibration_of, store
+
+    chosen = Chosen(spec, sets, parse_variables(variables), case, allow_paths)
+    prepared = prepare_shown(chosen)
+    folder = source or _run(prepared, runs or 20, output, quiet=quiet)
+    pairs = open_pairs(folder)
+    _see_that_it_is_of(prepared, pairs, folder)
+    found = calibration_of(pairs)
+    path = store(spec, pairs, found)
+    _show(found, prepared.plan.name, pairs)
+    click.echo(f"kept in {path}", err=True)
+    _propose(chosen, prepared, found, write=write)
+    return 0
+
+
+def _run(prepared: Prepared, runs: int, output: Path | None, *, quiet: bool) -> Path:
+    from r2bspec import api
+    from r2bspec.report.progress import shown_progress
+
+    folder = output or api.new_folder(f"{prepared.plan.name}-pairs")
+    with shown_progress(quiet=quiet) as progress:
+        api.calibrate(prepared, folder, progress, pairs=math.ceil(runs / 2))
+    return folder
+
+
+def _see_that_it_is_of(prepared: Prepared, pairs: Pairs, folder: Path) -> None:
+    from r2bspec.plan.comparable import graph_differences, measured_hash, told
+    from r2bspec.report.errors import IncomparableError
+
+    if measured_hash(prepared.plan) != measured_hash(pairs.plan):
+        differences = told(graph_differences(pairs.plan, prepared.plan))
+        raise IncomparableError(
+            f"the runs in {folder} are not of this spec:\n"
+            + "\n".join(f"  {each}" for each in differences),
+            hint="Run them anew, without --from.",
+        )
+
+
+def _show(found: Calibration, name: str, pairs: Pairs) -> None:
+    """Print the noise: a line for each metric, the smallest change by the number of pairs."""
+    from r2bspec.measure.units import show
+
+    click.echo(f"{name} on {found.machine}")
+    used = len(pairs.played())
+    click.echo(
+        f"{used} pairs of the graph with itself, at {show(found.confidence, 'share')} confidence; "
+        "the smallest change that is found nine times in ten, by the number of pairs"
+    )
+    numbers = list(found.metrics[0].margins) if found.metrics else []
+    rows = [("metric", "noise", "at most", *(f"{n} pairs" for n in numbers))]
+    for one in found.metrics:
+        metric = f"{one.monitor}.{one.metric}" if one.monitor else one.metric
+        at = f" at {show(one.at_hz, 'Hz')}" if one.at_hz is not None else ""
+        rows.append(
+            (
+                f"{metric}{at}{' (biased)' if one.biased else ''}",
+                show(one.deviation, "share"),
+                show(one.upper, "share"),
+                *(show(math.expm1(one.margins[n]), "share") for n in numbers),
+            )
+        )
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        cells = [row[0].ljust(widths[0])]
+        cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
+        click.echo("  ".join(cells).rstrip())
+    if any(one.biased for one in found.metrics):
+        click.echo(
+            "biased: the second side of a pair differs from the first, which noise alone does in "
+            "one of ten metrics",
+            err=True,
+        )
+
+
+def _propose(chosen: Chosen, prepared: Prepared, found: Calibration, *, write: bool) -> None:
+    """Print the proposed change of the spec as a patch, or make it."""
+    from r2bspec.cli.repairs import read_text, write_text
+    from r2bspec.diagnostics.edits import unified_diff
+    from r2bspec.regressions.proposals import propose
+
+    file = str(chosen.spec)
+    before = read_text(file)
+    if before is None or prepared.loaded is None:
+        return
+    after, left = propose(prepared.loaded, found, before)
+    for each in left:
+        click.echo(each, err=True)
+    if after == before:
+        click.echo("every margin can be held: nothing is proposed" if not left else "", err=True)
+    elif write:
+        write_text(file, after)
+        click.echo(f"{file} was changed", err=True)
+    else:
+        click.echo()
+        click.echo(unified_diff(before, after, file), nl=False)
+        click.echo("--write makes this change", err=True)
