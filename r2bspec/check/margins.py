@@ -16,6 +16,10 @@ _STEP = 0.5
 """Percent: limits are proposed in steps of half a percent."""
 
 
+WIDEST = math.log(1.5)
+"""A margin that lets a graph get slower by more than half is none."""
+
+
 @dataclass(frozen=True)
 class Narrow:
     """A requirement whose margin is below the noise.
@@ -24,7 +28,8 @@ class Narrow:
         margin: its own, as a ratio to 1: 0.03 is 3 %.
         least: the smallest that can be held on the noisiest machine.
         pairs: how many pairs the spec compares.
-        proposed: the limit that can be held, such as ``104.5 %``.
+        proposed: the limit that can be held, such as ``104.5 %``; empty where that would be so wide
+            that it means nothing.
         part: offset and length of the limit in the text of the requirement.
     """
 
@@ -83,7 +88,7 @@ def _narrow(
         margin=abs(bound.value - 1),
         least=abs(math.exp(least if ceiling else -least) - 1),
         pairs=pairs,
-        proposed=limit_text(least, ceiling=ceiling),
+        proposed=limit_text(least, ceiling=ceiling) if least <= WIDEST else "",
         part=(written.start("number"), written.end() - written.start("number")),
     )
 

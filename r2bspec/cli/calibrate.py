@@ -130,7 +130,7 @@ def _show(found: Calibration, name: str, pairs: Pairs) -> None:
                 f"{metric}{at}{' (biased)' if one.biased else ''}",
                 show(one.deviation, "share"),
                 show(one.upper, "share"),
-                *(show(math.expm1(one.margins[n]), "share") for n in numbers),
+                *(_change(one.margins[n]) for n in numbers),
             )
         )
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
@@ -144,6 +144,14 @@ def _show(found: Calibration, name: str, pairs: Pairs) -> None:
             "one of ten metrics",
             err=True,
         )
+
+
+def _change(margin: float) -> str:
+    """A margin, given as a logarithm; what is over 100 % is not worth its digits."""
+    from r2bspec.measure.units import show
+
+    change = math.expm1(min(margin, 1.0))
+    return show(change, "share") if change <= 1 else "> 100 %"
 
 
 def _propose(chosen: Chosen, prepared: Prepared, found: Calibration, *, write: bool) -> None:
@@ -160,7 +168,8 @@ def _propose(chosen: Chosen, prepared: Prepared, found: Calibration, *, write: b
     for each in left:
         click.echo(each, err=True)
     if after == before:
-        click.echo("every margin can be held: nothing is proposed" if not left else "", err=True)
+        if not left:
+            click.echo("every margin can be held: nothing is proposed", err=True)
     elif write:
         write_text(file, after)
         click.echo(f"{file} was changed", err=True)

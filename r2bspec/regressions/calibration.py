@@ -18,7 +18,7 @@ from r2bspec.slo.statistics.power import noise_floor, smallest_detectable
 LEAST_PAIRS = 3
 """Fewer do not show how much pairs differ: the bound on the noise is five times the estimate."""
 
-_NUMBERS = (2, 3, 5, 10, 20, 40)
+_NUMBERS = (3, 5, 10, 20, 40)
 """Pairs for which margins are worked out, beside the number that the spec asks for."""
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from r2bspec.check.context import Context
 from r2bspec.check.finding import Finding
-from r2bspec.check.margins import limit_text, narrow_margins
+from r2bspec.check.margins import WIDEST, Narrow, limit_text, narrow_margins
 from r2bspec.check.place import place
 from r2bspec.diagnostics.edits import apply_edits
 from r2bspec.diagnostics.model import Severity
@@ -47,6 +47,9 @@ def propose(loaded: Loaded, found: Calibration, text: str) -> tuple[str, list[st
         return _with_objective(loaded, loaded.spec, found, text)
     edits, left = [], []
     for each in narrow_margins(Context(loaded, loaded.spec, offline=True)):
+        if not each.proposed:
+            left.append(_too_noisy(each))
+            continue
         finding = Finding(
             message="",
             path=each.known.placed.path,
@@ -64,12 +67,20 @@ def propose(loaded: Loaded, found: Calibration, text: str) -> tuple[str, list[st
     return apply_edits(text, edits), left
 
 
+def _too_noisy(each: Narrow) -> str:
+    pairs = "1 pair tells" if each.pairs == 1 else f"{each.pairs} pairs tell"
+    return (
+        f"'{each.known.placed.requirement.text}': {pairs} nothing below {each.least:.0%} here; set "
+        "'benchmark.iterations' higher, make iterations longer, or calm the machine"
+    )
+
+
 def _with_objective(
     loaded: Loaded, spec: Spec, found: Calibration, text: str
 ) -> tuple[str, list[str]]:
     requirements = list(_requirements(spec, found))
     if not requirements:
-        return text, ["no usual metric had a value in each run: nothing can be proposed"]
+        return text, ["no metric is steady enough here for a limit to be proposed"]
     rate = spec.benchmark.rates[0]
     lines = [f"{_OBJECTIVE}:", f"  at: {rate}", "  require:"]
     lines += [f"    - {each}" for each in requirements]
@@ -89,7 +100,9 @@ def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
     for noise in found.metrics:
         for metric, op in _USUAL:
             margin = noise.margin(spec.benchmark.iterations)
-            if (noise.metric, noise.at_hz) == (metric, at_hz) and margin is not None:
+            if (noise.metric, noise.at_hz) != (metric, at_hz) or margin is None:
+                continue
+            if margin <= WIDEST:
                 name = f"{noise.monitor}.{metric}" if several else metric
                 yield f"{name} {op} {limit_text(margin, ceiling=op == '<=')} of baseline"
 

@@ -129,6 +129,26 @@ RUN_PAGES = (
         "chooses another.",
     ),
     error_page(
+        "R2B654",
+        "a history cannot be used",
+        "The file is not there, damaged, of a newer version, of another program, or held by one "
+        "that is writing. Run folders can be judged without it.",
+    ),
+    error_page(
+        "R2B656",
+        "there is nothing to compare with",
+        "'--against' names another spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup "
+        "file, the folder of an installed workspace, or NAME=VALUE. A stored run cannot be played "
+        "again; '--baseline' compares with one, as advice.",
+    ),
+    error_page(
+        "R2B657",
+        "an environment to compare with cannot be used",
+        "There is no such setup file or workspace, sourcing it failed, or what it changes does "
+        "not reach any process of a run: nodes inherit what ROS needs, and what the spec names "
+        "under 'environment'.",
+    ),
+    error_page(
         "R2B670",
         "the run was interrupted",
         "By Ctrl-C or a signal. What had been observed until then is kept in the run folder and "

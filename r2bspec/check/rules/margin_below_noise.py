@@ -22,8 +22,8 @@ def _find(context: Context) -> Iterator[Finding]:
             f"{noise.machine} (calibrated {noise.started_at[:10]})",
             path=each.known.placed.path,
             part=each.part,
-            help=f"write {each.proposed!r}, set 'benchmark.iterations' higher, or find out what "
-            "makes runs differ",
+            help=f"{f'write {each.proposed!r}, ' if each.proposed else ''}set "
+            "'benchmark.iterations' higher, or find out what makes runs differ",
             certainty=Certainty.ENVIRONMENT,
         )
 
