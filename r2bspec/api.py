@@ -307,7 +307,7 @@ def run_pairs(
         RecordError: the folder cannot be made.
     """
     from r2bspec.execute.pairs import Contender
-    from r2bspec.execute.surroundings import inside, workspaces
+    from r2bspec.execute.workspaces import inside, workspaces
     from r2bspec.regressions.pairs import compare, comparing
     from r2bspec.regressions.reference import parse_references
 

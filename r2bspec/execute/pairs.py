@@ -20,7 +20,7 @@ from r2bspec.execute.controller import run_plan
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.interrupts import Interrupts
 from r2bspec.execute.progress import Progress
-from r2bspec.execute.surroundings import inside
+from r2bspec.execute.workspaces import inside
 from r2bspec.measure.samples import read_samples
 from r2bspec.plan.canonical import canonical_json, plan_hash
 from r2bspec.plan.comparable import one_of_a_pair

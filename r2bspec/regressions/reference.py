@@ -39,7 +39,7 @@ class Reference:
         spec: another spec or plan; None for that of the head.
         variables: values of variables that differ from the head's.
         sets: values that differ from the head's, each as ``path=value``.
-        environments: what `r2bspec.execute.surroundings.workspace` reads, in order.
+        environments: what `r2bspec.execute.workspaces.workspace` reads, in order.
     """
 
     text: str

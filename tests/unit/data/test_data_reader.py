@@ -12,8 +12,8 @@ from typing import Literal
 
 import pytest
 import yaml
-from data_bags import START_NS, chatter, edit_metadata, storage_file, text, write_bag
 
+from data_bags import START_NS, chatter, edit_metadata, storage_file, text, write_bag
 from r2bspec.data.errors import DataError
 from r2bspec.data.index import index_bag
 from r2bspec.data.largest import measure_largest, measure_topics
