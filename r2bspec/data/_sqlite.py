@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import sqlite3
 import struct
 import tempfile
 from collections.abc import Collection, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 from r2bspec.data._compression import uncompressed_ahead
@@ -33,6 +34,8 @@ class SqliteStorage:
 
         real = path.resolve()
         _refuse_incomplete(real, shown)
+        self._path = real
+        self._has_index = _has_index(real)
         with ExitStack() as stack:
             self._reader = stack.enter_context(Reader(_plainly_named(real, stack)))
             self._stack = stack.pop_all()
@@ -67,8 +70,16 @@ class SqliteStorage:
         if not connections:
             return
         stored = (
-            ((connection.topic, time_ns), data)
-            for connection, time_ns, data in self._reader.messages(connections, start_ns, stop_ns)
+            (
+                ((connection.topic, time_ns), data)
+                for connection, time_ns, data in self._reader.messages(
+                    connections, start_ns, stop_ns
+                )
+            )
+            if self._has_index
+            else _row_by_row(
+                self._path, {each.id: each.topic for each in connections}, start_ns, stop_ns
+            )
         )
         for (topic, time_ns), data in uncompressed_ahead(stored):
             yield Message(topic=topic, time_ns=time_ns, data=data)
@@ -76,6 +87,39 @@ class SqliteStorage:
     def close(self) -> None:
         """As `Storage.close`."""
         self._stack.close()
+
+
+def _open(path: Path) -> sqlite3.Connection:
+    # A recording may lie on a read-only disk, where no lock file can be made.
+    return sqlite3.connect(f"{path.as_uri()}?immutable=1", uri=True)
+
+
+def _has_index(path: Path) -> bool:
+    """Whether messages are indexed by their times, as those of rosbag2 are."""
+    with closing(_open(path)) as database:
+        first_columns = database.execute(
+            "SELECT of_index.name FROM pragma_index_list('messages') AS list"
+            " JOIN pragma_index_info(list.name) AS of_index WHERE of_index.seqno = 0"
+        )
+        return ("timestamp",) in list(first_columns)
+
+
+def _row_by_row(
+    path: Path, topics: dict[int, str], start_ns: int | None, stop_ns: int | None
+) -> Iterator[tuple[tuple[str, int], bytes]]:
+    """Messages of a file without index; sqlite would sort them with their bodies, in memory."""
+    marks = ", ".join("?" * len(topics))
+    first_ns = -(2**63) if start_ns is None else start_ns
+    past_ns = 2**63 - 1 if stop_ns is None else stop_ns
+    with closing(_open(path)) as database:
+        rows = database.execute(
+            f"SELECT rowid, topic_id, timestamp FROM messages WHERE topic_id IN ({marks})"  # noqa: S608 - question marks
+            " AND timestamp >= ? AND timestamp < ? ORDER BY timestamp, rowid",
+            (*topics, first_ns, past_ns),
+        )
+        for row, topic, time_ns in rows:
+            ((data,),) = database.execute("SELECT data FROM messages WHERE rowid = ?", (row,))
+            yield (topics[topic], time_ns), data
 
 
 def _refuse_incomplete(path: Path, shown: Path) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import bz2
 import random
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -72,6 +74,13 @@ def _odd_name(folder: Path) -> Path:
     return write_bag(folder, MESSAGES).rename(folder.with_name("100 % #1? bag"))
 
 
+def _without_index(folder: Path) -> Path:
+    bag = write_bag(folder, _SHUFFLED)
+    with closing(sqlite3.connect(storage_file(bag))) as database, database:
+        database.execute("DROP INDEX timestamp_idx")
+    return bag
+
+
 def _linked(folder: Path) -> Path:
     real = write_bag(folder.with_name("real"), MESSAGES)
     storage_file(real).rename(real.parent / "elsewhere.db3")
@@ -85,6 +94,7 @@ FORMS: dict[str, Callable[[Path], Path]] = {
     "sqlite3, by message": lambda at: write_bag(at, MESSAGES, compression="message"),
     "sqlite3, by file": lambda at: write_bag(at, MESSAGES, compression="file"),
     "sqlite3, unsorted": lambda at: write_bag(at, _SHUFFLED),
+    "sqlite3, unsorted, without an index": _without_index,
     "sqlite3, split": lambda at: split_bag(at, [MESSAGES[:9], MESSAGES[9:31], MESSAGES[31:]]),
     "sqlite3, split, by message": lambda at: split_bag(
         at, [MESSAGES[:9], MESSAGES[9:]], compression="message"
