@@ -3,7 +3,7 @@
 - The strict one judges a document whose variables are substituted and whose ``x-`` keys are
   gone. Quantities and requirements are judged by the classes that parse them.
 - The published one is for editors. It is plain draft-07, accepts ``$(var x)`` and ``$(env X)``
-  wherever a scalar may stand, and ignores ``x-`` keys.
+  wherever a scalar may stand, ignores ``x-`` keys, and takes null where something is extended.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from r2bspec.spec.schema.document import DOCUMENT
 TITLE = "r2bspec, version 1"
 FILE_NAME = "r2bspec-v1.schema.json"
 
+_KEPT = "nothing_is_removed"
 _OWN = (ALONE, KIND, LOADER, NOUN, PATH, POSITIVE, TOPIC_KEYS, UNLESS_LIVE, WORDS)
 _REFERENCE = r"\$\((?:var|env) +[A-Za-z_][A-Za-z0-9_]* *\)"
 _WHOLE = f"^{_REFERENCE}$"
@@ -65,13 +66,65 @@ def published_schema() -> Schema:
         "$schema": "http://json-schema.org/draft-07/schema#",
         "$id": FILE_NAME,
         "title": TITLE,
-        **_rewrite(DOCUMENT, _publish),
+        **_removable(_rewrite(DOCUMENT, _publish)),
+        "definitions": {_KEPT: _kept()},
     }
 
 
 def published_schema_text() -> str:
     """The published schema as a file, with a newline at its end."""
     return json.dumps(published_schema(), indent=2, ensure_ascii=False) + "\n"
+
+
+def _removable(schema: Schema) -> Schema:
+    """The schema with null allowed wherever it may remove a key, and refused where nothing extends.
+
+    Only what `extends` can be removed from. The check is one small schema of its own, so that the
+    one for editors need not be there twice.
+    """
+    allowed = _rewrite(schema, _with_null)
+    # Of the document itself, and of this one key, nothing can be removed.
+    allowed["type"] = schema["type"]
+    allowed["properties"]["r2bspec"] = schema["properties"]["r2bspec"]
+    return allowed | {"allOf": [{"$ref": f"#/definitions/{_KEPT}"}]}
+
+
+def _with_null(schema: Schema) -> Schema:
+    """Each value of a map may be null. The words for people and for completion stay as they are."""
+    changed = dict(schema)
+    if "properties" in changed:
+        changed["properties"] = {key: _or_null(each) for key, each in changed["properties"].items()}
+    if isinstance(changed.get("additionalProperties"), dict):
+        changed["additionalProperties"] = _or_null(changed["additionalProperties"])
+    return changed
+
+
+def _or_null(schema: Schema) -> Schema:
+    kinds = schema.get("type")
+    if kinds is None:
+        return schema
+    # The kind that is meant comes first: by it, editors choose what to insert.
+    changed = schema | {"type": [*([kinds] if isinstance(kinds, str) else kinds), "null"]}
+    if "enum" in changed:
+        changed["enum"] = [*changed["enum"], None]
+    return changed
+
+
+def _kept() -> Schema:
+    """No value is null, except below a map that extends another.
+
+    By 'not' and without 'type': editors then propose nothing because of it.
+    """
+    itself = {"$ref": f"#/definitions/{_KEPT}"}
+    return {
+        "if": {"type": "object", "required": ["extends"]},
+        "else": {
+            "not": {"type": "null"},
+            "errorMessage": "a value is missing; null removes a key, where 'extends' brings one",
+            "additionalProperties": itself,
+            "items": itself,
+        },
+    }
 
 
 def _publish(schema: Schema) -> Schema:

@@ -221,3 +221,55 @@ def test_editors_see_what_the_loader_refuses(path: TreePath, value: object) -> N
         place = place[part]
     place[path[-1]] = value
     assert list(jsonschema.Draft7Validator(published_schema()).iter_errors(document))
+
+
+BASE = ("extends",)
+NODE = ("graph", "nodes", "detector")
+
+
+@pytest.mark.parametrize(
+    ("extending", "path", "accepted"),
+    [
+        (BASE, ("title",), True),
+        (BASE, ("playback",), True),
+        (BASE, ("playback", "mode"), True),
+        (BASE, ("slos", "peak"), True),
+        (BASE, (*NODE, "remappings"), True),
+        (BASE, (*NODE, "remappings", "image"), True),
+        (BASE, ("benchmark", "rates", 0), False),
+        (BASE, ("r2bspec",), False),
+        ((*NODE, "extends"), (*NODE, "remappings", "image"), True),
+        ((*NODE, "extends"), (*NODE, "parameters"), True),
+        ((*NODE, "extends"), ("title",), False),
+        ((*NODE, "extends"), ("graph", "nodes", "other"), False),
+        (None, ("title",), False),
+        (None, ("playback", "mode"), False),
+        (None, (*NODE, "remappings", "image"), False),
+    ],
+)
+def test_editors_accept_null_where_it_removes_something(
+    extending: TreePath | None, path: TreePath, accepted: bool
+) -> None:
+    document = to_plain(load_spec(GOLDEN / "ok_full.yaml", environ={}).tree)  # type: ignore[arg-type]
+    if extending is not None:
+        _put(document, extending, "base")
+    validator = jsonschema.Draft7Validator(published_schema())
+    assert not list(validator.iter_errors(document))
+    _put(document, path, None)
+    assert (not list(validator.iter_errors(document))) is accepted
+
+
+def _put(document: Any, path: TreePath, value: object) -> None:
+    place = document
+    for part in path[:-1]:
+        place = place.setdefault(part, {}) if isinstance(place, dict) else place[part]
+    place[path[-1]] = value
+
+
+def test_the_kind_that_is_meant_stands_before_null() -> None:
+    """Editors insert by the first one."""
+    for _, schema, _ in pairs(published_schema(), Spec):
+        kinds = schema.get("type")
+        if isinstance(kinds, list):
+            assert kinds[0] != "null"
+            assert kinds.count("null") <= 1
