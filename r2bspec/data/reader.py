@@ -114,9 +114,10 @@ def _read(
     missing = Counter({name: index.topics[name].count for name in names} if window is None else ())
     last_ns = index.start_ns
     for message in _read_groups(path, index, names, start_ns, stop_ns):
-        if message.time_ns < last_ns or message.time_ns > index.end_ns:
+        if not last_ns <= message.time_ns <= index.end_ns:
             raise DataError(
-                f"{path} has a message out of order, at {message.time_ns} ns after {last_ns} ns",
+                f"{path} gives a message of {message.time_ns} ns after one of {last_ns} ns, in a"
+                f" recording that ends at {index.end_ns} ns",
                 code=STORAGE_UNREADABLE,
                 hint="its index is damaged; copy or record the bag again",
             )
