@@ -13,6 +13,8 @@ from r2bspec.data.errors import (
     LFS_POINTER,
     METADATA_UNREADABLE,
     DataError,
+    reason,
+    way_out,
 )
 
 METADATA_NAME = "metadata.yaml"
@@ -100,16 +102,17 @@ def read_metadata(folder: Path) -> BagMetadata:
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(
-            f"{path} cannot be read: {error}", code=METADATA_UNREADABLE, hint=reindex
+            f"{path} cannot be read: {reason(error)}",
+            code=METADATA_UNREADABLE,
+            hint=way_out(error, reindex),
         ) from error
     try:
         # BaseLoader leaves every scalar a string: a topic named 'on' or '010' stays what it is.
         document: Any = yaml.load(text, Loader=_loader())  # noqa: S506 -- builds strings only
         return _from_document(document["rosbag2_bagfile_information"])
     except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
         raise DataError(
-            f"{path} is no valid YAML: {reason}", code=METADATA_UNREADABLE, hint=reindex
+            f"{path} is no valid YAML: {reason(error)}", code=METADATA_UNREADABLE, hint=reindex
         ) from error
     except KeyError as error:
         raise DataError(

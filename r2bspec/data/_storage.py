@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
@@ -17,6 +16,8 @@ from r2bspec.data.errors import (
     STORAGE_MISSING,
     STORAGE_UNREADABLE,
     DataError,
+    reason,
+    way_out,
 )
 from r2bspec.data.model import Message, StorageName
 
@@ -72,30 +73,10 @@ def reported(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         raise DataError(
-            f"{path} cannot be read: {_reason(error)}",
+            f"{path} cannot be read: {reason(error)}",
             code=STORAGE_UNREADABLE,
-            hint=_way_out(error),
+            hint=way_out(error),
         ) from error
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, OSError) and error.errno is not None:
-        return os.strerror(error.errno)
-    if isinstance(error, AssertionError):
-        return "its records contradict each other"
-    return " ".join(str(error).split()) or type(error).__name__
-
-
-def _way_out(error: Exception) -> str:
-    """What helps: what the system refuses is no damage."""
-    number = error.errno if isinstance(error, OSError) else None
-    if number in {errno.EACCES, errno.EPERM}:
-        return "its permissions keep you from reading it; see 'ls -l'"
-    if number in {errno.ENOSPC, errno.EDQUOT}:
-        return "compressed files are unpacked while they are read: make room in $TMPDIR"
-    if number in {errno.EMFILE, errno.ENFILE}:
-        return "too many files are open; see 'ulimit -n'"
-    return "the file is damaged or incomplete; copy or record it again"
 
 
 def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from typing import Final
 
 from r2bspec.diagnostics.quote import printable
@@ -33,3 +35,27 @@ class DataError(R2bspecError):
     def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
         # Names in bags are the text of strangers, and this goes to a terminal.
         super().__init__(printable(message), hint=printable(hint), code=code)
+
+
+_DAMAGED = "the file is damaged or incomplete; copy or record it again"
+
+
+def reason(error: Exception) -> str:
+    """What an error of the system or of a parser says, on one line."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return os.strerror(error.errno)
+    if isinstance(error, AssertionError):
+        return "its records contradict each other"
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def way_out(error: Exception, otherwise: str = _DAMAGED) -> str:
+    """What helps: what the system refuses is no damage; `otherwise` is for what is."""
+    number = error.errno if isinstance(error, OSError) else None
+    if number in {errno.EACCES, errno.EPERM}:
+        return "its permissions keep you from reading it; see 'ls -l'"
+    if number in {errno.ENOSPC, errno.EDQUOT}:
+        return "compressed files are unpacked while they are read: make room in $TMPDIR"
+    if number in {errno.EMFILE, errno.ENFILE}:
+        return "too many files are open; see 'ulimit -n'"
+    return otherwise
