@@ -22,8 +22,8 @@ def _source(description: str) -> Schema:
                 examples=["r2b_storage", "r2b_lounge"],
             ),
             "path": text(
-                "The path of a bag: its folder, or a single .mcap or .db3 file; relative to this "
-                "file.",
+                "The path of a bag: its folder, or a single .mcap, .db3 or ROS 1 .bag file; "
+                "relative to this file.",
                 form=names.NOT_EMPTY,
                 examples=["./bags/kitchen", "/data/drive_07.mcap"],
                 path=True,
