@@ -57,7 +57,7 @@ class Interrupts:
             if self._at_once:
                 self.check()
         elif now_s - self._received_s >= _SAME_ACT_S:
-            os._exit(128 + number)
+            os._exit(InterruptedRunError.exit_code)
 
     @contextlib.contextmanager
     def at_once(self) -> Iterator[None]:

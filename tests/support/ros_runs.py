@@ -264,6 +264,10 @@ class Running:
         """What it has said so far."""
         return self._output["stderr"].read_text()
 
+    def stdout(self) -> str:
+        """What it has reported so far."""
+        return self._output["stdout"].read_text()
+
     def wait_for(self, pattern: str) -> None:
         """Wait until it has said something on standard error.
 
@@ -298,16 +302,21 @@ class Running:
         self.sample()
         # Whatever happens, a user is never shown a stack trace.
         assert "Traceback (most recent call last)" not in self.stderr(), self.stderr()
-        return Finished(status, self._output["stdout"].read_text(), self.stderr(), self.folder)
+        return Finished(status, self.stdout(), self.stderr(), self.folder)
 
     def sample(self) -> None:
         """Take note of the shared memory that its processes use."""
-        for each in self._bench.processes():
-            _seen_segments.update(_maps(each.pid) - self._before)
+        note_segments(self._bench, self._before)
 
     def _watch(self) -> None:
         while not self._ended.wait(0.25):
             self.sample()
+
+
+def note_segments(bench: Bench, before: set[str]) -> None:
+    """Take note of the shared memory that is in use now, but for what was there before."""
+    for each in bench.processes():
+        _seen_segments.update(_maps(each.pid) - before)
 
 
 def _belongs(process: psutil.Process, folder: Path, ids: set[str]) -> bool:
@@ -354,13 +363,17 @@ def _command_line(process: psutil.Process) -> str:
 
 def left_behind() -> list[str]:
     """Processes and segments that runs of these tests have left behind, in words."""
-    processes = [
+    processes = [each for bench in _benches for each in processes_left(bench)]
+    return processes + [f"segment {name}" for name in segments_left()]
+
+
+def processes_left(bench: Bench) -> list[str]:
+    """The processes of one bench that still run, in words."""
+    return [
         f"process {each.pid}: {words}"
-        for bench in _benches
         for each in bench.processes()
         if (words := _command_line(each))
     ]
-    return processes + [f"segment {name}" for name in segments_left()]
 
 
 @pytest.fixture(autouse=True)

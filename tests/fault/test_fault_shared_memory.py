@@ -1,0 +1,63 @@
+"""Promise: shared memory that is small or fills up spoils no run without a word.
+
+The runs have a /dev/shm of their own, so that nobody else's is filled.
+"""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_runs import Bench, Finished, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+STEPS = 20
+
+
+def own_shared_memory(size: str) -> list[str]:
+    """A command that runs what follows it with a small /dev/shm; needs the rights of root."""
+    script = f'mount --make-rprivate / && mount -t tmpfs -o size={size} tmpfs /dev/shm && exec "$@"'
+    through = ["unshare", "--mount", "sh", "-c", script, "sh"]
+    if subprocess.run([*through, "true"], capture_output=True, check=False).returncode:
+        pytest.skip("this user cannot give a process a /dev/shm of its own")
+    return through
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    return Bench(tmp_path_factory.mktemp("shared_memory"))
+
+
+def counted(done: Finished, iterations: int) -> None:
+    done.assert_complete()
+    (rate,) = done.result()["metrics"]["rates"]
+    found = rate["pooled"]["monitors"]["out"]
+    assert found["sent"] == found["answered"] == iterations * STEPS
+
+
+def test_shared_memory_without_room_is_named_or_done_without(bench: Bench) -> None:
+    with bench.start(relay_spec(), through=own_shared_memory("64k")) as running:
+        done = running.finish()
+    if done.status in {2, 4} and "error[" in done.stderr:
+        assert "/dev/shm" in done.error  # noqa: S108 - what the message must name
+    else:
+        counted(done, 1)
+
+
+def test_shared_memory_that_fills_up_in_mid_run_loses_nothing(bench: Bench) -> None:
+    spec = relay_spec()
+    spec["benchmark"] |= {"iterations": 4}
+    with bench.start(spec, through=own_shared_memory("64m")) as running:
+        running.wait_for("iteration 1 of 4")
+        memory = Path(f"/proc/{running.child('player').pid}/root/dev/shm")
+        filler = memory / "filler"
+        with pytest.raises(OSError, match="No space left"), filler.open("wb", buffering=0) as file:
+            while True:
+                file.write(bytes(1 << 20))
+        assert filler.stat().st_size > 0
+        done = running.finish()
+    counted(done, 4)
