@@ -6,10 +6,14 @@ that the verb cannot use · 3 inconclusive · 4 the run itself failed or is inva
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import keyword
 import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
 
 import click
 
@@ -83,25 +87,38 @@ def command() -> None:
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     try:
-        status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
+        with _interruptible():
+            status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
     except R2bspecError as error:
         _show(error)
         return error.exit_code
-    except click.exceptions.Abort:
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        click.echo("interrupted", err=True)
         return 130
     except click.ClickException as error:
         error.show()
         return 2
     except click.exceptions.Exit as error:
         return error.exit_code
-    except KeyboardInterrupt:
-        return 130
     except BrokenPipeError:
         # The reader of our output has gone, as `head` does: nothing is left to say, and the
         # interpreter must not try to flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     return status if isinstance(status, int) else 0
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """While active, SIGTERM ends a verb as Ctrl-C does; `run` has handlers of its own meanwhile."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _show(error: R2bspecError) -> None:

@@ -38,6 +38,9 @@ class Interrupts:
         if threading.current_thread() is not threading.main_thread():
             return self
         for each in _SIGNALS:
+            # Whoever starts a run with nohup wants it to outlive the terminal.
+            if each is signal.SIGHUP and signal.getsignal(each) is signal.SIG_IGN:
+                continue
             self._previous[each] = signal.signal(each, self._note)
         return self
 

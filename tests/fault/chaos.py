@@ -49,6 +49,9 @@ from ros_runs import (  # noqa: E402
     segments_left,
 )
 
+_FATAL = {signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT}
+"""What no program can answer."""
+
 EXIT_CODES = {0, 1, 2, 3, 4, 130}
 HANG_S = 150.0
 GONE_S = 20.0
@@ -144,7 +147,7 @@ class Attempt:
             if name in there:
                 there[name].send_signal(number)
                 self.done.append(f"{number.name} to {name}")
-                if name == "controller" and number in {signal.SIGKILL, signal.SIGSEGV}:
+                if name == "controller" and number in _FATAL:
                     self.killed = True
 
 
@@ -279,6 +282,12 @@ def damaged_bag(bench: Bench, dice: random.Random) -> Iterator[str]:
         storage.write_bytes(whole)
 
 
+def _why(running: Running) -> str:
+    """The first line of what the user was told."""
+    found = re.search(r"^(error\[.*|interrupted)$", running.stderr(), re.MULTILINE)
+    return f" {found[0][:100]}" if found else ""
+
+
 class Worker:
     """Makes one run after another, each with its own fate."""
 
@@ -315,7 +324,10 @@ class Worker:
             if not wrong and not small:
                 shutil.rmtree(folder, ignore_errors=True)
         where = f"{bench.folder.name} {self._number}"
-        self._report(f"{where}: {make.__name__}; {', '.join(attempt.done) or act.__name__}")
+        what = ", ".join(attempt.done) or f"too late to {act.__name__}"
+        self._report(
+            f"{where}: {make.__name__}; {what}; {running.process.returncode}{_why(running)}"
+        )
         for each in wrong:
             self._report(f"  BROKEN: {each}")
             self.broken.append(f"{folder}: {each}")
@@ -335,7 +347,8 @@ class Worker:
             wrong.append(f"a stack trace: {said[-1500:]}")
         if not attempt.killed and status not in EXIT_CODES:
             wrong.append(f"exit status {status}: {said[-500:]}")
-        explained = re.search(r"error\[R2B\d{3}\]", said) or "INVALID" in running.stdout()
+        explained = re.search(r"error\[R2B\d{3}\]|^interrupted$", said, re.MULTILINE)
+        explained = explained or re.search("INVALID", running.stdout())
         second = status == 130 and sum("controller" in each for each in attempt.done) > 1
         judged = (running.folder / "result.json").exists() or attempt.spoiled
         if status in {0, 1, 3} and not judged:
@@ -370,7 +383,9 @@ class Worker:
             return [f"the record cannot be read: {done.stderr[-500:]}"]
         record = open_run(folder).record
         finished = status in {0, 1, 3} or (status == 4 and "INVALID" in attempt.running.stdout())
-        if (record.status == "complete") != finished and not attempt.killed:
+        # One that is interrupted while it is judged was complete by then.
+        known = not attempt.killed and status != 130
+        if known and (record.status == "complete") != finished:
             return [f"exit status {status}, but the record says {record.status}"]
         json.loads(done.stdout)
         return []

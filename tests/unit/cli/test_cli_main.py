@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -100,3 +103,19 @@ def test_validate_imports_nothing_heavy() -> None:
     loaded = _modules_after("validate", str(spec))
     assert "r2bspec.check.engine" in loaded
     assert loaded.isdisjoint({"rclpy", "numpy", "scipy", "cv2", "rosbags", "psutil", "rich"})
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_any_verb_as_interrupted(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(**_: object) -> int:
+        os.kill(os.getpid(), number)
+        time.sleep(60)
+        return 0
+
+    before = signal.getsignal(number)
+    monkeypatch.setattr(cli.command, "main", interrupted)
+    assert cli.main(["validate"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+    assert signal.getsignal(number) is before

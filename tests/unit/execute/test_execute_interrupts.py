@@ -59,6 +59,16 @@ def test_handlers_are_as_before_afterwards() -> None:
     assert {each: signal.getsignal(each) for each in before} == before
 
 
+def test_a_run_that_was_started_with_nohup_outlives_its_terminal() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Interrupts() as interrupts:
+            os.kill(os.getpid(), signal.SIGHUP)
+            interrupts.check()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 @SIGNALS
 def test_a_second_signal_ends_the_process_at_once(number: signal.Signals) -> None:
     program = (
