@@ -82,7 +82,11 @@ class Measuring:
             return
         self._tell.phase("search", "searching for the peak rate")
         self._search = PeakSearch(
-            wanted.min_hz, wanted.max_hz, wanted.precision, self._prober.probe
+            wanted.min_hz,
+            wanted.max_hz,
+            wanted.precision,
+            self._prober.probe,
+            confidence=wanted.confidence,
         )
         self._search.run()
 

@@ -6,19 +6,32 @@ import itertools
 from collections.abc import Callable
 from typing import Literal
 
-from r2bspec.execute.holding import Criterion, Judgement, judge_finished_probe, judge_probe
+from r2bspec.execute.holding import (
+    Criterion,
+    Judgement,
+    Seen,
+    judge_end,
+    judge_look,
+    planned_looks,
+    see,
+    worst,
+)
 from r2bspec.execute.playing import Observed, Stage
 from r2bspec.execute.search import Outcome
 from r2bspec.measure.catalogue import resolve
-from r2bspec.measure.delivery import Delivery, delivery
 from r2bspec.measure.values import value
 from r2bspec.plan.model import Plan
 from r2bspec.record.model import Probe
+from r2bspec.slo.model import CONFIDENCE
 from r2bspec.spec.requirement import Requirement
 
 _PRECISION = 0.02
-_PROBE_NS = 3_000_000_000
+_PROBE_NS = 10_000_000_000
+"""Of a probe for `sustained` where the spec has no search that says otherwise."""
+
 _LEAST_STEPS = 20
+
+_WORDS = {True: "holds", False: "does not hold", None: "stays open"}
 
 
 class Prober:
@@ -29,11 +42,12 @@ class Prober:
         self._plan = plan
         self._stage = stage
         self._note = note
-        self._duration_s = (search.probe_ns if search else _PROBE_NS) / 1e9
+        self._limit_s = (search.probe_ns if search else _PROBE_NS) / 1e9
         self._conditions = search.holds if search else ()
         self._criterion = Criterion(
             precision=search.precision if search else _PRECISION,
             loss=max((_allowed_loss(each) for each in self._conditions), default=0.0),
+            confidence=search.confidence if search else CONFIDENCE,
         )
         self._numbers = itertools.count(1)
 
@@ -48,45 +62,42 @@ class Prober:
     def _play(self, kind: Literal["probe", "sustained"], rate_hz: float) -> Outcome:
         number = next(self._numbers)
         name = f"{kind}-{number:03d}"
-
-        def watch(observed: Observed, elapsed_s: float) -> bool:
-            judgements = [
-                judge_probe(each, self._criterion, elapsed_s)
-                for each in self._deliveries(rate_hz, observed)
-            ]
-            return _worst(judgements).holds is not None
-
+        steps = max(_LEAST_STEPS, round(self._limit_s * rate_hz))
+        watching = _Watching(
+            self._criterion, steps / rate_hz, lambda each: self._see(rate_hz, each)
+        )
         observed = self._stage.play(
             kind,
             name,
             rate_hz,
-            max(_LEAST_STEPS, round(self._duration_s * rate_hz)),
+            steps,
             title=f"probing {rate_hz:.4g} Hz",
             index=number,
-            watch=watch,
+            watch=watching.watch,
         )
-        deliveries = self._deliveries(rate_hz, observed)
-        judgement = _worst([judge_finished_probe(each, self._criterion) for each in deliveries])
+        seen = self._see(rate_hz, observed)
+        judgement = watching.conclude(seen)
         if judgement.holds:
             judgement = self._check_conditions(observed, rate_hz)
-        word = "holds" if judgement.holds else "does not hold"
-        self._note(f"{rate_hz:.4g} Hz {word}: {judgement.reason}")
+        self._note(f"{rate_hz:.4g} Hz {_WORDS[judgement.holds]}: {judgement.reason}")
         return Outcome(
             Probe(
                 segment=self._stage.id_of(name),
                 rate_hz=rate_hz,
-                delivered_hz=min((each.delivered_hz for each in deliveries), default=0.0),
-                holds=bool(judgement.holds),
+                delivered_hz=min((each.whole.delivered_hz for each in seen), default=0.0),
+                holds=judgement.holds,
                 reason=judgement.reason,
+                confidence=self._criterion.confidence,
             ),
             by_player=judgement.by_player,
+            unclear=judgement.unclear,
         )
 
-    def _deliveries(self, rate_hz: float, observed: Observed) -> list[Delivery]:
+    def _see(self, rate_hz: float, observed: Observed) -> list[Seen]:
         if not observed.playback.size:
             return []
         return [
-            delivery(
+            see(
                 rate_hz,
                 observed.playback,
                 observed.monitors[plan.name],
@@ -127,8 +138,38 @@ def _allowed_loss(condition: Requirement) -> float:
     return condition.bound.value if condition.op in {"<", "<="} else 0.0
 
 
-def _worst(judgements: list[Judgement]) -> Judgement:
-    """One that does not hold decides, then one that is open."""
-    order = {False: 0, None: 1, True: 2}
-    nothing = Judgement(None, "nothing was published yet")
-    return min(judgements, key=lambda each: order[each.holds], default=nothing)
+class _Watching:
+    """Looks at a probe at the planned times, and remembers what the first clear look has shown."""
+
+    def __init__(
+        self, criterion: Criterion, limit_s: float, see_all: Callable[[Observed], list[Seen]]
+    ) -> None:
+        self._criterion = criterion
+        self._looks = planned_looks(limit_s)
+        self._see_all = see_all
+        self._number = 0
+        self._decided: list[bool | None] = []
+
+    def watch(self, observed: Observed, elapsed_s: float) -> bool:
+        """Whether the answer is clear; called while playing."""
+        due = [each for each in self._looks[self._number : -1] if each.at_s <= elapsed_s]
+        if not due:
+            return False
+        self._number += len(due)
+        judgements = [
+            judge_look(each, self._criterion, due[-1]) for each in self._see_all(observed)
+        ]
+        if worst(judgements).holds is None:
+            return False
+        self._decided = [each.holds for each in judgements]
+        return True
+
+    def conclude(self, seen: list[Seen]) -> Judgement:
+        """What was found, when the graph has drained."""
+        decided = self._decided or [None] * len(seen)
+        return worst(
+            [
+                judge_end(each, self._criterion, self._looks[-1], holds)
+                for each, holds in zip(seen, decided, strict=True)
+            ]
+        )

@@ -27,9 +27,6 @@ from r2bspec.record.arrays import Rows
 from r2bspec.record.model import ProcessRecord, RunRecord, Segment
 from r2bspec.record.store import Run
 
-PRECISION = 0.02
-"""Of a sequential probe, where the plan has no search that says otherwise."""
-
 LOSSES_COUNT = ("latency", "latency_from_due")
 """Families in which a step without an answer counts as later than every other."""
 
@@ -136,8 +133,6 @@ class RunSamples:
     Attributes:
         iterations: offered rate in Hz to the iterations at it, in the order they were played.
         sustained: offered rate to the samples of its sequential probe.
-        precision: of the probes, as a fraction: a rate is kept up if no more than half of it
-            piles up.
         incomplete: ids of the iterations that were cut short; they are not among the samples.
         confirmation: the fresh batch that was played after a failure, as a run of its own.
     """
@@ -147,7 +142,6 @@ class RunSamples:
     iterations: Mapping[float, tuple[SegmentSamples, ...]]
     sustained: Mapping[float, SegmentSamples]
     incomplete: tuple[str, ...]
-    precision: float = PRECISION
     confirmation: RunSamples | None = None
 
     @property
@@ -325,5 +319,4 @@ def _read_batch(
             if segment.complete
         },
         incomplete=tuple(each.id for each in iterations if not each.complete),
-        precision=run.plan.search.precision if run.plan.search else PRECISION,
     )

@@ -74,26 +74,51 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):
-    """One probe of a search: what was offered, what came out, and whether the rate holds."""
+    """One probe: what was offered, what came out, and whether the rate holds.
+
+    `holds` is None where that stayed open. `confidence` is how sure the answer is, one-sided;
+    0 in records of versions that did not state it.
+    """
 
     segment: str
     rate_hz: float
     delivered_hz: float
-    holds: bool
+    holds: bool | None
     reason: str
+    confidence: float = 0.0
 
 
 class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     """The outcome of a search for the peak rate.
 
-    The peak lies between `holds_hz`, the highest rate that held, and `fails_hz`, the lowest that
-    did not (None where nothing failed). `limited_by` says what set it.
+    The peak lies between `holds_hz`, the highest rate that held (None where none did), and
+    `fails_hz`, the lowest that did not (None where none failed: the peak is at least `holds_hz`).
+    `limited_by` says what set it. The bracket is as narrow as `precision`, a relative width, unless
+    probes between its ends stayed open; `confidence` is how sure it is (0: not stated).
     """
 
     probes: tuple[Probe, ...]
     holds_hz: float | None
     fails_hz: float | None
     limited_by: Literal["graph", "player", "range", "interrupted"]
+    precision: float = 0.0
+    confidence: float = 0.0
+
+    @property
+    def upper_hz(self) -> float | None:
+        """What the peak of the graph is below; None where only a lower bound is known.
+
+        A rate that the player could not offer bounds the player, not the graph.
+        """
+        return None if self.limited_by == "player" else self.fails_hz
+
+    @property
+    def open_hz(self) -> tuple[float, ...]:
+        """The rates within the bracket whose probes stayed open, ascending."""
+        lower, upper = self.holds_hz or 0.0, self.fails_hz or float("inf")
+        decided = {probe.rate_hz for probe in self.probes if probe.holds is not None}
+        found = {probe.rate_hz for probe in self.probes if probe.holds is None} - decided
+        return tuple(sorted(rate for rate in found if lower < rate < upper))
 
 
 class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):

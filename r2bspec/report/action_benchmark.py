@@ -9,6 +9,7 @@ from typing import Any
 from r2bspec.measure.model import RateMetrics
 from r2bspec.measure.units import show_range
 from r2bspec.report.reported import Reported
+from r2bspec.report.wording import peak_text
 
 _SMALLER = (
     ("latency.mean", "s", 1e3, "ms"),
@@ -31,7 +32,8 @@ def to_json(reported: Reported, *, bigger: bool) -> bytes:
     ]
     search = result.metrics.search
     if bigger and search is not None and search.holds_hz is not None:
-        entries.append({"name": f"{result.name}: peak", "unit": "Hz", "value": search.holds_hz})
+        found = {"name": f"{result.name}: peak", "unit": "Hz", "value": search.holds_hz}
+        entries.append(found | {"extra": peak_text(search)})
     return (json.dumps(entries, indent=2, ensure_ascii=False) + "\n").encode()
 
 

@@ -49,6 +49,9 @@ def rows(result: Result) -> Iterator[Row]:
     search = result.metrics.search
     if search is not None and search.holds_hz is not None:
         yield Row(None, None, "", "peak.rate", "Hz", search.holds_hz)
+        # Without it the peak is at least the rate, and nobody knows how much more.
+        if search.upper_hz is not None:
+            yield Row(None, None, "", "peak.below", "Hz", search.upper_hz)
     for one in result.verdict.requirements:
         yield from _compared(one)
 

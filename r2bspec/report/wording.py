@@ -62,21 +62,42 @@ def bounds_text(one: RequirementVerdict) -> str:
     return lower if lower == upper else f"{lower} … {upper}"
 
 
+HOLDS = {True: "✔", False: "✘", None: "?"}
+"""Marks of a probe's answer."""
+
+
 def peak_text(search: SearchRecord) -> str:
-    """The peak as a bracket, what limited it, and how many probes it took."""
+    """The peak as a bracket, how sure that is, what limited it, and how many probes it took.
+
+    What only the player or the range of the search has ended is a lower bound, and called so.
+    """
     limits = {
         "graph": "limited by the graph",
         "player": "limited by the player, not by the graph",
         "range": "limited by the range of the search",
         "interrupted": "the search was interrupted",
     }
-    if search.holds_hz is None:
-        found = f"below {show(search.fails_hz, 'Hz')}"
-    elif search.fails_hz is None:
-        found = f"at least {show(search.holds_hz, 'Hz')}"
+    lower, upper = search.holds_hz, search.upper_hz
+    if lower is None:
+        found = "not found" if upper is None else f"below {show(upper, 'Hz')}"
+    elif upper is None:
+        found = f"at least {show(lower, 'Hz')}"
     else:
-        found = f"between {show(search.holds_hz, 'Hz')} and {show(search.fails_hz, 'Hz')}"
-    return f"{found} · {limits[search.limited_by]} · {len(search.probes)} probes"
+        found = f"between {show(lower, 'Hz')} and {show(upper, 'Hz')}"
+    parts = [found, limits[search.limited_by]]
+    if search.open_hz:
+        parts.insert(1, open_text(search))
+    if search.confidence:
+        parts.append(f"{show(search.confidence, 'share', 4)} confidence")
+    return " · ".join([*parts, f"{len(search.probes)} probes"])
+
+
+def open_text(search: SearchRecord) -> str:
+    """Which rates of the bracket stayed open."""
+    first, *others = search.open_hz
+    if not others:
+        return f"open at {show(first, 'Hz')}"
+    return f"open from {show(first, 'Hz')} to {show(others[-1], 'Hz')}"
 
 
 def comparison(result: Result) -> Iterator[str]:

@@ -130,12 +130,7 @@ def _answer(question: Question, samples: RunSamples) -> Answer:
         case "search":
             return judge_peak(question, samples.record.search)
         case "sequential":
-            return judge_sustained(
-                question,
-                samples.record.sustained,
-                _probed(samples, question.at_hz),
-                samples.precision,
-            )
+            return judge_sustained(question, samples.record.sustained)
     if question.at_hz is None:
         return _nothing(f"The objective does not say at which rate {question.info.name} is meant.")
     if not question.iterations:
@@ -145,14 +140,6 @@ def _answer(question: Question, samples: RunSamples) -> Answer:
         )
     silent = _silence(question)
     return silent if silent is not None else _measured(question)
-
-
-def _probed(samples: RunSamples, at_hz: float | None) -> SegmentSamples | None:
-    if at_hz is None:
-        return None
-    return next(
-        (found for rate, found in samples.sustained.items() if math.isclose(rate, at_hz)), None
-    )
 
 
 def _measured(question: Question) -> Answer:

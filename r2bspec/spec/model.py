@@ -330,7 +330,7 @@ class Search(_Value, frozen=True, kw_only=True):
     max: Rate
     precision: Share = Share(0.02)
     holds: tuple[Requirement, ...] = ()
-    probe: Duration = Duration(3 * 10**9)
+    probe: Duration = Duration(10 * 10**9)
     confidence: Share = Share(0.95)
 
 

@@ -20,12 +20,11 @@ from floor_workloads import COPIES, TOPIC, TYPE, Workload, write_buffer
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.domain import reserved_domain
 from r2bspec.execute.environment import RunEnvironment
-from r2bspec.execute.holding import Criterion, judge_finished_probe
+from r2bspec.execute.holding import Criterion, judge_end, planned_looks, see
 from r2bspec.execute.playing import PLAYBACK_ROWS, Observed, Stage
 from r2bspec.execute.search import Outcome, PeakSearch
 from r2bspec.harness import protocol
 from r2bspec.harness.buffers import largest_message_bytes
-from r2bspec.measure.delivery import delivery
 from r2bspec.plan.model import InputPlan, MonitorPlan, Plan
 from r2bspec.record.model import Probe
 from r2bspec.record.store import RunFolder
@@ -76,22 +75,22 @@ class Floor:
 
         def probe(rate_hz: float) -> Outcome:
             observed = self._play(rate_hz, seconds)
-            seen = delivery(
+            seen = see(
                 rate_hz,
                 observed.playback,
                 observed.monitors[MONITOR],
                 observed.matching(MONITOR),
                 observed.now_ns,
             )
-            judged = judge_finished_probe(seen, criterion)
+            judged = judge_end(seen, criterion, planned_looks(seconds)[-1], None)
             found = Probe(
                 segment="",
                 rate_hz=rate_hz,
-                delivered_hz=seen.delivered_hz,
-                holds=bool(judged.holds),
+                delivered_hz=seen.whole.delivered_hz,
+                holds=judged.holds,
                 reason=judged.reason,
             )
-            return Outcome(found, judged.by_player)
+            return Outcome(found, judged.by_player, judged.unclear)
 
         return PeakSearch(10.0, most_hz, precision, probe).run().holds_hz
 

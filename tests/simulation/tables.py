@@ -1,8 +1,8 @@
-"""The tables of docs/verdicts.md, printed anew by
+"""The tables of docs/verdicts.md and docs/peak_throughput.md, printed anew by
 
-    PYTHONPATH=tests/support python tests/simulation/tables.py
+    PYTHONPATH=tests/support python tests/simulation/tables.py [NAME ...]
 
-Seeds are fixed; it takes a minute or two.
+Seeds are fixed; all of them take some minutes. NAME is that of a function below.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from simulated_gates import (
     share_gate,
     stored_gate,
 )
-from simulated_queues_near_capacity import Kind, probe
 from simulated_runs import judged
 from simulated_worlds import WORLDS
 
 from r2bspec.slo.looks import Looks
 from r2bspec.slo.statistics.binomial import upper_bound
 from r2bspec.slo.statistics.power import smallest_detectable
+from simulated_peaks import SERVERS, Kind, outcome, searched
 
 RUNS = 2000
 
@@ -218,9 +218,7 @@ def baselines() -> None:
 
 def sustained() -> None:
     def cell(kind: Kind, load: float, seconds: float, number: int) -> str:
-        found = Counter(
-            probe(kind, load, seconds=seconds, seed=seed).outcome for seed in range(number)
-        )
+        found = Counter(outcome(kind, load, seconds=seconds, seed=seed) for seed in range(number))
         valid = number - found["invalid"]
         return f"{100 * found['pass'] / valid:.0f} / {100 * found['fail'] / valid:.0f}"
 
@@ -232,11 +230,35 @@ def sustained() -> None:
         (
             [f"{kind}, {seconds} s", *(cell(kind, load, seconds, number) for load in loads)]
             for kind in kinds
-            for seconds, number in ((3, 150), (10, 60))
+            for seconds, number in ((3, 150), (10, 150), (30, 60))
         ),
     )
 
 
+def peaks() -> None:
+    def quantiles(values: list[float]) -> str:
+        low, middle, high = np.quantile(values, (0.05, 0.5, 0.95))
+        return f"{low:.3f}, {middle:.3f}, {high:.3f}"
+
+    def row(world: str, about_hz: float, number: int) -> list[str]:
+        found = [searched(world, about_hz, seed) for seed in range(number)]
+        return [
+            f"{world}, {about_hz:g} Hz",
+            quantiles([each.lower for each in found]),
+            quantiles([min(each.upper, 5.0) for each in found]),
+            f"{100 * sum(each.contains for each in found) / number:.1f} %",
+            f"{sum(len(each.record.probes) for each in found) / number:.1f}",
+            f"{sum(each.played_s for each in found) / number:.0f} s",
+        ]
+
+    show(
+        "peaks: highest rate that held and lowest that did not, in shares of the capacity",
+        ["servers", "held: 5 %, 50 %, 95 %", "did not", "holds the capacity", "probes", "played"],
+        (row(world, about_hz, 300) for world in SERVERS for about_hz in (20.0, 100.0, 400.0)),
+    )
+
+
 if __name__ == "__main__":
-    for table in (messages, shares, means, power, looks, gates, baselines, sustained):
-        table()
+    for table in (messages, shares, means, power, looks, gates, baselines, sustained, peaks):
+        if len(sys.argv) < 2 or table.__name__ in sys.argv[1:]:
+            table()

@@ -138,7 +138,7 @@ def _latency(seen: MonitorMetrics, part: str) -> float | None:
 
 
 def _peak(search: SearchRecord) -> Series:
-    return Series((search.holds_hz,), "Hz", bracket=(search.holds_hz, search.fails_hz))
+    return Series((search.holds_hz,), "Hz", bracket=(search.holds_hz, search.upper_hz))
 
 
 def _of_report(source: str, report: ReferenceReport) -> Subject:

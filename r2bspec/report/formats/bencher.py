@@ -32,8 +32,8 @@ def render(reported: Reported) -> bytes:
     search = result.metrics.search
     if search is not None and search.holds_hz is not None:
         peak = {"value": search.holds_hz, "lower_value": search.holds_hz}
-        if search.fails_hz is not None:
-            peak["upper_value"] = search.fails_hz
+        if search.upper_hz is not None:
+            peak["upper_value"] = search.upper_hz
         found[f"{result.name}/peak"] = {"throughput": peak}
     return (json.dumps(found, indent=2) + "\n").encode()
 

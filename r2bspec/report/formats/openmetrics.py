@@ -74,11 +74,19 @@ def _families(reported: Reported) -> Iterator[_Family]:
     yield _ratios(reported)
     yield from _of_monitors(result.metrics.rates, named)
     yield from _of_processes(result.metrics.rates, named)
-    peak = _Family("r2bspec_peak_hertz", "gauge", "Highest rate that held.", "hertz")
+    peak = _Family(
+        "r2bspec_peak_hertz", "gauge", "Highest rate that held; the peak is at least this.", "hertz"
+    )
+    below = _Family(
+        "r2bspec_peak_below_hertz", "gauge", "Lowest rate that the graph did not hold.", "hertz"
+    )
     search = result.metrics.search
     if search is not None and search.holds_hz is not None:
         peak.samples.append(("", named, search.holds_hz))
+        if search.upper_hz is not None:
+            below.samples.append(("", named, search.upper_hz))
     yield peak
+    yield below
 
 
 def _info(reported: Reported) -> _Family:

@@ -24,6 +24,7 @@ from r2bspec.plan.model import MonitorPlan
 from r2bspec.record.model import Segment
 from r2bspec.record.store import Run
 from r2bspec.report.reported import Reported
+from r2bspec.report.wording import peak_text
 
 
 def render(reported: Reported) -> bytes:
@@ -202,6 +203,7 @@ def _metadata(reported: Reported, run: Run) -> dict[str, Any]:
             plan.dataset.end_ns / 1e9 if plan.dataset.end_ns is not None else None
         ),
         "PEAK_THROUGHPUT_PREDICTION": search.holds_hz if search is not None else None,
+        "PEAK_THROUGHPUT": peak_text(search) if search is not None else None,
         "CONFIG": reported.result.spec or None,
         "GENERATOR": f"r2bspec {record.versions.get('r2bspec', '')}".strip(),
     }

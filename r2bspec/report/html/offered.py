@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -32,6 +32,13 @@ _THROUGHPUT = "throughput.mean"
 _WIDE = 8.0
 """From this ratio of the highest to the lowest rate on, rates are on a logarithmic axis."""
 
+_ANSWERS: Final = (
+    (True, "o", "probe that held"),
+    (False, "x", "probe that did not"),
+    (None, "D", "probe that stayed open"),
+)
+_COLOURS: Final = {True: "good", False: "bad", None: "quiet"}
+
 
 def offered_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verdict) -> Chart:
     """Above: what came out; below: the share that did not. Probes of the search are hollow."""
@@ -40,7 +47,7 @@ def offered_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verd
     description = (
         "Throughput above and drop rate below, against the offered rate. On the dotted line "
         "everything that was offered came out. Hollow marks are probes: circles held, crosses did "
-        "not. A band marks where the search found the peak."
+        "not, diamonds stayed open. A band marks where the search found the peak."
     )
 
     def paint(sketch: Sketch) -> None:
@@ -117,7 +124,7 @@ def _monitor(
 
 def _probes(sketch: Sketch, axes: Axes, metrics: RunMetrics) -> None:
     probes = [*(metrics.search.probes if metrics.search is not None else ()), *metrics.sustained]
-    for holds, shape, name in ((True, "o", "probe that held"), (False, "x", "probe that did not")):
+    for holds, shape, name in _ANSWERS:
         found = [probe for probe in probes if probe.holds is holds]
         if not found:
             continue
@@ -128,7 +135,7 @@ def _probes(sketch: Sketch, axes: Axes, metrics: RunMetrics) -> None:
             marker=shape,
             markersize=6,
             markerfacecolor="none",
-            color=PALETTE["good" if holds else "bad"],
+            color=PALETTE[_COLOURS[holds]],
             label=name,
             zorder=3,
         )
@@ -140,10 +147,10 @@ def _probe_drops(sketch: Sketch, axes: Axes, metrics: RunMetrics, run: Run) -> N
     held = {
         probe.segment: probe.holds for probe in (metrics.search.probes if metrics.search else ())
     }
-    for holds, shape in ((True, "o"), (False, "x")):
+    for holds, shape, _ in _ANSWERS:
         points = []
         for segment in run.record.segments:
-            if held.get(segment.id) is holds and segment.kind == "probe":
+            if segment.id in held and held[segment.id] is holds and segment.kind == "probe":
                 lost = [_lost(run, segment, each.name) for each in run.plan.monitors]
                 points.append((segment.rate_hz, max(lost, default=0.0) * 100))
         if points:
@@ -153,7 +160,7 @@ def _probe_drops(sketch: Sketch, axes: Axes, metrics: RunMetrics, run: Run) -> N
                 marker=shape,
                 markersize=6,
                 markerfacecolor="none",
-                color=PALETTE["good" if holds else "bad"],
+                color=PALETTE[_COLOURS[holds]],
             )
             sketch.series(line, "probe: drop rate")
 
@@ -165,12 +172,14 @@ def _lost(run: Run, segment: Segment, monitor: str) -> float:
 
 def _bracket(metrics: RunMetrics, panels: tuple[Axes, Axes]) -> None:
     search = metrics.search
-    if search is None or search.holds_hz is None or search.fails_hz is None:
+    if search is None or search.holds_hz is None:
         return
-    for axes in panels:
-        axes.axvspan(search.holds_hz, search.fails_hz, color=PALETTE["s4"], alpha=0.25, linewidth=0)
+    upper_hz = search.upper_hz
+    if upper_hz is not None:
+        for axes in panels:
+            axes.axvspan(search.holds_hz, upper_hz, color=PALETTE["s4"], alpha=0.25, linewidth=0)
     panels[0].annotate(
-        f"peak {show(search.holds_hz, 'Hz')}",
+        f"peak {'at least ' if upper_hz is None else ''}{show(search.holds_hz, 'Hz')}",
         (search.holds_hz, 1),
         xycoords=("data", "axes fraction"),
         xytext=(-3, -2),

@@ -12,8 +12,10 @@ from r2bspec.measure.units import show
 from r2bspec.record.model import SearchRecord
 from r2bspec.report.model import Result
 from r2bspec.report.terminal.style import QUIET, heading, outcome_text
-from r2bspec.report.wording import comparison, notes, peak_text
+from r2bspec.report.wording import HOLDS, comparison, notes, peak_text
 from r2bspec.slo.model import Verdict
+
+_STYLES = {True: "green", False: "red", None: "yellow"}
 
 
 def header(result: Result) -> RenderableType:
@@ -44,12 +46,12 @@ def search_section(search: SearchRecord | None) -> RenderableType | None:
     for number, probe in enumerate(search.probes):
         probes.append(" " if number else "")
         probes.append(
-            f"{probe.rate_hz:.4g}{'✔' if probe.holds else '✘'}",
-            style="green" if probe.holds else "red",
+            f"{probe.rate_hz:.4g}{HOLDS[probe.holds]}",
+            style=_STYLES[probe.holds],
         )
     lines: list[RenderableType] = [heading("search", f"peak {peak_text(search)}"), probes]
     failed = [probe for probe in search.probes if probe.rate_hz == search.fails_hz]
-    if failed and not failed[-1].holds:
+    if failed and failed[-1].holds is False:
         last = failed[-1]
         reason = f"at {show(last.rate_hz, 'Hz')}: {last.reason}"
         lines.append(Padding(Text(reason, style=QUIET), (0, 0, 0, 2)))

@@ -3,6 +3,7 @@
 The peak lies in [holds, fails): the highest rate that held and the lowest that did not. A bracket
 decides a bound that lies outside it, and only that. Where nothing failed, because the range of the
 search ended or the player could offer no more, the peak is at least `holds` and not bounded above.
+Probes that stayed open leave the bracket wide, and decide nothing within it.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ def judge_peak(question: Question, search: SearchRecord | None) -> Answer:
             settle="Add benchmark.search to the spec and run again.",
         )
     lower = search.holds_hz
-    upper = search.fails_hz if search.limited_by != "player" else None
+    upper = search.upper_hz
     at_least = _at_least(question, lower)
     below = upper is not None and _below(question, upper)
     passes, fails = (below, at_least) if question.wants_less else (at_least, below)
@@ -60,9 +61,10 @@ def _reason(search: SearchRecord, lower: float | None, upper: float | None) -> s
     probes = f"{len(search.probes)} probe{'s' if len(search.probes) > 1 else ''}"
     if lower is None:
         lowest = min(probe.rate_hz for probe in search.probes)
-        return f"In {probes}, not even {show(lowest, 'Hz')} held."
+        return f"In {probes}, not even {show(lowest, 'Hz')} held{_open(search)}."
     if upper is not None:
-        return f"In {probes}, {show(lower, 'Hz')} held and {show(upper, 'Hz')} did not."
+        between = _open(search)
+        return f"In {probes}, {show(lower, 'Hz')} held and {show(upper, 'Hz')} did not{between}."
     why = {
         "range": "which is the end of the search's range",
         "player": "and the player could offer no more",
@@ -70,7 +72,19 @@ def _reason(search: SearchRecord, lower: float | None, upper: float | None) -> s
     return f"In {probes}, {show(lower, 'Hz')} held, {why}."
 
 
+def _open(search: SearchRecord) -> str:
+    """What stayed open between the ends of the bracket."""
+    rates = search.open_hz
+    if not rates:
+        return ""
+    if len(rates) == 1:
+        return f"; {show(rates[0], 'Hz')} stayed open"
+    return f"; from {show(rates[0], 'Hz')} to {show(rates[-1], 'Hz')} it stayed open"
+
+
 def _settle(search: SearchRecord) -> str:
+    if search.open_hz:
+        return "Probe for longer (benchmark.search.probe), or move the limit."
     match search.limited_by:
         case "range":
             return "Raise benchmark.search.max beyond the limit."

@@ -45,9 +45,9 @@ _SEARCH = record(
         },
         "probe": quantity(
             Duration,
-            "The longest time for which one rate is tried.",
-            default="3 s",
-            examples=["3 s"],
+            "The longest time for which one rate is tried; most answers are clear sooner.",
+            default="10 s",
+            examples=["10 s"],
             positive=True,
         ),
         "confidence": quantity(

@@ -21,6 +21,7 @@ class Server:
             that keeps working at full speed, less is one that thrashes.
         player_hz: the rate that the player reaches at most.
         fails_once: rates are failed once, the first time that one in these bounds is probed.
+        unclear: the share of the capacity on either side of it that stays open.
     """
 
     def __init__(
@@ -30,6 +31,7 @@ class Server:
         betrays: float = 1.0,
         player_hz: float = math.inf,
         fails_once: tuple[float, float] = (0.0, 0.0),
+        unclear: float = 0.0,
     ) -> None:
         self.capacity_hz = capacity_hz
         self.probed: list[float] = []
@@ -37,6 +39,7 @@ class Server:
         self._player_hz = player_hz
         self._fails_once = fails_once
         self._failed = False
+        self._unclear = unclear
 
     def probe(self, rate_hz: float) -> Outcome:
         """Answer as a probe of a real graph does."""
@@ -47,12 +50,14 @@ class Server:
             return self._outcome(rate_hz, rate_hz * 0.5, holds=False)
         if rate_hz > self._player_hz:
             return self._outcome(rate_hz, self._player_hz, holds=False, by_player=True)
+        if abs(rate_hz / self.capacity_hz - 1) < self._unclear:
+            return self._outcome(rate_hz, rate_hz, holds=None)
         if rate_hz > self.capacity_hz:
             return self._outcome(rate_hz, self.capacity_hz * self._betrays, holds=False)
         return self._outcome(rate_hz, rate_hz, holds=True)
 
     def _outcome(
-        self, rate_hz: float, delivered_hz: float, *, holds: bool, by_player: bool = False
+        self, rate_hz: float, delivered_hz: float, *, holds: bool | None, by_player: bool = False
     ) -> Outcome:
         return Outcome(
             Probe(
@@ -63,6 +68,7 @@ class Server:
                 reason="",
             ),
             by_player=by_player,
+            unclear=self._unclear,
         )
 
 
@@ -189,6 +195,46 @@ def test_one_hiccup_anywhere_never_gives_a_rate_that_does_not_hold(
     holds_hz, fails_hz = bracket(record)
     assert holds_hz <= capacity_hz
     assert fails_hz / holds_hz <= 1.02 + 1e-9
+
+
+@given(capacity_hz=st.floats(20.0, 500.0), unclear=st.floats(0.001, 0.4))
+def test_what_stays_open_widens_the_bracket_and_is_never_decided(
+    capacity_hz: float, unclear: float
+) -> None:
+    server = Server(capacity_hz, unclear=unclear)
+    record = search(server)
+    holds_hz, fails_hz = bracket(record)
+    assert holds_hz <= capacity_hz * (1 - unclear) + 1e-9
+    assert fails_hz >= capacity_hz * (1 + unclear) - 1e-9
+    assert all(holds_hz < rate_hz < fails_hz for rate_hz in record.open_hz)
+    assert sum(probe.holds is None for probe in record.probes) <= 8
+    # At most a step of twice what is unclear, on either side, and once more as much.
+    step = 1 + max(2 * min(max(unclear, 0.02), 0.5), 0.02)
+    assert fails_hz / holds_hz <= (1 + unclear) / (1 - unclear) * step**4
+    if not record.open_hz:
+        assert fails_hz / holds_hz <= 1.02 + 1e-9
+
+
+def test_an_end_of_the_range_that_stays_open_bounds_nothing() -> None:
+    above = search(Server(1000.0, unclear=0.3))
+    assert (above.fails_hz, above.limited_by) == (None, "range")
+    assert above.holds_hz is not None
+    assert above.open_hz[-1] == 1000.0
+    below = search(Server(10.0, unclear=0.3))
+    assert below.holds_hz is None
+    assert below.fails_hz is not None
+    assert below.open_hz[0] == 10.0
+
+
+def test_precision_and_confidence_are_stated() -> None:
+    record = search(Server(100.0), precision=0.05)
+    assert (record.precision, record.confidence) == (0.05, 0.95)
+
+
+def test_a_player_that_cannot_offer_more_bounds_the_player_and_not_the_graph() -> None:
+    assert search(Server(math.inf, player_hz=300.0)).upper_hz is None
+    graph = search(Server(300.0))
+    assert graph.upper_hz == graph.fails_hz
 
 
 def test_a_search_that_is_cut_short_says_so_and_keeps_what_it_found() -> None:

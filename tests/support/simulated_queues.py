@@ -1,0 +1,208 @@
+"""Servers with queues, one or several in a row, simulated: what player and monitor would record."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.execute.holding import Criterion, Judgement, judge_end, judge_look, planned_looks, see
+from r2bspec.execute.search import Outcome, PeakSearch
+from r2bspec.measure.delivery import Delivery
+from r2bspec.measure.matching import match
+from r2bspec.record.arrays import MONITOR, PLAYBACK, Rows
+from r2bspec.record.model import Probe, SearchRecord
+
+BEGIN_NS = 7_000_000_000_000_000
+_STAMP_NS = 1_800_000_000_000_000_000
+
+DEEP = 1_000_000
+SHALLOW = 10
+
+Times = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Server:
+    """Servers in a row, each with a queue before it.
+
+    Attributes:
+        capacity_hz: messages that each serves per second, on average.
+        depth: messages that may wait; the oldest one makes room for a new one, as in ROS.
+        spread: 0 for equal service times, 1 for exponential ones.
+        stages: how many servers there are.
+        loses: of the messages that come, the share that is lost at once.
+        stalls: (from, to) in seconds: nothing is begun in this time.
+    """
+
+    capacity_hz: float
+    depth: int = DEEP
+    spread: float = 0.0
+    stages: int = 1
+    loses: float = 0.0
+    stalls: tuple[float, float] = (0.0, 0.0)
+    seed: int = 0
+    random: np.random.Generator = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "random", np.random.default_rng(self.seed))
+
+    def answers(self, arrivals_s: Times) -> tuple[NDArray[np.int64], Times]:
+        """The numbers of the messages that are not lost, and when each leaves, in seconds."""
+        numbers = np.flatnonzero(self.random.random(arrivals_s.size) >= self.loses)
+        times_s = arrivals_s[numbers]
+        for _ in range(self.stages):
+            mean_s = 1.0 / self.capacity_hz
+            serve_s = mean_s * (
+                (1.0 - self.spread) + self.spread * self.random.exponential(size=times_s.size)
+            )
+            if self.depth >= DEEP and self.stalls == (0.0, 0.0):
+                times_s = departures(times_s, serve_s)
+            else:
+                kept, times_s = self._serve(times_s, serve_s)
+                numbers = numbers[kept]
+        return numbers, times_s
+
+    def _serve(self, arrive_s: Times, serve_s: Times) -> tuple[NDArray[np.int64], Times]:
+        waiting: deque[int] = deque()
+        served: list[int] = []
+        left_s: list[float] = []
+        free_s = 0.0
+
+        def serve(until_s: float) -> None:
+            nonlocal free_s
+            while waiting:
+                begin_s = max(free_s, arrive[waiting[0]])
+                if self.stalls[0] <= begin_s < self.stalls[1]:
+                    begin_s = self.stalls[1]
+                if begin_s > until_s:
+                    return
+                number = waiting.popleft()
+                free_s = begin_s + float(serve_s[number])
+                served.append(number)
+                left_s.append(free_s)
+
+        arrive = arrive_s.tolist()
+        for number, arrival_s in enumerate(arrive):
+            serve(arrival_s)
+            waiting.append(number)
+            if len(waiting) > self.depth:
+                waiting.popleft()
+        serve(np.inf)
+        return np.array(served, dtype=np.int64), np.array(left_s)
+
+
+def departures(arrive_s: Times, serve_s: Times) -> Times:
+    """Lindley: d_i = max(a_i, d_(i-1)) + s_i, in closed form with running sums and maxima."""
+    served = np.cumsum(serve_s)
+    return served + np.maximum.accumulate(arrive_s - (served - serve_s))
+
+
+@dataclass(frozen=True)
+class Probed:
+    """How a probe ended: what was judged, after how long, and from what."""
+
+    judgement: Judgement
+    delivery: Delivery
+    stopped_s: float
+    playback: Rows
+    monitor: Rows
+
+
+def probe(
+    server: Server,
+    rate_hz: float,
+    *,
+    criterion: Criterion | None = None,
+    seconds: float = 10.0,
+    player_hz: float | None = None,
+    arrivals_s: Times | None = None,
+) -> Probed:
+    """Probe a rate as the controller does: looked at while it is played, judged when drained.
+
+    Args:
+        server: is probed.
+        rate_hz: is offered.
+        criterion: by default that of a search.
+        seconds: the longest time of the probe.
+        player_hz: what the player reaches at most.
+        arrivals_s: when the steps are published, if not at even intervals.
+    """
+    criterion = criterion or Criterion(precision=0.02)
+    steps = max(20, round(seconds * rate_hz))
+    due_s = np.arange(steps) / rate_hz
+    published_s = np.arange(steps) / min(rate_hz, player_hz or rate_hz)
+    if arrivals_s is not None:
+        due_s = published_s = arrivals_s
+    playback, monitor = rows(due_s, published_s, *server.answers(published_s))
+    looks = planned_looks(steps / rate_hz)
+    decided, stopped_s = None, float(published_s[-1])
+    for look in looks[:-1]:
+        now_ns = _ns(look.at_s)
+        played = playback[playback["published_ns"] <= now_ns]
+        seen = monitor[monitor["received_ns"] <= now_ns]
+        found = see(rate_hz, played, seen, match(played, seen, "stamp"), now_ns)
+        decided = judge_look(found, criterion, look).holds
+        if decided is not None:
+            stopped_s = look.at_s
+            break
+    # Playing stops there, and the graph answers what is still inside.
+    played = playback[playback["published_ns"] <= _ns(stopped_s)]
+    rest = monitor[np.isin(monitor["stamp_ns"], played["stamp_ns"])]
+    end_ns = max(_ns(stopped_s), int(rest["received_ns"].max()) if rest.size else 0) + 500_000_000
+    final = see(rate_hz, played, rest, match(played, rest, "stamp"), end_ns)
+    judgement = judge_end(final, criterion, looks[-1], decided)
+    return Probed(judgement, final.whole, stopped_s, played, rest)
+
+
+def search(
+    server: Server,
+    minimum_hz: float,
+    maximum_hz: float,
+    *,
+    criterion: Criterion | None = None,
+    seconds: float = 10.0,
+) -> tuple[SearchRecord, float]:
+    """Search for the peak; returns what was found and how many seconds were played."""
+    criterion = criterion or Criterion(precision=0.02)
+    played_s = 0.0
+
+    def probe_once(rate_hz: float) -> Outcome:
+        nonlocal played_s
+        found = probe(server, rate_hz, criterion=criterion, seconds=seconds)
+        played_s += found.stopped_s
+        return Outcome(
+            Probe(
+                segment="",
+                rate_hz=rate_hz,
+                delivered_hz=found.delivery.delivered_hz,
+                holds=found.judgement.holds,
+                reason=found.judgement.reason,
+            ),
+            unclear=found.judgement.unclear,
+        )
+
+    started = PeakSearch(minimum_hz, maximum_hz, criterion.precision, probe_once)
+    return started.run(), played_s
+
+
+def _ns(seconds: float) -> int:
+    return BEGIN_NS + round(seconds * 1e9)
+
+
+def rows(
+    due_s: Times, published_s: Times, numbers: NDArray[np.int64], left_s: Times
+) -> tuple[Rows, Rows]:
+    """What the player and a monitor record of steps and of the answers to some of them."""
+    playback = np.zeros(due_s.size, PLAYBACK)
+    playback["stamp_ns"] = _STAMP_NS + np.arange(due_s.size)
+    playback["due_ns"] = BEGIN_NS + np.round(due_s * 1e9).astype(np.int64)
+    playback["published_ns"] = BEGIN_NS + np.round(published_s * 1e9).astype(np.int64)
+    playback["done_ns"] = playback["published_ns"] + 1_000
+    monitor = np.zeros(numbers.size, MONITOR)
+    monitor["stamp_ns"] = _STAMP_NS + numbers
+    monitor["received_ns"] = BEGIN_NS + np.round(left_s * 1e9).astype(np.int64)
+    monitor["taken_ns"] = monitor["received_ns"] + 1_000
+    return playback, monitor[np.argsort(monitor["received_ns"], kind="stable")]
