@@ -99,9 +99,9 @@ class Seen:
     Attributes:
         whole: the delivery of all steps.
         later: the delivery without the run-in.
-        dropped: of the later steps that the graph has done with, whether each was passed over.
-        sent_s: when the answered steps were published, seconds from the first one, shape (n,).
-        latency_s: how long each took, shape (n,).
+        dropped: of the later answers that the graph has done with, whether each was passed over.
+        sent_s: when what was answered was published, seconds from the first step, shape (n,).
+        latency_s: how long each answer took, shape (n,).
     """
 
     whole: Delivery
@@ -134,23 +134,19 @@ def see(rate_hz: float, playback: Rows, monitor: Rows, matching: Matching, now_n
         now_ns: the time at which `monitor` was read; CLOCK_MONOTONIC.
     """
     answered = matching.answered
-    steps = np.flatnonzero(answered)
-    done_with = int(steps[-1]) + 1 if steps.size else 0
+    answers = np.flatnonzero(answered)
+    done_with = int(answers[-1]) + 1 if answers.size else 0
     run_in = done_with // _RUN_IN
     published_ns = playback["published_ns"]
-    received_ns = monitor["received_ns"][matching.first_row[steps]]
+    sent_ns = published_ns[matching.asked[answers]]
+    received_ns = monitor["received_ns"][matching.first_row[answers]]
+    later = replace(matching, asked=matching.asked[run_in:], first_row=matching.first_row[run_in:])
     return Seen(
         whole=delivery(rate_hz, playback, monitor, matching, now_ns),
-        later=delivery(
-            rate_hz,
-            playback[run_in:],
-            monitor,
-            replace(matching, first_row=matching.first_row[run_in:]),
-            now_ns,
-        ),
+        later=delivery(rate_hz, playback, monitor, later, now_ns),
         dropped=~answered[run_in:done_with],
-        sent_s=(published_ns[steps] - published_ns[:1]) / 1e9,
-        latency_s=(received_ns - published_ns[steps]) / 1e9,
+        sent_s=(sent_ns - published_ns[:1]) / 1e9,
+        latency_s=(received_ns - sent_ns) / 1e9,
     )
 
 

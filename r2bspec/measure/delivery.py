@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.matching import UNKNOWN, Matching
+from r2bspec.measure.matching import Matching
 from r2bspec.measure.percentiles import percentile
-from r2bspec.measure.samples import StepTimes
-from r2bspec.record.arrays import MONITOR, PLAYBACK, Rows
+from r2bspec.record.arrays import Rows
 
 _BATCHES = 10
 """Few, so that each is long against the correlation of what it averages over."""
@@ -134,36 +133,6 @@ def delivery(
         answered=int(answers.size),
         lateness_p99_s=lateness,
     )
-
-
-def delivery_of_steps(offered_hz: float, steps: StepTimes, per_step: float = 1.0) -> Delivery:
-    """Estimate what a graph delivered in a segment that has been played to its end.
-
-    Each expected answer is taken for a step of its own here, so all rates count answers.
-
-    Args:
-        offered_hz: the rate that was asked for, in steps per second.
-        steps: the expected answers of the segment.
-        per_step: how many of them there are for each step.
-    """
-    offered_hz *= per_step
-    playback = np.zeros(steps.due_ns.size, PLAYBACK)
-    playback["due_ns"], playback["published_ns"] = steps.due_ns, steps.published_ns
-    monitor = np.zeros(steps.due_ns.size, MONITOR)
-    monitor["received_ns"] = steps.received_ns
-    answered = steps.answered
-    number = np.arange(answered.size)
-    matched = Matching(
-        step=number,
-        asked=number,
-        first_row=np.where(answered, number, UNKNOWN),
-        duplicates=0,
-        reordered=0,
-        unmatched=0,
-    )
-    # Everything that was going to come has come: no answer takes as long as this.
-    ended_ns = int(max(steps.received_ns.max(), steps.published_ns.max())) if number.size else 0
-    return delivery(offered_hz, playback, monitor, matched, 2 * ended_ns)
 
 
 def _player_rate(published: NDArray[np.int64], offered_hz: float) -> float:

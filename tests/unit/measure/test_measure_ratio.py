@@ -8,9 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.holding import Criterion, judge_finished_probe
+from r2bspec.execute.holding import Criterion, judge_end, planned_looks, see
 from r2bspec.measure.compute import measure_segment
-from r2bspec.measure.delivery import delivery
 from r2bspec.measure.latency import latencies
 from r2bspec.measure.matching import UNKNOWN, Ratio, match, ratio_of
 from r2bspec.measure.samples import MonitorSamples, read_samples
@@ -109,12 +108,13 @@ def test_a_probe_holds_if_the_graph_keeps_up_whatever_the_ratio(
     times = asked / 100.0 / share + 0.005 + rng.normal(0, 1e-4, asked.size)
     monitor = received(np.sort(times).tolist())
     monitor = monitor[monitor["received_ns"] < EPOCH_NS + 6 * 10**9]
-    found = delivery(
-        100.0, playback, monitor, match(playback, monitor, "order", ratio), EPOCH_NS + 6 * 10**9
-    )
+    matching = match(playback, monitor, "order", ratio)
+    seen = see(100.0, playback, monitor, matching, EPOCH_NS + 6 * 10**9)
+    found = seen.whole
     assert found.settled_hz == pytest.approx(100.0 * share, rel=0.01)
     assert found.delivered_hz == pytest.approx(100.0 * share, rel=0.01)
-    assert judge_finished_probe(found, Criterion(precision=0.05)).holds is (share == 1.0)
+    judged = judge_end(seen, Criterion(precision=0.05), planned_looks(6.0)[-1], None)
+    assert judged.holds is (share == 1.0)
 
 
 class _Ratioed(Simulation):
