@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from time import perf_counter_ns
+from time import perf_counter_ns, sleep
 from typing import Any
 
 from rclpy.node import Node
 
 from r2bspec.nodes.message_types import message_type
-from r2bspec.nodes.parameters import Allowed, at_least, declare, destroyed_if_refused, one_of
+from r2bspec.nodes.parameters import (
+    Allowed,
+    at_least,
+    declare,
+    destroyed_if_refused,
+    either,
+    one_of,
+)
 from r2bspec.nodes.service_times import JITTERS, service_times_ns
 
 
 class RelayNode(Node):
     """Copies ``input`` to ``output``, byte for byte, and is busy with each message for a while.
 
-    The time runs from the start of the callback to the call of publish, and is spent on the CPU:
-    `service_time_ms` each, or with `jitter` "exponential" on average. Messages of type `format` are
+    The time runs from the start of the callback to the call of publish: `service_time_ms` each, or
+    with `jitter` "exponential" on average. It is spent on the CPU, or with `spin` false asleep, for
+    graphs of more relays than the machine has cores. Messages of type `format` are
     relayed one by one in the order of their arrival; both topics are reliable and keep the last
     `queue_depth` messages.
 
@@ -43,6 +51,7 @@ class RelayNode(Node):
         jitter = declare(
             self, "jitter", "none", "distribution of the service times", one_of(*JITTERS)
         )
+        self._spin = declare(self, "spin", True, "whether a core is kept busy meanwhile", either())
         seed = declare(self, "seed", 0, "seed of random service times", at_least(0))
         depth = declare(
             self, "queue_depth", 10, "messages that either topic keeps at most", at_least(1)
@@ -57,6 +66,9 @@ class RelayNode(Node):
 
     def _on_message(self, serialized: bytes) -> None:
         end_ns = perf_counter_ns() + next(self._service_times_ns)
+        if not self._spin:
+            # A sleep that ends too early is made up for below, one that ends late is not.
+            sleep(max(0, end_ns - perf_counter_ns()) / 1e9)
         while perf_counter_ns() < end_ns:
             pass
         self._out.publish(serialized)

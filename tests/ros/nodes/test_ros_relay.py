@@ -55,9 +55,10 @@ def test_the_format_is_a_parameter(kind: Any) -> None:
     assert heard == [data]
 
 
-def test_a_message_takes_its_service_time_at_least() -> None:
+@pytest.mark.parametrize("spin", [True, False])
+def test_a_message_takes_its_service_time_at_least(spin: bool) -> None:
     with node_graph() as graph:
-        graph.add(RelayNode, parameters={"service_time_ms": 20.0})
+        graph.add(RelayNode, parameters={"service_time_ms": 20.0, "spin": spin})
         heard = graph.listen(Image, "output", raw=True)
         writer = graph.writer(Image, "input")
         start_ns = perf_counter_ns()
