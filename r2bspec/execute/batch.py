@@ -92,8 +92,9 @@ class Batch:
             RunError: it did not come up, or nothing comes out of it.
         """
         self._rows_dir.mkdir()
-        self._tell.phase("start", "starting the graph")
+        self._tell.phase("start", "starting player and monitor")
         player, monitor = self._start_harness()
+        self._tell.phase("graph", "starting the graph")
         self._start_graph(player, monitor)
         self._stage = Stage(
             self._children,
@@ -140,6 +141,7 @@ class Batch:
                 rows_dir=str(self._rows_dir),
             ),
         )
+        self._tell.phase("floor", "measuring what player, monitor and transport take alone")
         self.floor = measure_floor(
             self._children,
             player,
