@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from r2bspec.check.context import Context
 from r2bspec.check.metrics import Known, known_metrics
+from r2bspec.measure.units import show
 from r2bspec.record.noise import Calibration, MetricNoise
 
 _NUMBER = re.compile(r"\s*(?P<number>[0-9.]+)\s*%")
@@ -41,6 +42,14 @@ class Narrow:
     pairs: int
     proposed: str
     part: tuple[int, int]
+
+    @property
+    def told(self) -> str:
+        """What the pairs of the spec can tell, such as ``10 pairs tell no less than 4.2 %``."""
+        pairs = "1 pair tells" if self.pairs == 1 else f"{self.pairs} pairs tell"
+        if not self.proposed:
+            return f"{pairs} not even a change by half"
+        return f"{pairs} no less than {show(self.least, 'share')}"
 
 
 def narrow_margins(context: Context) -> Iterator[Narrow]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 from r2bspec.check.context import Context
@@ -68,10 +69,9 @@ def propose(loaded: Loaded, found: Calibration, text: str) -> tuple[str, list[st
 
 
 def _too_noisy(each: Narrow) -> str:
-    pairs = "1 pair tells" if each.pairs == 1 else f"{each.pairs} pairs tell"
     return (
-        f"'{each.known.placed.requirement.text}': {pairs} nothing below {each.least:.0%} here; set "
-        "'benchmark.iterations' higher, make iterations longer, or calm the machine"
+        f"'{each.known.placed.requirement.text}': {each.told}; set 'benchmark.iterations' higher, "
+        "make iterations longer, or calm the machine"
     )
 
 
@@ -82,11 +82,13 @@ def _with_objective(
     if not requirements:
         return text, ["no metric is steady enough here for a limit to be proposed"]
     rate = spec.benchmark.rates[0]
-    lines = [f"{_OBJECTIVE}:", f"  at: {rate}", "  require:"]
+    names = itertools.chain([_OBJECTIVE], (f"{_OBJECTIVE}_{n}" for n in itertools.count(2)))
+    name = next(each for each in names if each not in spec.slos)
+    lines = [f"{name}:", f"  at: {rate}", "  require:"]
     lines += [f"    - {each}" for each in requirements]
     proposed = _inserted(loaded, text, lines)
     told = [f"add an objective by hand: {'; '.join(requirements)}"]
-    if proposed is None or _OBJECTIVE in spec.slos:
+    if proposed is None:
         return text, told
     again = load_spec(proposed, file=loaded.file)
     return (proposed, []) if again.spec is not None else (text, told)

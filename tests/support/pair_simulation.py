@@ -16,7 +16,7 @@ from r2bspec.plan.model import GatePlan, Plan, PlayPlan
 from r2bspec.record.pairs import PairRecord, Pairs, PairsFolder, PairsRecord, open_pairs
 from r2bspec.slo.statistics.paired import abba
 from r2bspec.spec.model import Objective
-from run_simulation import Played, Simulation, objective
+from run_simulation import EPOCH_NS, Played, Simulation, objective
 
 RATE_HZ = 30.0
 STEPS = 30
@@ -116,7 +116,15 @@ class Comparison:
         )
 
     def _play(self, path: Path, pair: PairRecord, base_s: float, head_s: float) -> PairRecord:
-        for name, level_s in ((pair.base, base_s), (pair.head, head_s)):
-            played = Played(RATE_HZ, latencies(level_s))
-            replace(self.template, segments=[played], objectives=self.objectives).write(path / name)
+        sides = [(pair.base, base_s), (pair.head, head_s)]
+        for name, level_s in sides if pair.order == "AB" else reversed(sides):
+            # Runs follow each other on one clock: as many seconds after the first as there are.
+            before = sum(1 for _ in path.glob("*/*/record.json"))
+            simulated = replace(
+                self.template,
+                segments=[Played(RATE_HZ, latencies(level_s))],
+                objectives=self.objectives,
+                start_ns=EPOCH_NS + before * 10 * 10**9,
+            )
+            simulated.write(path / name)
         return pair

@@ -68,6 +68,7 @@ class Simulation:
     status: Literal["complete", "incomplete", "invalid"] = "complete"
     reason: str = ""
     cpu: Mapping[str, float] = field(default_factory=lambda: {"player": 0.1, "apriltag": 0.5})
+    start_ns: int = EPOCH_NS
 
     def write(self, path: Path) -> Run:
         """Write the run folder, and open it."""
@@ -76,7 +77,7 @@ class Simulation:
         folder.write_plan(canonical_json(plan).decode())
         folder.write_spec("r2bspec: 1\nname: simulated\n")
         segments: list[Segment] = []
-        start_ns = EPOCH_NS
+        start_ns = self.start_ns
         counts: dict[str, int] = {}
         for played in self.segments:
             counts[played.kind] = counts.get(played.kind, 0) + 1
@@ -166,12 +167,12 @@ class Simulation:
             segments=segments,
             search=self.search,
             sustained=self.sustained,
-            events=((EPOCH_NS, "start"),),
+            events=((self.start_ns, "start"),),
             confirmation=self.confirmation,
         )
 
     def _resources(self, end_ns: int) -> Rows:
-        times = np.arange(EPOCH_NS - 10**9, end_ns + 10**9, 200_000_000, dtype=np.int64)
+        times = np.arange(self.start_ns - 10**9, end_ns + 10**9, 200_000_000, dtype=np.int64)
         loads = [(-1, sum(self.cpu.values()) + 0.05), *enumerate(self.cpu.values())]
         rows = np.zeros(times.size * len(loads), RESOURCES)
         rows["time_ns"] = np.repeat(times, len(loads))

@@ -10,16 +10,16 @@ from r2bspec.check.margins import narrow_margins
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.model import Certainty, Severity
 from r2bspec.diagnostics.quote import quote
+from r2bspec.measure.units import show
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for each in narrow_margins(context):
         noise = each.calibration
-        pairs = "1 pair" if each.pairs == 1 else f"{each.pairs} pairs"
         yield Finding(
             message=f"the margin of {quote(each.known.placed.requirement.text)} is "
-            f"{each.margin:.1%}, and {pairs} tell no less than {each.least:.1%} on "
-            f"{noise.machine} (calibrated {noise.started_at[:10]})",
+            f"{show(each.margin, 'share')}, and {each.told} on {noise.machine} (calibrated "
+            f"{noise.started_at[:10]})",
             path=each.known.placed.path,
             part=each.part,
             help=f"{f'write {each.proposed!r}, ' if each.proposed else ''}set "

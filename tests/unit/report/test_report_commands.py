@@ -89,7 +89,7 @@ def test_import_shows_and_keeps(
 def test_a_run_that_fails_still_has_its_reports(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(_prepared: Any, folder: Path, _progress: Any) -> None:
+    def fail(_prepared: Any, folder: Path, _progress: Any, **_ways: Any) -> None:
         EMPTY.write(folder)
         raise R2bspecError("a process died")
 

@@ -1,0 +1,194 @@
+"""Ways to compare on the command line: which exclude each other, and what is no base."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+import pytest
+
+from r2bspec.cli.calibrate import command as calibrate
+from r2bspec.cli.chosen import Chosen, base_of
+from r2bspec.cli.history import command as history
+from r2bspec.cli.run import command as run
+from r2bspec.errors import R2bspecError
+from r2bspec.execute.environment import inherited
+from r2bspec.execute.errors import EnvironmentRefusedError
+from r2bspec.execute.surroundings import inside, workspace, workspaces
+from r2bspec.history import Entry, HistoryError, open_history
+from r2bspec.regressions.reference import BadReferenceError, parse_references
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--against", "var:a=1", "--control"),
+        ("--against", "var:a=1", "--history", "user"),
+        ("--history", "user", "--baseline", "run"),
+        ("--control", "--baseline", "run"),
+        ("--pairs", "3"),
+        ("--pairs", "0", "--control"),
+        ("--force",),
+        ("--force", "--control"),
+    ],
+)
+def test_options_that_exclude_each_other_are_wrong_usage(arguments: tuple[str, ...]) -> None:
+    with pytest.raises(click.UsageError):
+        run.main(["spec.r2b.yaml", *arguments], standalone_mode=False)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--from", "f", "--runs", "9"), ("--from", "f", "-o", "g"), ("--runs", "2"), ("--runs", "x")],
+)
+def test_calibrate_refuses_what_contradicts_itself(arguments: tuple[str, ...]) -> None:
+    with pytest.raises(click.UsageError):
+        calibrate.main(["spec.r2b.yaml", *arguments], standalone_mode=False)
+
+
+@pytest.mark.parametrize("text", ["nothing.r2b.yaml", "var:", "var:x", "set:=3", "HEAD~1", ""])
+def test_what_is_no_base_is_said_with_a_way_out(text: str) -> None:
+    with pytest.raises(BadReferenceError) as caught:
+        parse_references([text])
+    assert (caught.value.exit_code, bool(caught.value.hint)) == (2, True)
+
+
+def test_a_stored_run_is_no_base_and_the_way_out_is_told(tmp_path: Path) -> None:
+    (tmp_path / "record.json").touch()
+    with pytest.raises(BadReferenceError) as caught:
+        parse_references([str(tmp_path)])
+    assert "--baseline" in caught.value.hint
+
+
+def test_references_add_up(tmp_path: Path) -> None:
+    spec = tmp_path / "base.r2b.yaml"
+    spec.touch()
+    found = parse_references([str(spec), "var:a=1", "set:b.c=2", "env:X=3", "var:d=e=f"])
+    assert (found.spec, found.variables, found.sets) == (spec, {"a": "1", "d": "e=f"}, ("b.c=2",))
+    assert found.environments == ("X=3",)
+    with pytest.raises(BadReferenceError, match="one base"):
+        parse_references([str(spec), str(spec)])
+
+
+def test_the_base_has_what_the_head_was_given(tmp_path: Path) -> None:
+    head = Chosen(Path("a"), ("x=1",), {"v": "1", "w": "1"}, "threads=2", ())
+    base = base_of(head, parse_references(["var:v=2", "set:y=2"]))
+    assert (base.spec, base.sets, base.case) == (Path("a"), ("x=1", "y=2"), "threads=2")
+    assert base.variables == {"v": "2", "w": "1"}
+    other = tmp_path / "b"
+    other.touch()
+    alone = base_of(head, parse_references([str(other)]))
+    assert (alone.spec, alone.sets, alone.variables, alone.case) == (other, (), {}, "")
+
+
+class TestEnvironments:
+    def test_a_setup_file_is_sourced(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setenv("AMENT_PREFIX_PATH", "/under")
+        monkeypatch.setenv("GONE", "1")
+        (tmp_path / "setup.bash").write_text(
+            'echo hello\nexport AMENT_PREFIX_PATH="/base:$AMENT_PREFIX_PATH"\nunset GONE\n'
+            "export MULTI=$'a\\nb'\n"
+        )
+        for text in (str(tmp_path), str(tmp_path / "setup.bash")):
+            found = workspace(text)
+            assert found["AMENT_PREFIX_PATH"] == "/base:/under"
+            assert (found["GONE"], found["MULTI"]) == ("", "a\nb")
+            assert found.keys() <= {"AMENT_PREFIX_PATH", "GONE", "MULTI"}
+
+    def test_a_prefix_is_put_in_front(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setenv("LD_LIBRARY_PATH", "/before")
+        (tmp_path / "lib").mkdir()
+        (tmp_path / "share" / "ament_index").mkdir(parents=True)
+        found = workspace(str(tmp_path))
+        assert found["LD_LIBRARY_PATH"] == f"{tmp_path}/lib:/before"
+        assert found["AMENT_PREFIX_PATH"].split(":")[0] == str(tmp_path)
+        assert "PATH" not in found
+
+    def test_several_add_up_and_nothing_is_left_behind(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setenv("RMW_A", "old")
+        monkeypatch.delenv("RMW_B", raising=False)
+        (tmp_path / "setup.sh").write_text('export RMW_B="$RMW_A"\n')
+        found = workspaces(["RMW_A=new", str(tmp_path)])
+        assert found == {"RMW_A": "new", "RMW_B": "new"}
+        with inside(found):
+            assert os.environ["RMW_B"] == "new"
+            assert inherited(os.environ, ())["RMW_A"] == "new"
+        assert os.environ["RMW_A"] == "old"
+        assert "RMW_B" not in os.environ
+        with inside({"RMW_A": ""}):
+            assert "RMW_A" not in os.environ
+        assert os.environ["RMW_A"] == "old"
+
+    @pytest.mark.parametrize("script", ["exit 3\n", "false\n", "this_is_no_program\n"])
+    def test_what_cannot_be_sourced_is_said(self, tmp_path: Path, script: str) -> None:
+        (tmp_path / "setup.bash").write_text(script)
+        with pytest.raises(EnvironmentRefusedError, match="cannot be sourced"):
+            workspace(str(tmp_path))
+
+    def test_what_is_no_environment_is_said(self, tmp_path: Path) -> None:
+        for text in (str(tmp_path), "/nowhere/setup.bash", "2=3", ""):
+            with pytest.raises(EnvironmentRefusedError):
+                workspace(text)
+
+
+class TestHistory:
+    @pytest.fixture
+    def path(self, tmp_path: Path) -> Path:
+        path = tmp_path / "history.sqlite"
+        with open_history(path, create=True) as opened:
+            for day in range(1, 6):
+                opened.add(
+                    Entry(
+                        run_id=f"run{day}",
+                        name="relay" if day < 5 else "other",
+                        started_at=f"2026-01-0{day}T12:00:00+00:00",
+                        host="cafe",
+                        machine="a machine",
+                        plan="sha256:0123456789abcdef",
+                        dataset="d",
+                        version="0",
+                        outcome="fail" if day == 4 else "pass",
+                    )
+                )
+        return path
+
+    def call(self, *arguments: object) -> int:
+        status: int = history.main([str(each) for each in arguments], standalone_mode=False)
+        return status
+
+    def left(self, path: Path) -> list[str]:
+        with open_history(path) as opened:
+            return [one.run_id for one in opened.runs()]
+
+    def test_runs_are_listed(self, path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        assert self.call("list", "--file", path, "--name", "relay") == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert len(lines) == 5
+        assert "run4" in lines[4]
+        assert lines[4].endswith("fail")
+        assert self.call("accept", "run4", "--file", path) == 0
+        self.call("list", "--file", path, "--format", "json")
+        assert '"accepted": true' in capsys.readouterr().out
+
+    def test_runs_are_forgotten(self, path: Path) -> None:
+        self.call("prune", "--file", path, "--run", "run2", "--name", "relay")
+        assert self.left(path) == ["run1", "run3", "run4", "run5"]
+        self.call("prune", "--file", path, "--before", "2026-01-03")
+        assert self.left(path) == ["run3", "run4", "run5"]
+        self.call("prune", "--file", path, "--keep", "1")
+        assert self.left(path) == ["run5"]
+
+    def test_wrong_usage(self, path: Path, tmp_path: Path) -> None:
+        with pytest.raises(click.UsageError, match="say what"):
+            self.call("prune", "--file", path)
+        with pytest.raises(click.UsageError, match="no date"):
+            self.call("prune", "--file", path, "--before", "yesterday")
+        with pytest.raises(HistoryError, match="no run"):
+            self.call("accept", "nobody", "--file", path)
+        with pytest.raises(R2bspecError):
+            self.call("list", "--file", tmp_path / "nothing")

@@ -1,0 +1,110 @@
+"""Comparisons in every report: base, head, their ratio with its interval, margin, and pairs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pair_simulation import Comparison
+from r2bspec.cli.compare import command as compare
+from r2bspec.cli.judge import command as judge
+from r2bspec.cli.report import command as report
+from r2bspec.record.pairs import Pairs
+from r2bspec.report.registry import FORMATS, check_installed, renderer
+from r2bspec.report.reported import Reported
+from r2bspec.report.sources import read_folder
+from r2bspec.report.wording import bounds_text
+from r2bspec.slo.model import RequirementVerdict
+
+NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
+SHOWN = ("text", "markdown", "html", "junit", "github")
+"""The formats that a person reads."""
+
+
+@pytest.fixture(name="pairs", scope="module")
+def pairs_folder(tmp_path_factory: pytest.TempPathFactory) -> Pairs:
+    comparison = Comparison(
+        (0.020 * NOISE).tolist(), (0.022 * NOISE[::-1]).tolist(), unusable={2: "head: late"}
+    )
+    return comparison.write(tmp_path_factory.mktemp("report") / "pairs")
+
+
+def ratio(found: Reported) -> RequirementVerdict:
+    return next(one for one in found.result.verdict.requirements if one.compared is not None)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_takes_a_comparison(pairs: Pairs, name: str) -> None:
+    check_installed(name)
+    assert renderer(name)(read_folder(pairs.folder))
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_base_head_ratio_interval_margin_and_pairs_are_shown(pairs: Pairs, name: str) -> None:
+    found = read_folder(pairs.folder)
+    one = ratio(found)
+    text = " ".join(renderer(name)(found).decode().replace("&nbsp;", " ").split())
+    text = text.replace("%25", "%")
+    for said in ("from 20", "to 22", "over 5 pairs", "the limit is 105 %"):
+        assert said in text, said
+    assert bounds_text(one).split(" … ")[0].removesuffix(" %") in text
+
+
+def test_what_it_is_compared_with_comes_first(pairs: Pairs) -> None:
+    text = renderer("text")(read_folder(pairs.folder)).decode()
+    assert "Compared with other.r2b.yaml, in 5 of 6 pairs" in " ".join(text.split()[:30])
+    assert "From base to head, processes.relay.nice: 0 -> 5" in text
+
+
+def test_the_numbers_of_machines_have_the_ratio_too(pairs: Pairs) -> None:
+    found = read_folder(pairs.folder)
+    one = ratio(found)
+    csv = renderer("csv")(found).decode()
+    assert f"latency.p50.ratio,share,{one.estimate!r}" in csv
+    openmetrics = renderer("openmetrics")(found).decode()
+    assert f'value="upper"}} {one.upper!r}' in openmetrics
+
+
+def test_judge_needs_neither_ros_nor_the_first_result(
+    pairs: Pairs, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    outputs = []
+    for _ in range(2):
+        status = judge.main([str(pairs.folder), "--format", "json"], standalone_mode=False)
+        assert status == 1
+        outputs.append(capfd.readouterr().out)
+    assert outputs[0] == outputs[1]
+    assert json.loads(outputs[0])["pairs"]["planned"] == 6
+    looser = tmp_path / "looser.r2b.yaml"
+    looser.write_text(_LOOSER)
+    arguments = [str(pairs.folder), "--spec", str(looser), "--format", "json"]
+    assert judge.main(arguments, standalone_mode=False) == 0
+    assert json.loads(capfd.readouterr().out)["judged_by"] == "looser"
+
+
+def test_a_result_file_reports_and_a_folder_compares(
+    pairs: Pairs, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    kept = tmp_path / "result.json"
+    arguments = [str(pairs.folder), "--report", f"json={kept}"]
+    assert report.main(arguments, standalone_mode=False) == 0
+    arguments = [str(kept), "--report", "markdown=-"]
+    assert report.main(arguments, standalone_mode=False) == 0
+    assert "other.r2b.yaml" in capfd.readouterr().out
+    assert compare.main([str(pairs.folder), str(pairs.folder)], standalone_mode=False) == 0
+    assert "= same" in capfd.readouterr().out
+
+
+_LOOSER = """\
+r2bspec: 1
+name: looser
+data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}
+playback: {inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}}
+graph: {nodes: {relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}}}
+monitors: {detections: {topic: output, format: sensor_msgs/msg/Image}}
+benchmark: {rates: [30 Hz], iterations: 10, duration: 1 s}
+slos: {no_regression: {at: 30 Hz, require: [latency.p50 <= 130 % of baseline]}}
+"""
