@@ -1,0 +1,119 @@
+"""Base and head in interleaved runs on real ROS 2."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from r2bspec.record.pairs import open_pairs
+from ros_runs import Bench, Finished, relay_node, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+# A ratio that any machine shows: the relay alone waits for six times as long.
+SPEC = relay_spec(
+    variables={"ms": 30.0},
+    graph={"nodes": {"relay": relay_node(service_time_ms="$(var ms)")}},  # type: ignore[arg-type]
+    benchmark={
+        "duration": "500 ms",
+        "iterations": 1,
+        "rates": ["10 Hz"],
+        "warm_up": "100 ms",
+        "start_timeout": "60 s",
+    },
+    slos={"no_regression": {"at": "10 Hz", "require": ["latency.p50 <= 150 % of baseline"]}},
+)
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    return Bench(tmp_path_factory.mktemp("pairs"))
+
+
+@pytest.fixture(scope="module")
+def compared(bench: Bench) -> Finished:
+    """A relay of 30 ms against one of 5 ms, two pairs; not confirmed, which takes as long again."""
+    spec = SPEC | {"benchmark": SPEC["benchmark"] | {"gate": {"confirm": False}}}
+    return bench.run(spec, "--against", "var:ms=5.0", "--pairs", "2")
+
+
+def test_runs_are_interleaved_whole_and_fresh(compared: Finished) -> None:
+    pairs = open_pairs(compared.folder)
+    assert pairs.record.status == "complete"
+    assert [one.order for one in pairs.record.pairs if not one.again] == ["AB", "BA"]
+    began, pids = [], []
+    for one in pairs.record.pairs:
+        for side in ("base", "head") if one.order == "AB" else ("head", "base"):
+            run = pairs.run(one, side)  # type: ignore[arg-type]
+            assert run.record.status == "complete"
+            began.append(min(segment.began_ns for segment in run.record.segments))
+            pids += [each.pid for each in run.record.processes]
+            (relay,) = [each for each in run.plan.processes if each.name == "relay"]
+            wanted = {"base": 5.0, "head": 30.0}[side]
+            assert relay.nodes[0].parameters["service_time_ms"] == wanted
+    assert began == sorted(began)
+    assert len(set(pids)) == len(pids)
+
+
+def test_the_verdict_says_what_it_rests_on(compared: Finished) -> None:
+    result = json.loads((compared.folder / "result.json").read_text())
+    (one,) = result["verdict"]["requirements"]
+    if result["verdict"]["outcome"] == "invalid":
+        pytest.skip("this machine is too loaded to play 10 messages a second on time")
+    assert one["method"] == "paired t on logs"
+    # The relay waits: its base takes 5 ms or more, its head 30 ms or more.
+    assert one["compared"]["base"] > 0.005
+    assert one["compared"]["head"] > 0.030
+    assert one["outcome"] in {"fail", "inconclusive"}
+    assert "Compared with var:ms=5.0" in compared.stdout
+    assert "service_time_ms: 5.0 -> 30.0" in " ".join(compared.stdout.split())
+
+
+def test_judging_the_folder_again_gives_the_same_bytes(bench: Bench, compared: Finished) -> None:
+    again = bench.judge(compared.folder, "--format", "json")
+    assert again.stdout.encode() == (compared.folder / "result.json").read_bytes()
+    assert again.status == compared.status
+
+
+def test_an_interrupted_comparison_keeps_its_pairs(bench: Bench) -> None:
+    with bench.start(SPEC, "--control", "--pairs", "5") as running:
+        running.wait_for("pair 1 of 5: head")
+        running.wait_for(r"(?s)pair 1 of 5: head.*playing")
+        running.process.send_signal(signal.SIGINT)
+        done = running.finish()
+    assert done.status == 130
+    pairs = open_pairs(done.folder)
+    assert pairs.record.status == "incomplete"
+    assert pairs.record.reason.startswith("R2B670")
+    assert pairs.record.pairs == ()
+    assert done.outcome == "incomplete"
+    kept = json.loads((done.folder / "base" / "001" / "record.json").read_text())
+    assert kept["status"] == "complete"
+
+
+def test_a_head_that_dies_never_passes(bench: Bench) -> None:
+    bench.write_node("dying.py", DYING)
+    spec = SPEC | {"graph": {"nodes": {"relay": {"python": "./dying.py:Dying"}}}}
+    base = bench.write(SPEC, "base")
+    done = bench.run(spec, "--against", str(base), "--pairs", "1")
+    assert (done.status, done.outcome) == (4, "incomplete")
+    assert "the head failed" in done.stderr
+    pairs = open_pairs(done.folder)
+    assert pairs.played() == ()
+    assert (Path(done.folder) / "head" / "001-again" / "record.json").exists()
+
+
+DYING = """
+import os
+
+
+class Dying(Node):
+    def __init__(self, **kwargs):
+        super().__init__("relay", **kwargs)
+        self.create_subscription(Image, "input", lambda _: os._exit(3), 10)
+        self.create_publisher(Image, "output", 10)
+"""
