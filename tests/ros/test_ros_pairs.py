@@ -15,9 +15,11 @@ from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 
 # A ratio that any machine shows: the relay alone waits for six times as long.
+RELAY = relay_node()
+RELAY["parameters"] |= {"service_time_ms": "$(var ms)"}
 SPEC = relay_spec(
     variables={"ms": 30.0},
-    graph={"nodes": {"relay": relay_node(service_time_ms="$(var ms)")}},  # type: ignore[arg-type]
+    graph={"nodes": {"relay": RELAY}},
     benchmark={
         "duration": "500 ms",
         "iterations": 1,
@@ -48,7 +50,7 @@ def test_runs_are_interleaved_whole_and_fresh(compared: Finished) -> None:
     began, pids = [], []
     for one in pairs.record.pairs:
         for side in ("base", "head") if one.order == "AB" else ("head", "base"):
-            run = pairs.run(one, side)  # type: ignore[arg-type]
+            run = pairs.run(one, side)
             assert run.record.status == "complete"
             began.append(min(segment.began_ns for segment in run.record.segments))
             pids += [each.pid for each in run.record.processes]

@@ -14,7 +14,7 @@ from simulated_gates import paired_values, run_values
 from r2bspec.slo.baseline import Comparison, judge_history, judge_pairs
 from r2bspec.slo.confirmation import CONFIRMING, confirm
 from r2bspec.slo.earlier import CONFIRMING_BY_HISTORY
-from r2bspec.slo.model import RequirementVerdict
+from r2bspec.slo.model import Outcome, RequirementVerdict
 from r2bspec.spec.requirement import parse_requirement
 
 pytestmark = pytest.mark.simulation
@@ -44,10 +44,11 @@ def paired(random: np.random.Generator, ratio: float, comparison: Comparison) ->
     return judge_pairs(comparison, base[0].tolist(), head[0].tolist())
 
 
-def paired_outcomes(ratio: float, limit: float, seed: int) -> tuple[list[str], list[str]]:
+def paired_outcomes(ratio: float, limit: float, seed: int) -> tuple[list[Outcome], list[Outcome]]:
     """Of many gates the outcomes of the first pairs, and those after fresh ones."""
     random = np.random.default_rng(seed)
-    first, last = [], []
+    first: list[Outcome] = []
+    last: list[Outcome] = []
     for _ in range(GATES):
         one = paired(random, ratio, asked(limit))
         first.append(one.outcome)
@@ -59,11 +60,12 @@ def paired_outcomes(ratio: float, limit: float, seed: int) -> tuple[list[str], l
 
 def history_outcomes(
     ratio: float, limit: float, runs: int, seed: int
-) -> tuple[list[str], list[str]]:
+) -> tuple[list[Outcome], list[Outcome]]:
     """The same for a new run of ten iterations against so many earlier ones."""
     random = np.random.default_rng(seed)
     again = asked(limit, CONFIRMING_BY_HISTORY)
-    first, last = [], []
+    first: list[Outcome] = []
+    last: list[Outcome] = []
     for _ in range(GATES):
         earlier = run_values(random, runs, 10).mean(axis=1).tolist()
         new, fresh = (run_values(random, 2, 10).mean(axis=1) * ratio).tolist()
@@ -75,7 +77,7 @@ def history_outcomes(
     return first, last
 
 
-def share(outcomes: list[str], outcome: str) -> float:
+def share(outcomes: list[Outcome], outcome: Outcome) -> float:
     return outcomes.count(outcome) / len(outcomes)
 
 
