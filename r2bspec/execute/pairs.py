@@ -43,7 +43,7 @@ class Contender:
         plan: as it was compiled, with all iterations.
         base_dir: the folder of its spec.
         spec_text: the resolved spec.
-        environment: what its runs have otherwise than this process; see `surroundings.inside`.
+        environment: what its runs have otherwise than this process; see `workspaces.inside`.
     """
 
     plan: Plan

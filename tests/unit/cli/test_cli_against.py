@@ -15,7 +15,7 @@ from r2bspec.cli.run import command as run
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.environment import inherited
 from r2bspec.execute.errors import EnvironmentRefusedError
-from r2bspec.execute.surroundings import inside, workspace, workspaces
+from r2bspec.execute.workspaces import inside, workspace, workspaces
 from r2bspec.history import Entry, HistoryError, open_history
 from r2bspec.regressions.reference import BadReferenceError, parse_references
 
