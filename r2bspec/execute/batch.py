@@ -13,16 +13,17 @@ from pathlib import Path
 
 from r2bspec.execute.alignment import align, in_order
 from r2bspec.execute.children import Child, Children
+from r2bspec.execute.differences import suspicions
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.external import wait_for_external
 from r2bspec.execute.floor import measure_floor, usual_rate_hz
-from r2bspec.execute.graph import Launcher, readers_wanted, wait_until_matched
+from r2bspec.execute.graph import Launcher, explain, readers_wanted, wait_until_matched
 from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
 from r2bspec.execute.probes import wait_for_probe
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.silence.facts import Facts
 from r2bspec.execute.silence.observe import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
-from r2bspec.execute.silence.walk import described, way_to
+from r2bspec.execute.silence.walk import described, whole_way
 from r2bspec.harness import protocol
 from r2bspec.harness.buffers import read_index
 from r2bspec.plan.model import MonitorPlan, Plan
@@ -221,16 +222,28 @@ class Batch:
             if time.monotonic() > deadline:
                 topics = [each.topic for each in plan.monitors if each.name in silent]
                 facts = self._watch_all(stage, monitor)
-                raise NoOutputError(
-                    f"nothing arrived on {', '.join(topics)}: "
-                    f"{told(facts, topics, breaks_of(facts, topics))}",
+                breaks = breaks_of(facts, topics)
+                also = suspicions(breaks, self._launcher.differences)
+                raise explain(
+                    self._launcher,
+                    breaks,
+                    f"nothing arrived on {', '.join(topics)}: {told(facts, topics, breaks, also)}",
+                    otherwise=NoOutputError,
                     hint="The inputs were played, but the graph published nothing there.",
                 )
 
     def _watch_all(self, stage: Stage, monitor: Child) -> Facts:
         """Play some steps and see what passes on each topic."""
         observer = Observer(self._children, monitor, self._plan, PHASE)
-        facts = observer.watch(self._rows_dir, lambda: stage.play_aside(PLAY_HZ, PLAY_STEPS))
+
+        def play() -> None:
+            if self._plan.inputs:
+                stage.play_aside(PLAY_HZ, PLAY_STEPS)
+            else:
+                # The graph has a source of its own: it need only be given time.
+                self._children.pump_for(PLAY_STEPS / PLAY_HZ)
+
+        facts = observer.watch(self._rows_dir, play)
         stage.skip()
         return facts
 
@@ -253,6 +266,6 @@ class Batch:
                 segment=segment.id,
                 topic=plan.topic,
                 reason=reason,
-                way=tuple(each.strip() for each in described(facts, way_to(facts, plan.topic))),
+                way=tuple(each.strip() for each in described(facts, whole_way(facts, plan.topic))),
             ),
         )

@@ -141,6 +141,16 @@ class Children:
                 self._raise_death(child)
         self._check_interrupt()
 
+    def pump_for(self, seconds: float) -> None:
+        """Do as `pump` for a while.
+
+        Raises:
+            RunError: what `pump` raises.
+        """
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self.pump()
+
     def _raise_failure(self, child: Child) -> None:
         for message in child.inbox:
             if isinstance(message, protocol.Failed):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+
+import msgspec
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.execute.errors import GraphDiffersError
+from r2bspec.execute.silence.walk import Break
 from r2bspec.harness import protocol
 from r2bspec.record.model import Difference
 
@@ -48,10 +51,54 @@ def unmatched_remappings(ready: protocol.Ready) -> Iterator[Difference]:
         names = sorted({topic for owner, topic, _, _ in ready.endpoints if owner == node} - {after})
         yield Difference(
             code=_REMAPPING_MATCHES_NOTHING,
-            message=f"node {node} has no topic '{before}' that could be remapped to '{after}'",
+            message=f"node {node} has no topic '{before}' that could be remapped to {after}",
             part="remapping",
             owner=node,
             name=before,
+            topic=after,
             help=f"its topics: {', '.join(names)}" if names else "it has no topic at all",
             harmless=True,
         )
+
+
+def differences_of(
+    breaks: Iterable[Break], launched: Iterable[Difference]
+) -> tuple[Difference, ...]:
+    """What is wrong, causes before consequences.
+
+    A remapping that changed no name is the cause if the topic that it would have made is missing,
+    of which then nothing more needs to be said.
+
+    Args:
+        breaks: where the way of messages ends. What a node does with its messages is its own
+            affair, and no difference.
+        launched: what the nodes did not take of the plan when they were made.
+    """
+    breaks = [each for each in breaks if each.kind != "swallowed"]
+    missing = {each.topic for each in breaks}
+    causes = [
+        msgspec.structs.replace(each, harmless=False)
+        for each in launched
+        if each.topic and each.topic in missing
+    ]
+    explained = {each.topic for each in causes}
+    return (
+        *causes,
+        *(
+            Difference(
+                code=each.code,
+                message=each.sentence,
+                part="endpoint",
+                owner=each.owner,
+                name=each.topic,
+            )
+            for each in breaks
+            if each.topic not in explained
+        ),
+    )
+
+
+def suspicions(breaks: Iterable[Break], launched: Iterable[Difference]) -> str:
+    """What else is odd about the nodes at which messages end, to be put behind a sentence."""
+    owners = {each.owner for each in breaks}
+    return "".join(f"; {each.message}" for each in launched if each.owner in owners)

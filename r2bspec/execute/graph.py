@@ -8,12 +8,16 @@ every planned endpoint is matched; what is missing when time is up is named.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from r2bspec.execute.children import Child, Children
-from r2bspec.execute.differences import refuse_undeclared, unmatched_remappings
+from r2bspec.execute.differences import (
+    differences_of,
+    refuse_undeclared,
+    unmatched_remappings,
+)
 from r2bspec.execute.environment import RunEnvironment
 from r2bspec.execute.errors import GraphDiffersError, NotReadyError, RunError
 from r2bspec.execute.machine import interpreter
@@ -189,33 +193,48 @@ def _not_ready(
     phase: str,
     missing: dict[str, tuple[int, int]],
 ) -> RunError:
-    """Say where the ways break: as a difference from the spec, if trying again cannot help."""
+    """Say where the ways break."""
     eyes = next(child for child in children if child.role in {"monitor", "loader"})
     facts = Observer(children, eyes, plan, phase).look()
     inputs = [topic for topic in missing if topic in facts.inputs]
     silent = [topic for topic in missing if topic not in facts.inputs]
     breaks = breaks_of(facts, silent, inputs)
     seconds = plan.start_timeout_ns / 1e9
-    counted = "; ".join(f"{t}: {have} of {want} matched" for t, (have, want) in missing.items())
-    said = (
+    counted = ", ".join(
+        f"{topic}: {have} of {want} endpoints matched" for topic, (have, want) in missing.items()
+    )
+    return explain(
+        launcher,
+        breaks,
         f"the {phase} graph was not ready after {seconds:g} s ({counted}): "
-        f"{told(facts, silent or inputs, breaks)}"
+        f"{told(facts, silent or inputs, breaks)}",
+        otherwise=NotReadyError,
+        hint="Check remappings, message types and QoS of the nodes on these topics.",
     )
-    hint = "Check remappings, message types and QoS of the nodes on these topics."
-    differences = (*launcher.differences, *(_difference(each) for each in breaks))
-    if differences and launcher.has_made(each.owner for each in breaks):
-        return GraphDiffersError(differences, said, hint)
-    return NotReadyError(said, hint=hint)
 
 
-def _difference(found: Break) -> Difference:
-    return Difference(
-        code=found.code,
-        message=found.sentence,
-        part="endpoint",
-        owner=found.owner,
-        name=found.topic,
-    )
+def explain(
+    launcher: Launcher,
+    breaks: Sequence[Break],
+    said: str,
+    *,
+    otherwise: type[RunError],
+    hint: str,
+) -> RunError:
+    """The error for a graph that does not do what it should.
+
+    Args:
+        launcher: knows the nodes.
+        breaks: where the ways of messages end.
+        said: everything that the user is to be told.
+        otherwise: the error where the graph is not clearly another than the spec's, so that to
+            try again might help.
+        hint: for that error.
+    """
+    differences = differences_of(breaks, launcher.differences)
+    if differences and launcher.has_made(each.owner for each in differences):
+        return GraphDiffersError(differences, said, differences[0].help or hint)
+    return otherwise(said, hint=hint)
 
 
 def readers_wanted(plan: Plan, topic: str, phase: str) -> int:

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Final
 
 from r2bspec.execute.children import Child, Children
+from r2bspec.execute.differences import suspicions
 from r2bspec.execute.errors import NoOutputError
-from r2bspec.execute.graph import Launcher, readers_wanted, wait_until_matched
+from r2bspec.execute.graph import Launcher, explain, readers_wanted, wait_until_matched
 from r2bspec.execute.silence.facts import Facts
 from r2bspec.execute.silence.observe import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
 from r2bspec.harness import protocol
@@ -104,9 +105,13 @@ def _check(
     silent = [topic for topic, count in loaded.recorded.items() if count == 0]
     if silent:
         facts = _watch_all(plan, children, launcher, loader, buffer_dir)
-        raise NoOutputError(
-            f"nothing arrived on {', '.join(silent)}: "
-            f"{told(facts, silent, breaks_of(facts, silent))}",
+        breaks = breaks_of(facts, silent)
+        also = suspicions(breaks, launcher.differences)
+        raise explain(
+            launcher,
+            breaks,
+            f"nothing arrived on {', '.join(silent)}: {told(facts, silent, breaks, also)}",
+            otherwise=NoOutputError,
             hint="The preprocessors were fed, but published nothing there.",
         )
     # The shortest source: whatever is made of several has no more to go by.

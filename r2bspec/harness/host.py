@@ -145,7 +145,7 @@ def _unmatched(plan: NodePlan, node: Node) -> Iterator[tuple[str, str, str]]:
     for before, after in plan.remappings.items():
         full = expand(after, name, namespace)
         if not any(each == full or each.startswith(f"{full}/") for each in found):
-            yield plan.name, before, after
+            yield plan.name, before, full
 
 
 def _type_name(message_class: Any) -> str:

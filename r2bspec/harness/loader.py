@@ -12,7 +12,7 @@ from pathlib import Path
 
 from r2bspec.harness import buffers, protocol, ros
 from r2bspec.harness.channel import Channel
-from r2bspec.harness.monitor import discover
+from r2bspec.harness.monitor import discover, survey
 from r2bspec.harness.stamps import read_stamp
 from r2bspec.spec.model import QoS
 
@@ -94,6 +94,8 @@ class Loader:
                     self._channel.send(protocol.Matched(counts=self._matches()))
                 case protocol.Discover(topics=topics):
                     self._channel.send(discover(self._node, topics))
+                case protocol.Survey():
+                    self._channel.send(survey(self._node))
                 case protocol.Load(patience_ns=patience_ns):
                     self._channel.send(self._load(patience_ns))
                 case protocol.Play(rate_hz=rate_hz, steps=steps):

@@ -153,7 +153,7 @@ class Ready(_Message, frozen=True, kw_only=True, tag=True):
     `endpoints` lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the
     parameters given that the node does not declare, as (node, parameter), `parameters` what each
     node does declare, and `unmatched` the remappings that changed no name of the node's, as (node,
-    name before, name after).
+    name before as written, full name after).
     """
 
     endpoints: tuple[tuple[str, str, str, str], ...] = ()

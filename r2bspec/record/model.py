@@ -171,6 +171,7 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
         part: what it is about: a `parameter` or a `remapping` of a node, or an `endpoint`.
         owner: the full name of the node, or the part of the harness, that has it.
         name: the parameter, the left side of the remapping, or the full name of the topic.
+        topic: the full name that the remapping would have given.
         harmless: whether the run could go on all the same.
     """
 
@@ -179,6 +180,7 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
     part: Literal["parameter", "remapping", "endpoint"]
     owner: str
     name: str
+    topic: str = ""
     help: str = ""
     harmless: bool = False
 

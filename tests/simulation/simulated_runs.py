@@ -15,7 +15,7 @@ from r2bspec.record.model import RunRecord, Segment
 from r2bspec.slo.judge import judge
 from r2bspec.slo.model import Verdict
 from r2bspec.slo.terms import Terms
-from run_simulation import EPOCH_NS, Played, monitor_rows, objective, playback_rows
+from run_simulation import EPOCH_NS, Played, monitor_plan, monitor_rows, objective, playback_rows
 
 RATE_HZ = 30.0
 
@@ -44,7 +44,7 @@ def run_of(latency: NDArray[np.float64]) -> RunSamples:
                 playback=playback_samples(playback),
                 monitors={
                     "out": monitor_samples(
-                        segment, playback, monitor_rows(played, playback), "stamp"
+                        segment, playback, monitor_rows(played, playback), monitor_plan("out")
                     )
                 },
                 processes={},

@@ -130,16 +130,7 @@ class Simulation:
             playback_mode="looping",
             buffer=0,
             inputs=(),
-            monitors=tuple(
-                MonitorPlan(
-                    name=name,
-                    topic=f"/r2b/{name}",
-                    type="std_msgs/msg/Header",
-                    match=self.match,
-                    qos=None,
-                )
-                for name in self.monitors
-            ),
+            monitors=tuple(monitor_plan(name, self.match) for name in self.monitors),
             phases=("load", "start", "play", "collect"),
             warm_up_ns=10**9,
             start_timeout_ns=10**9,
@@ -182,6 +173,13 @@ class Simulation:
         )
         rows["memory_bytes"] = (np.tile(range(len(loads)), times.size) + 1) * 50 * 2**20
         return rows
+
+
+def monitor_plan(name: str, match: Literal["stamp", "order"] = "stamp") -> MonitorPlan:
+    """A monitor of messages with a header."""
+    return MonitorPlan(
+        name=name, topic=f"/r2b/{name}", type="std_msgs/msg/Header", match=match, qos=None
+    )
 
 
 def playback_rows(played: Played, start_ns: int = EPOCH_NS) -> Rows:

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.silence.facts import Facts, gather
-from r2bspec.execute.silence.walk import Break, described, first_break, unread_input, way_to
+from r2bspec.execute.silence.walk import Break, described, first_break, unread_input, whole_way
 from r2bspec.harness import protocol
 from r2bspec.harness.rows import RowReader
 from r2bspec.plan.model import MonitorPlan, Plan
@@ -24,6 +24,7 @@ _MATCH_S = 3.0
 _QUIET_S = 0.5
 _WAIT_S = 5.0
 _POLL_S = 0.02
+_SETTLE_S = 0.3
 _Answer = TypeVar("_Answer")
 _OF_EVERY_NODE = ("/rosout", "/parameter_events")
 
@@ -46,8 +47,7 @@ class Observer:
 
     def look(self) -> Facts:
         """Who is there, on every topic; nothing is played."""
-        found = self._ask(protocol.Survey(), protocol.Surveyed)
-        return self._gather(found, self._discover(found))
+        return self._gather(*self._see())
 
     def watch(self, rows_dir: Path, play: Callable[[], None]) -> Facts:
         """Who is there, and what passes on every topic while `play` plays `PLAY_STEPS` steps.
@@ -56,8 +56,7 @@ class Observer:
             rows_dir: the folder where the monitor's process writes its rows.
             play: plays, and returns when that is done.
         """
-        found = self._ask(protocol.Survey(), protocol.Surveyed)
-        seen = self._discover(found)
+        found, seen = self._see()
         # Runs may be looked at more than once, and a file of rows is never opened again.
         now = time.monotonic_ns()
         watches = tuple(
@@ -78,13 +77,35 @@ class Observer:
             for each in watches
             if (rows_dir / f"{each.name}.rows").exists()
         }
-        # What a writer keeps for late joiners has come by now, and was not played.
+        # What a writer keeps for late joiners comes now, and is not what will be played.
+        self._wait_for_quiet(files.values())
         before = {topic: rows.count() for topic, rows in files.items()}
         play()
         self._wait_for_quiet(files.values())
         passed = {topic: rows.count() - before[topic] for topic, rows in files.items()}
         self._ask(protocol.Unwatch(), protocol.Matched)
         return self._gather(found, seen, passed)
+
+    def _see(self) -> tuple[protocol.Surveyed, protocol.Discovered]:
+        """What discovery shows when it has settled: eyes that were just opened see little."""
+        deadline = time.monotonic() + _WAIT_S
+        found = self._ask(protocol.Survey(), protocol.Surveyed)
+        seen = self._discover(found)
+        while time.monotonic() < deadline:
+            before = _endpoints(seen)
+            self._children.pump(_SETTLE_S)
+            found = self._ask(protocol.Survey(), protocol.Surveyed)
+            seen = self._discover(found)
+            if _endpoints(seen) == before and self._sees_inputs(seen):
+                break
+        return found, seen
+
+    def _sees_inputs(self, seen: protocol.Discovered) -> bool:
+        return all(
+            seen.writers.get(each.name)
+            for each in self._plan.topics
+            if each.phase == self._phase and {"player", "loader"} & {*each.writers}
+        )
 
     def _discover(self, found: protocol.Surveyed) -> protocol.Discovered:
         planned = {each.name for each in self._plan.topics if each.phase == self._phase}
@@ -130,6 +151,12 @@ class Observer:
             self._children.pump(_POLL_S)
 
 
+def _endpoints(seen: protocol.Discovered) -> list[tuple[str, str]]:
+    """All that is there, in an order of its own."""
+    both = (seen.writers.items(), seen.readers.items())
+    return sorted((topic, repr(end)) for side in both for topic, ends in side for end in ends)
+
+
 def breaks_of(facts: Facts, silent: Iterable[str], inputs: Iterable[str] = ()) -> tuple[Break, ...]:
     """The first break on the way to each silent topic, and to the readers of some inputs.
 
@@ -140,10 +167,10 @@ def breaks_of(facts: Facts, silent: Iterable[str], inputs: Iterable[str] = ()) -
     return tuple({each.topic: each for each in found if each is not None}.values())
 
 
-def told(facts: Facts, silent: Iterable[str], breaks: Iterable[Break]) -> str:
-    """The breaks, a sentence each, and below them the whole way."""
-    way = dict.fromkeys(name for each in silent for name in way_to(facts, each))
+def told(facts: Facts, silent: Iterable[str], breaks: Iterable[Break], also: str = "") -> str:
+    """The breaks, a sentence each, what is `also` to be said, and below it the whole way."""
+    way = dict.fromkeys(name for each in silent for name in whole_way(facts, each))
     said = [each.sentence for each in breaks]
     if not said:
         said = ["writers and readers have found each other, and nothing is seen to be wrong"]
-    return "\n".join(["; ".join(said), *described(facts, way)])
+    return "\n".join(["; ".join(said) + also, *described(facts, way)])

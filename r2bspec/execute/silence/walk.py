@@ -57,16 +57,30 @@ def way_to(facts: Facts, silent: str) -> tuple[str, ...]:
                 if read not in behind:
                     behind.add(read)
                     ahead.append(read)
-    distance = {name: 0 for name in facts.inputs if name in behind}
-    reached = sorted(distance)
-    for topic in reached:
-        for node in sorted(facts.topics[topic].all_readers - {*HARNESS}):
-            for name, each in facts.topics.items():
-                if name in behind and name not in distance and node in each.all_writers:
-                    distance[name] = distance[topic] + 1
-                    reached.append(name)
+    reached = [name for name in _from_inputs(facts) if name in behind]
     rest = sorted(behind - {*reached, silent})
     return tuple(dict.fromkeys((*reached, *rest, silent)))
+
+
+def whole_way(facts: Facts, silent: str) -> tuple[str, ...]:
+    """The way to a silent topic; where none is known, all that the inputs lead to, as well."""
+    way = way_to(facts, silent)
+    if {*way} & {*facts.inputs}:
+        return way
+    return tuple(dict.fromkeys((*_from_inputs(facts), *way)))
+
+
+def _from_inputs(facts: Facts) -> list[str]:
+    """The topics that messages can reach, in the order in which they do."""
+    reached = sorted(facts.inputs)
+    for topic in reached:
+        nodes = facts.topics[topic].all_readers - {*HARNESS}
+        reached += sorted(
+            name
+            for name, each in facts.topics.items()
+            if name not in reached and nodes & each.all_writers
+        )
+    return reached
 
 
 def first_break(facts: Facts, silent: str) -> Break | None:
@@ -115,8 +129,12 @@ def _leading_on(facts: Facts, topic: TopicFacts, silent: str, on_way: set[str]) 
 def _unwritten(facts: Facts, topic: TopicFacts) -> Break:
     owner = next(iter(topic.planned_writers), "")
     instead = facts.written_by(owner) if owner else ()
-    written = [name for name, each in facts.topics.items() if each.writers and name != topic.name]
-    close = did_you_mean(topic.name, instead) or did_you_mean(topic.name, written)
+    loose = [
+        name
+        for name, each in facts.topics.items()
+        if each.writers and not each.readers and not each.planned_writers
+    ]
+    close = _nearest(topic.name, instead) or _nearest(topic.name, loose)
     said = f"{topic.name}: nobody writes it"
     if close:
         by = _names(each.node for each in facts.topics[close].writers)
@@ -127,6 +145,9 @@ def _unwritten(facts: Facts, topic: TopicFacts) -> Break:
         said += f"; {owner}, which should, is not there"
     elif owner:
         said += f"; {owner}, which should, writes nothing"
+    elif loose:
+        by = _names(each.node for each in facts.topics[loose[0]].writers)
+        said += f"; nobody reads {loose[0]}, which {by} writes"
     return Break("unwritten", topic.name, owner, said)
 
 
@@ -207,8 +228,8 @@ def _unread(facts: Facts, topic: TopicFacts, wanted: list[str]) -> Break | None:
         how = "were played" if topic.name in facts.inputs else "passed"
         passed = f"{_messages(topic.passed)} {how}, but "
     who = f"{owner} does not read it" if owner and _read_by_anyone(topic) else "nobody reads it"
-    close = did_you_mean(topic.name, [name for name in others if not facts.topics[name].writers])
-    close = close or did_you_mean(topic.name, others)
+    close = _nearest(topic.name, [name for name in others if not facts.topics[name].writers])
+    close = close or _nearest(topic.name, others)
     said = f"{topic.name}: {passed}{who}"
     if close:
         by = _names(each.node for each in facts.topics[close].readers)
@@ -217,6 +238,13 @@ def _unread(facts: Facts, topic: TopicFacts, wanted: list[str]) -> Break | None:
         read = [name for name in others if any(e.node == owner for e in facts.topics[name].readers)]
         said += f"; {owner}, which should, reads {_names(read) or 'nothing'}"
     return Break("unread", topic.name, owner, said)
+
+
+def _nearest(wrong: str, names: Iterable[str]) -> str:
+    """The name that may have been meant, by what follows the namespace, which most have alike."""
+    by_end = {name.rpartition("/")[2]: name for name in sorted(names, reverse=True)}
+    close = did_you_mean(wrong.rpartition("/")[2], by_end)
+    return by_end[close] if close else ""
 
 
 def _read_by(topic: TopicFacts, nodes: Iterable[str]) -> bool:

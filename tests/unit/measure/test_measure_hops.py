@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import msgspec
 import numpy as np
 import pytest
@@ -48,7 +50,7 @@ def plan(edges: dict[str, tuple[str, ...]], monitor: str = "/out", *inputs: str)
     )
 
 
-def rows(times_ms: dict[int, float]) -> Rows:
+def rows(times_ms: Mapping[int, float]) -> Rows:
     """What arrived of some steps, so many milliseconds after each was published, in order."""
     found = np.zeros(len(times_ms), MONITOR)
     for row, (step, later_ms) in zip(found, times_ms.items(), strict=True):
