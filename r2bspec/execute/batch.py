@@ -234,7 +234,8 @@ class Batch:
 
     def _watch_all(self, stage: Stage, monitor: Child) -> Facts:
         """Play some steps and see what passes on each topic."""
-        observer = Observer(self._children, monitor, self._plan, PHASE)
+        known = self._launcher.endpoints_in(self._plan, PHASE)
+        observer = Observer(self._children, monitor, self._plan, PHASE, known)
 
         def play() -> None:
             if self._plan.inputs:

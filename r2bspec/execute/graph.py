@@ -109,6 +109,11 @@ class Launcher:
             self._made |= {node.name for node in plan.nodes}
         return children
 
+    def endpoints_in(self, plan: Plan, phase: str) -> list[tuple[str, str, str, str]]:
+        """What the Python nodes of a phase have."""
+        nodes = {node.name for each in plan.processes if each.phase == phase for node in each.nodes}
+        return [each for each in self.endpoints if each[0] in nodes]
+
     def has_made(self, nodes: Iterable[str]) -> bool:
         """Whether some nodes are all there, with every endpoint that they make at their start."""
         return all(node in self._made or node in {"", *HARNESS} for node in nodes)
@@ -195,7 +200,7 @@ def _not_ready(
 ) -> RunError:
     """Say where the ways break."""
     eyes = next(child for child in children if child.role in {"monitor", "loader"})
-    facts = Observer(children, eyes, plan, phase).look()
+    facts = Observer(children, eyes, plan, phase, launcher.endpoints_in(plan, phase)).look()
     inputs = [topic for topic in missing if topic in facts.inputs]
     silent = [topic for topic in missing if topic not in facts.inputs]
     breaks = breaks_of(facts, silent, inputs)

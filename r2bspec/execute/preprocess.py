@@ -134,4 +134,5 @@ def _watch_all(
         command = protocol.Play(rate_hz=PLAY_HZ, steps=PLAY_STEPS)
         children.ask(loader, command, protocol.Played, _PLAY_S)
 
-    return Observer(children, eyes, plan, _PHASE).watch(rows_dir, play)
+    known = launcher.endpoints_in(plan, _PHASE)
+    return Observer(children, eyes, plan, _PHASE, known).watch(rows_dir, play)

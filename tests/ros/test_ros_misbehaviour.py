@@ -155,6 +155,19 @@ def test_a_node_that_falls_silent_is_measured_as_such(strange: Finished) -> None
     assert found["answered"] == 2 * STEPS - found["missed"]
 
 
+def test_an_output_that_stops_half_way_is_told_with_where_its_messages_end(
+    strange: Finished,
+) -> None:
+    (silence,) = strange.result()["silences"]
+    assert (silence["topic"], silence["segment"]) == ("/r2b/out/falls_silent", "rate-20Hz-002")
+    assert silence["reason"] == (
+        "/r2b/input: 10 messages were played, and /r2b/falls_silent reads it; "
+        "/r2b/falls_silent publishes nothing on /r2b/out/falls_silent"
+    )
+    assert "10 passed" in silence["way"][0]
+    assert "/r2b/out/falls_silent fell silent in rate-20Hz-002." in strange.stdout
+
+
 def test_answers_that_come_twice_are_counted_as_duplicates(strange: Finished) -> None:
     found = pooled(strange, "repeats")
     assert found["missed"] == 0

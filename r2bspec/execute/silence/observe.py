@@ -23,6 +23,9 @@ _ASK_S = 10.0
 _MATCH_S = 3.0
 _QUIET_S = 0.5
 _WAIT_S = 5.0
+_SEE_S = 10.0
+"""Discovery takes a fraction of a second, and much longer on a machine that is busy."""
+
 _POLL_S = 0.02
 _SETTLE_S = 0.3
 _Answer = TypeVar("_Answer")
@@ -37,9 +40,19 @@ class Observer:
         eyes: a process that plays the monitor; to see who is there, a loader is enough.
         plan: what should be there.
         phase: ``preprocess`` or ``measure``.
+        known: endpoints that are there for certain, as `protocol.Ready` tells them: until they are
+            seen, discovery has not settled.
     """
 
-    def __init__(self, children: Children, eyes: Child, plan: Plan, phase: str) -> None:
+    def __init__(
+        self,
+        children: Children,
+        eyes: Child,
+        plan: Plan,
+        phase: str,
+        known: Iterable[tuple[str, str, str, str]] = (),
+    ) -> None:
+        self._known = [*known]
         self._children = children
         self._eyes = eyes
         self._plan = plan
@@ -88,7 +101,7 @@ class Observer:
 
     def _see(self) -> tuple[protocol.Surveyed, protocol.Discovered]:
         """What discovery shows when it has settled: eyes that were just opened see little."""
-        deadline = time.monotonic() + _WAIT_S
+        deadline = time.monotonic() + _SEE_S
         found = self._ask(protocol.Survey(), protocol.Surveyed)
         seen = self._discover(found)
         while time.monotonic() < deadline:
@@ -96,11 +109,17 @@ class Observer:
             self._children.pump(_SETTLE_S)
             found = self._ask(protocol.Survey(), protocol.Surveyed)
             seen = self._discover(found)
-            if _endpoints(seen) == before and self._sees_inputs(seen):
+            if _endpoints(seen) == before and self._sees_known(seen):
                 break
         return found, seen
 
-    def _sees_inputs(self, seen: protocol.Discovered) -> bool:
+    def _sees_known(self, seen: protocol.Discovered) -> bool:
+        for node, topic, _, does in self._known:
+            ends = seen.writers if does == "publishes" else seen.readers
+            if topic not in _OF_EVERY_NODE and node not in {
+                each.node for each in ends.get(topic, ())
+            }:
+                return False
         return all(
             seen.writers.get(each.name)
             for each in self._plan.topics
