@@ -21,6 +21,7 @@ from r2bspec.execute.graph import Launcher, explain, readers_wanted, wait_until_
 from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
 from r2bspec.execute.probes import wait_for_probe
 from r2bspec.execute.progress import Progress
+from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.silence.facts import Facts
 from r2bspec.execute.silence.observe import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
 from r2bspec.execute.silence.walk import described, whole_way
@@ -40,12 +41,16 @@ _WARM_UP_STEPS = 10
 
 @dataclass(frozen=True)
 class Reporting:
-    """Whom a batch tells what it does: of a phase its name and a text, notes, and segments."""
+    """Whom a batch tells what it does: of a phase its name and a text, notes, and segments.
+
+    `resources` samples; it is told when.
+    """
 
     phase: Callable[[str, str], None]
     note: Callable[[str], None]
     segment: Callable[[], None]
     progress: Progress
+    resources: ResourceSampler
 
 
 class Batch:
@@ -105,6 +110,7 @@ class Batch:
             self._folder,
             self._tell.progress,
             on_segment=self._tell.segment,
+            resources=self._tell.resources,
             confirms=self._confirms,
         )
         self._get_ready(monitor)

@@ -12,7 +12,9 @@ import os
 import shutil
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,6 +22,7 @@ import msgspec
 
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.batch import Batch, Reporting
+from r2bspec.execute.budget import Budget
 from r2bspec.execute.buffering import buffer_bags
 from r2bspec.execute.children import Children
 from r2bspec.execute.concealing import concealing
@@ -44,14 +47,14 @@ from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.steps import run_setup
 from r2bspec.harness.buffers import largest_message_bytes
 from r2bspec.harness.clocks import Clocks
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.samples import RunSamples, read_samples
 from r2bspec.plan.canonical import canonical_json, plan_hash
 from r2bspec.plan.model import Plan
 from r2bspec.plan.unsupported import unsupported
 from r2bspec.record.errors import RecordError
 from r2bspec.record.model import Difference, RunRecord
 from r2bspec.record.store import RunFolder, open_run
-from r2bspec.slo.confirmation import wants_confirmation
+from r2bspec.slo.confirmation import judge_fresh, wants_confirmation
 from r2bspec.slo.judge import judge
 from r2bspec.slo.model import Verdict
 from r2bspec.slo.terms import terms_of
@@ -137,6 +140,7 @@ class _Controller:
         self._launchers: list[Launcher] = []
         self._batches: list[Batch] = []
         self._measuring: list[Measuring] = []
+        self._budget = Budget(plan.gate.time_budget_ns, self._note)
 
     def run(self) -> RunRecord:
         """Carry the plan out, clean up, and write the record, in that order, whatever happens."""
@@ -166,7 +170,8 @@ class _Controller:
         shutil.rmtree(self._buffer_dir, ignore_errors=True)
         # Of several failures the first one is to be told.
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
-            self._folder.write_resources(self._resources.stop())
+            self._resources.stop()
+            self._write_sampled()
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._folder.write_record(record)
         return record
@@ -188,6 +193,8 @@ class _Controller:
                     self._note,
                 )
             self._measure(domain)
+            # One that died at the last message did not survive the run either.
+            self._children.pump(0.0)
             self._phase("collect", "collecting")
             # Inside the reservation: the domain is free for others only when all are gone.
             self._children.end(list(self._children))
@@ -285,25 +292,30 @@ class _Controller:
 
     def _measure(self, domain: int) -> None:
         """Play the batch that decides and, if it fails, a fresh one that confirms it or not."""
-        measuring = self._bring_up(domain)
-        iterations = measuring.measure(self._judge_so_far)
-        if not self._plan.gate.confirm:
-            return
-        verdict = self._judge_so_far()
-        if not wants_confirmation(verdict):
+        began_s = time.monotonic()
+        measuring = self._bring_up(domain, self._judge_so_far)
+        verdict, iterations = measuring.measure()
+        if not self._plan.gate.confirm or not wants_confirmation(verdict):
             return
         if self._plan.external:
             self._note("no fresh batch: nodes that somebody else runs cannot be started anew")
             return
+        if not self._budget.allows("no fresh batch", time.monotonic() - began_s):
+            return
+        self._children.pump(0.0)
         self._phase("confirm", "the run fails: starting a fresh batch to confirm that")
         self._children.end(list(self._children))
-        measuring = self._bring_up(domain, confirms=True)
+        measuring = self._bring_up(domain, partial(self._judge_fresh, verdict), confirms=True)
         failed = {each.method for each in verdict.requirements if each.outcome == "fail"}
         measuring.measure_again(frozenset(failed), iterations)
 
-    def _bring_up(self, domain: int, *, confirms: bool = False) -> Measuring:
+    def _bring_up(
+        self, domain: int, judge_so_far: Callable[[], Verdict], *, confirms: bool = False
+    ) -> Measuring:
         """Bring up a batch of new processes."""
-        reporting = Reporting(self._phase, self._note, self._keep_record, self._progress)
+        reporting = Reporting(
+            self._phase, self._note, self._keep_record, self._progress, self._resources
+        )
         batch = Batch(
             self._plan,
             self._children,
@@ -315,17 +327,38 @@ class _Controller:
             confirms=confirms,
         )
         self._batches.append(batch)
-        measuring = Measuring(self._plan, batch.bring_up(), reporting)
+        stage = batch.bring_up()
+        measuring = Measuring(self._plan, stage, reporting, judge_so_far, self._budget)
         self._measuring.append(measuring)
         return measuring
 
     def _judge_so_far(self) -> Verdict:
-        """The verdict if the run ended now."""
-        self._folder.write_resources(self._resources.rows())
+        """The verdict on the first batch if the run ended now."""
+        return judge(self._plan.objectives, self._samples_so_far(), terms_of(self._plan))
+
+    def _judge_fresh(self, first: Verdict) -> Verdict:
+        """The verdict on the fresh batch if the run ended now, after that on the first."""
+        fresh = self._samples_so_far().confirmation
+        assert fresh is not None  # noqa: S101 - it is being played
+        return judge_fresh(self._plan.objectives, fresh, first)
+
+    def _samples_so_far(self) -> RunSamples:
+        self._write_sampled()
         self._keep_record()
         samples = read_samples(open_run(self._folder.path))
-        record = msgspec.structs.replace(samples.record, status="complete", reason="")
-        return judge(self._plan.objectives, replace(samples, record=record), terms_of(self._plan))
+
+        def complete(one: RunSamples) -> RunSamples:
+            record = msgspec.structs.replace(one.record, status="complete", reason="")
+            fresh = one.confirmation
+            return replace(
+                one, record=record, confirmation=None if fresh is None else complete(fresh)
+            )
+
+        return complete(samples)
+
+    def _write_sampled(self) -> None:
+        self._folder.write_resources(self._resources.rows())
+        self._folder.write_surroundings(self._resources.surroundings())
 
     def _keep_record(self) -> None:
         """Write the record as it stands, so that a killed run can be read, too."""
@@ -372,9 +405,10 @@ class _Controller:
             sustained=first.sustained if first else (),
             events=tuple(self._events),
             floor=self._batches[0].floor if self._batches else (),
-            confirmation=again[0].confirmation() if again else None,
             silences=tuple(each for batch in self._batches for each in batch.silences),
             differences=self._differences(failure),
+            confirmation=again[0].confirmation(self._batches[1].floor) if again else None,
+            left_out=tuple(self._budget.left_out),
         )
 
 

@@ -5,23 +5,43 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from r2bspec.execute.batch import Reporting
-from r2bspec.execute.iterations import play_iterations, play_so_many
+from r2bspec.execute.budget import Budget
+from r2bspec.execute.iterations import Iterating
 from r2bspec.execute.playing import Stage
 from r2bspec.execute.probing import Prober
 from r2bspec.execute.search import PeakSearch
 from r2bspec.plan.model import Plan
-from r2bspec.record.model import ConfirmationRecord, Probe, SearchRecord
+from r2bspec.record.model import ConfirmationRecord, FloorRecord, Probe, SearchRecord
 from r2bspec.slo.model import Method, Verdict
 
 
 class Measuring:
     """The measuring of one batch, and what its probes found."""
 
-    def __init__(self, plan: Plan, stage: Stage, reporting: Reporting) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        stage: Stage,
+        reporting: Reporting,
+        judge_so_far: Callable[[], Verdict],
+        budget: Budget,
+    ) -> None:
+        """Measure on a stage.
+
+        Args:
+            plan: of the run.
+            stage: where to play.
+            reporting: is told what happens.
+            judge_so_far: the verdict on everything that was played in the batch.
+            budget: of the whole run.
+        """
         self._plan = plan
         self._stage = stage
         self._tell = reporting
         self._prober = Prober(plan, stage, reporting.note)
+        self._judge_so_far = judge_so_far
+        self._budget = budget
+        self._iterating = Iterating(plan, stage, judge_so_far, reporting.note, budget)
         self._search: PeakSearch | None = None
         self._sustained: list[Probe] = []
 
@@ -35,28 +55,26 @@ class Measuring:
         """The probes of rates to be sustained."""
         return tuple(self._sustained)
 
-    def confirmation(self) -> ConfirmationRecord:
-        """What was found, in a batch that confirms."""
-        return ConfirmationRecord(search=self.search, sustained=self.sustained)
+    def confirmation(self, floor: tuple[FloorRecord, ...]) -> ConfirmationRecord:
+        """What was found, in a batch that confirms and has that floor."""
+        return ConfirmationRecord(search=self.search, sustained=self.sustained, floor=floor)
 
-    def measure(self, judge_so_far: Callable[[], Verdict]) -> int:
+    def measure(self) -> tuple[Verdict, int]:
         """Measure what the plan says.
 
-        Args:
-            judge_so_far: the verdict on everything that has been played.
-
         Returns:
-            How many iterations were played at each rate.
+            The verdict, and how many iterations were played at each rate.
 
         Raises:
             RunError: a process died, failed, or does not answer.
         """
+        self._budget.begin()
         self._probe_peak()
         self._probe_sustained()
         if not self._plan.play:
-            return 0
+            return self._judge_so_far(), 0
         self._tell.phase("play", "playing at fixed rates")
-        return play_iterations(self._plan, self._stage, judge_so_far, self._tell.note)
+        return self._iterating.play()
 
     def measure_again(self, failed: frozenset[Method], iterations: int) -> None:
         """Measure what a failure rests on.
@@ -74,7 +92,7 @@ class Measuring:
             self._probe_sustained()
         if failed - {"search bracket", "sequential probe"} and self._plan.play:
             self._tell.phase("play", "playing at fixed rates")
-            play_so_many(self._plan, self._stage, iterations)
+            self._iterating.play_so_many(iterations)
 
     def _probe_peak(self) -> None:
         wanted = self._plan.search

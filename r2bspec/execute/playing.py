@@ -11,7 +11,9 @@ from pathlib import Path
 
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.errors import RunError
+from r2bspec.execute.live import LiveView
 from r2bspec.execute.progress import Progress
+from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.silence.falling import fell_silent
 from r2bspec.harness import protocol
 from r2bspec.harness.rows import RowReader
@@ -92,10 +94,12 @@ class Stage:
         folder: RunFolder,
         progress: Progress,
         on_segment: Callable[[], None],
+        resources: ResourceSampler,
         *,
         confirms: bool = False,
     ) -> None:
         self._confirms = confirms
+        self._resources = resources
         self._on_segment = on_segment
         self._children = children
         self._player = player
@@ -128,10 +132,12 @@ class Stage:
         title: str,
         index: int = 1,
         watch: Watch | None = None,
+        rerun_of: str = "",
     ) -> Observed:
         """Play a segment and record it; one that ends with an exception is kept as incomplete.
 
-        On the stage of a batch that confirms, everything measured is of that kind.
+        `rerun_of` is the id of the segment in whose place it is played. On the stage of a batch
+        that confirms, everything measured is of that kind.
 
         Returns:
             The samples, after the graph has drained.
@@ -151,7 +157,9 @@ class Stage:
             complete = True
         finally:
             observed = self._observed(first)
-            self._write(kind, segment_id, rate_hz, steps, index, first, observed, complete)
+            self._write(
+                kind, segment_id, rate_hz, steps, index, first, observed, complete, rerun_of
+            )
         self._look_for_silence(kind, observed)
         return observed
 
@@ -210,12 +218,16 @@ class Stage:
         deadline = begin + steps / rate_hz * 1.5 + _PLAYER_SLACK_S
         next_watch = begin + _WATCH_S
         stopping = False
+        live = self._live(first)
         self._player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
+        # While the player waits for the first due time: what was used before then is not counted.
+        self._resources.sample_at(time.monotonic_ns())
         while True:
             self._children.pump()
             while self._player.inbox:
                 message = self._player.inbox.popleft()
                 if isinstance(message, protocol.Played):
+                    self._sample_at_end(first, message.steps, rate_hz)
                     return message.steps
             now = time.monotonic()
             if now > deadline:
@@ -226,15 +238,24 @@ class Stage:
                 )
             if now >= next_watch:
                 next_watch = now + _WATCH_S
-                self._report(first)
+                self._progress.playing(live)
                 if watch and not stopping and watch(self._observed(first), now - begin):
                     self._player.send(protocol.Stop())
                     stopping = True
 
-    def _report(self, first: dict[str, int]) -> None:
-        counts = self._counts()
-        received = min((counts[name] - first[name] for name in self._monitors), default=0)
-        self._progress.playing(counts[""] - first[""], received)
+    def _live(self, first: dict[str, int]) -> LiveView:
+        monitors = {plan.name: (plan, self._monitors[plan.name]) for plan in self._plans}
+        return LiveView(self._playback, monitors, first, self._cores)
+
+    def _cores(self) -> dict[str, float]:
+        known = {each.name: self._resources.cores(each.pid) for each in self._children}
+        return {name: cores for name, cores in known.items() if cores is not None}
+
+    def _sample_at_end(self, first: dict[str, int], steps: int, rate_hz: float) -> None:
+        """Have resources sampled when the last period ends, which the player does not wait for."""
+        last = self._playback.read(first[""] + max(steps - 1, 0))
+        if last.size:
+            self._resources.sample_at(int(last["due_ns"][-1]) + round(1e9 / rate_hz))
 
     def _drain(self, first: dict[str, int], played: int) -> None:
         """Wait until every step is answered, or nothing has come for longer than it ever took."""
@@ -278,6 +299,7 @@ class Stage:
         first: dict[str, int],
         observed: Observed,
         complete: bool,
+        rerun_of: str,
     ) -> None:
         playback = observed.playback
         if not playback.size:
@@ -301,6 +323,7 @@ class Stage:
                 ended_ns=int(playback["due_ns"][-1]) + round(1e9 / rate_hz),
                 complete=complete,
                 played_before=observed.played_before,
+                rerun_of=rerun_of,
             )
         )
         self._on_segment()

@@ -2,7 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol
+
+
+class Playing(Protocol):
+    """A stretch while it is being played; what is not asked for costs nothing."""
+
+    def sent(self) -> int:
+        """How many steps have been published."""
+
+    def received(self) -> int:
+        """How many messages have come: the least over all monitors."""
+
+    def p99_ns(self) -> int | None:
+        """The p99 of the latencies so far; None before the first message."""
+
+    def cores(self) -> Mapping[str, float]:
+        """Processor time per time of each process lately; 1 is one core."""
 
 
 class Progress(Protocol):
@@ -17,8 +34,8 @@ class Progress(Protocol):
     def segment(self, title: str, steps: int) -> None:
         """A stretch of `steps` steps begins to be played."""
 
-    def playing(self, sent: int, received: int) -> None:
-        """How far the segment is: `received` is the least over all monitors."""
+    def playing(self, seen: Playing) -> None:
+        """How far the segment is; told four times a second."""
 
     def note(self, text: str) -> None:
         """Something worth a line."""
@@ -36,7 +53,7 @@ class Silent:
     def segment(self, title: str, steps: int) -> None:
         """Ignore."""
 
-    def playing(self, sent: int, received: int) -> None:
+    def playing(self, seen: Playing) -> None:
         """Ignore."""
 
     def note(self, text: str) -> None:

@@ -1,13 +1,22 @@
-"""CPU and memory of every process over the whole run, sampled on a thread of the controller."""
+"""CPU and memory of every process over the whole run, sampled on a thread of the controller.
+
+With each sample goes one of the surroundings. Besides its period, the sampler takes samples at
+times that it is asked for: at the edges of every stretch that is played, so that what is used there
+need not be interpolated from what was used before and after.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import heapq
 import threading
 import time
 from typing import TYPE_CHECKING
 
 import psutil
+
+from r2bspec.execute.surroundings import Surroundings, busy_seconds
+from r2bspec.measure.resources import CONTROLLER, MACHINE
 
 if TYPE_CHECKING:
     from r2bspec.record.arrays import Rows
@@ -16,11 +25,9 @@ _PERIOD_S = 0.2
 """Samples are cumulative, so a longer period blurs only maxima; at 0.2 s the sampling of ten
 processes costs about a thousandth of a core."""
 
-SYSTEM = -1
-
 
 class ResourceSampler:
-    """Samples processor time and memory until stopped.
+    """Samples processor time, memory and surroundings until stopped.
 
     Processes are numbered in the order in which they are added, the same as in
     `RunRecord.processes`.
@@ -29,9 +36,15 @@ class ResourceSampler:
     def __init__(self) -> None:
         self._processes: list[psutil.Process | None] = []
         self._rows: list[tuple[int, int, float, int]] = []
+        self._around: list[tuple[int, float, float, float, float]] = []
+        self._surroundings = Surroundings()
+        self._self = psutil.Process()
         self._resident: dict[int, int] = {}
-        self._lock = threading.Lock()
-        self._stop = threading.Event()
+        self._cores: dict[int, float] = {}
+        self._last: dict[int, tuple[int, float]] = {}
+        self._wanted: list[int] = []
+        self._lock = threading.Condition()
+        self._stopped = False
         self._thread = threading.Thread(target=self._run, name="resources", daemon=True)
 
     def start(self) -> None:
@@ -46,40 +59,85 @@ class ResourceSampler:
         with self._lock:
             self._processes.append(process)
 
+    def sample_at(self, time_ns: int) -> None:
+        """Take a sample at a time (CLOCK_MONOTONIC), at once if that is past; returns at once."""
+        with self._lock:
+            heapq.heappush(self._wanted, time_ns)
+            self._lock.notify()
+
     def resident(self, pid: int) -> int:
         """The resident memory of a process and its descendants when last sampled, in bytes."""
         return self._resident.get(pid, 0)
 
-    def stop(self) -> Rows:
-        """End sampling; returns rows of `r2bspec.record.arrays.RESOURCES` in order of time."""
-        self._stop.set()
+    def cores(self, pid: int) -> float | None:
+        """Processor time per time of a process and its descendants between the last two samples.
+
+        None if it was not sampled twice yet, or has ended.
+        """
+        return self._cores.get(pid)
+
+    def stop(self) -> tuple[Rows, Rows]:
+        """End sampling; returns what `rows` and `surroundings` do."""
+        with self._lock:
+            self._stopped = True
+            self._lock.notify()
         if self._thread.is_alive():
             self._thread.join()
         self._sample()
-        return self.rows()
+        return self.rows(), self.surroundings()
 
     def rows(self) -> Rows:
-        """What has been sampled so far: rows as `stop` returns them."""
+        """What has been sampled so far: rows of `r2bspec.record.arrays.RESOURCES`."""
         import numpy as np
 
         from r2bspec.record.arrays import RESOURCES
 
         return np.array(list(self._rows), dtype=RESOURCES)
 
+    def surroundings(self) -> Rows:
+        """The same of the surroundings: rows of `r2bspec.record.arrays.SURROUNDINGS`."""
+        import numpy as np
+
+        from r2bspec.record.arrays import SURROUNDINGS
+
+        return np.array(list(self._around), dtype=SURROUNDINGS)
+
     def _run(self) -> None:
-        while not self._stop.is_set():
+        while True:
             self._sample()
-            self._stop.wait(_PERIOD_S)
+            with self._lock:
+                if self._wait_for_next():
+                    return
+
+    def _wait_for_next(self) -> bool:
+        """Wait for the end of the period or a time that was asked for; True if stopped."""
+        end_ns = time.monotonic_ns() + round(_PERIOD_S * 1e9)
+        while not self._stopped:
+            next_ns = min([end_ns, *self._wanted[:1]])
+            now_ns = time.monotonic_ns()
+            if now_ns >= next_ns:
+                while self._wanted and self._wanted[0] <= now_ns:
+                    heapq.heappop(self._wanted)
+                return False
+            self._lock.wait((next_ns - now_ns) / 1e9)
+        return True
 
     def _sample(self) -> None:
         with self._lock:
             processes = list(enumerate(self._processes))
-        busy = psutil.cpu_times()
-        busy_s = sum(busy) - busy.idle - getattr(busy, "iowait", 0.0)
-        # Guest time is contained in user time already.
-        busy_s -= getattr(busy, "guest", 0.0) + getattr(busy, "guest_nice", 0.0)
+        self._around.append((time.monotonic_ns(), *self._surroundings.read()))
+        busy_s = busy_seconds(psutil.cpu_times())
         memory = psutil.virtual_memory()
-        self._rows.append((time.monotonic_ns(), SYSTEM, busy_s, memory.total - memory.available))
+        self._rows.append((time.monotonic_ns(), MACHINE, busy_s, memory.total - memory.available))
+        ours = self._self.cpu_times()
+        self._rows.append(
+            (
+                time.monotonic_ns(),
+                CONTROLLER,
+                ours.user + ours.system,
+                self._self.memory_info().rss,
+            )
+        )
         for number, process in processes:
             if process is None:
                 continue
@@ -89,9 +147,20 @@ class ResourceSampler:
             except psutil.Error:
                 with self._lock:
                     self._processes[number] = None
+                self._cores.pop(process.pid, None)
                 continue
             self._resident[process.pid] = resident
+            self._keep_pace(process.pid, now_ns, cpu_s)
             self._rows.append((now_ns, number, cpu_s, resident))
+
+    def _keep_pace(self, pid: int, now_ns: int, cpu_s: float) -> None:
+        before_ns, before_s = self._last.get(pid, (now_ns, cpu_s))
+        # Ticks of 10 ms say nothing over less than several of them.
+        if now_ns - before_ns >= _PERIOD_S * 1e9 / 2:
+            self._cores[pid] = (cpu_s - before_s) / ((now_ns - before_ns) / 1e9)
+        elif pid in self._last:
+            return
+        self._last[pid] = (now_ns, cpu_s)
 
 
 def _with_descendants(process: psutil.Process) -> tuple[float, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from r2bspec.measure.hops import HopSamples
 from r2bspec.measure.latency import Seconds
@@ -43,7 +43,7 @@ def summarise(samples: RunSamples) -> RunMetrics:
     """The metrics of samples that were read before."""
     return RunMetrics(
         rates=tuple(
-            _measure_rate(rate, iterations)
+            _measure_rate(rate, iterations, samples.reruns)
             for rate, iterations in sorted(samples.iterations.items())
         ),
         search=samples.record.search,
@@ -61,16 +61,24 @@ def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
         monitors={name: _monitor(seen) for name, seen in samples.monitors.items()},
         processes={name: _use(used) for name, used in samples.processes.items()},
         machine=_use(samples.machine) if samples.machine is not None else None,
+        surroundings=samples.surroundings,
     )
 
 
-def _measure_rate(rate_hz: float, samples: Sequence[SegmentSamples]) -> RateMetrics:
+def _measure_rate(
+    rate_hz: float, samples: Sequence[SegmentSamples], reruns: Mapping[str, SegmentSamples]
+) -> RateMetrics:
     iterations = tuple(measure_segment(one) for one in samples)
     return RateMetrics(
         offered_hz=rate_hz,
         iterations=iterations,
         pooled=_pooled(samples),
         spread={name: _spread(iterations, name) for name in samples[0].monitors},
+        reruns=tuple(
+            measure_segment(again)
+            for one in samples
+            if (again := reruns.get(one.segment.id)) is not None
+        ),
     )
 
 

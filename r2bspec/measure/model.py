@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import msgspec
 
+from r2bspec.measure.surroundings import Surroundings
 from r2bspec.record.model import Probe, SearchRecord
 
 
@@ -101,7 +102,10 @@ class UseMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """One iteration, or several pooled (then `segment` is empty and `index` is None)."""
+    """One iteration, or several pooled (then `segment` is empty and `index` is None).
+
+    `surroundings` is what else happened on the machine, where that was sampled; None if pooled.
+    """
 
     segment: str
     index: int | None
@@ -109,6 +113,7 @@ class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     monitors: dict[str, MonitorMetrics]
     processes: dict[str, UseMetrics]
     machine: UseMetrics | None
+    surroundings: Surroundings | None = None
 
 
 class Spread(msgspec.Struct, frozen=True, kw_only=True):
@@ -123,13 +128,15 @@ class RateMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
     `pooled` adds counts and pools single messages over all iterations; its rates and processor
     shares are the mean of the iterations' values. `spread` holds, for each monitor, how far
-    metrics differ between iterations, by the metric's name.
+    metrics differ between iterations, by the metric's name. `reruns` were played in the place of
+    iterations that the machine disturbed; they are in none of these.
     """
 
     offered_hz: float
     iterations: tuple[SegmentMetrics, ...]
     pooled: SegmentMetrics
     spread: dict[str, dict[str, Spread]]
+    reruns: tuple[SegmentMetrics, ...] = ()
 
 
 class RunMetrics(msgspec.Struct, frozen=True, kw_only=True):

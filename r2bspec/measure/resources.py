@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from r2bspec.record.arrays import Rows
 
@@ -15,7 +16,8 @@ class Use:
 
     Attributes:
         cpu_mean: processor time per time; 1 is one core. None if too little was sampled.
-        cpu_max: the same between the two successive samples where it was largest.
+        cpu_max: the same over the stretch of at least `SPACING_NS` between two samples where it
+            was largest.
         memory_max_bytes: the largest resident set at a sample, or None without one.
     """
 
@@ -26,6 +28,24 @@ class Use:
 
 MACHINE = -1
 """The process index that stands for the whole machine."""
+
+CONTROLLER = -2
+"""The process index of the controller itself, which is no process of the run's plan."""
+
+
+SPACING_NS = 100_000_000
+"""Processor time is counted in ticks of 10 ms: over less than several of them it has no rate."""
+
+
+def spaced(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The indices of ascending times that are `SPACING_NS` apart at least; the last one is kept."""
+    kept: list[int] = []
+    for index, time_ns in enumerate(times_ns.tolist()):
+        if not kept or time_ns - times_ns[kept[-1]] >= SPACING_NS:
+            kept.append(index)
+    if kept and kept[-1] != times_ns.size - 1:
+        kept[-1:] = [times_ns.size - 1] if len(kept) > 1 else [kept[-1], times_ns.size - 1]
+    return np.array(kept, dtype=np.int64)
 
 
 def use(resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int) -> Use | None:
@@ -76,8 +96,8 @@ def _use_of_one(resources: Rows, index: int, began_ns: int, ended_ns: int) -> Us
     edges = np.concatenate(([start], times[(times > start) & (times < end)], [end]))
     # Relative to the start of the window, because float64 holds no nanoseconds since boot.
     used = np.interp((edges - start) / 1e9, (times - start) / 1e9, rows["cpu_s"])
-    spans = np.diff(edges) / 1e9
-    busiest = float(np.max(np.diff(used) / spans))
+    apart = spaced(edges)
+    busiest = float(np.max(np.diff(used[apart]) / (np.diff(edges[apart]) / 1e9)))
     mean = float(used[-1] - used[0]) / ((end - start) / 1e9)
     return Use(mean, max(busiest, mean), memory_max)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import msgspec
 import numpy as np
@@ -21,6 +21,7 @@ from r2bspec.measure.latency import (
 )
 from r2bspec.measure.matching import UNKNOWN, Matching, match, ratio_of
 from r2bspec.measure.resources import MACHINE, Use, use
+from r2bspec.measure.surroundings import Surroundings, slower_by, surroundings
 from r2bspec.measure.throughput import Silence, mean_rate, silence, throughput
 from r2bspec.plan.model import MonitorPlan
 from r2bspec.record.arrays import Rows
@@ -117,13 +118,14 @@ class PlaybackSamples:
 
 @dataclass(frozen=True)
 class SegmentSamples:
-    """One segment: what was played, what each monitor saw, what each process used."""
+    """One segment: what was played, what each monitor saw, what processes used, what else was."""
 
     segment: Segment
     playback: PlaybackSamples
     monitors: Mapping[str, MonitorSamples]
     processes: Mapping[str, Use]
     machine: Use | None
+    surroundings: Surroundings | None = None
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,9 @@ class RunSamples:
     """A run: its complete iterations by offered rate, and the playback of sustained probes.
 
     Attributes:
-        iterations: offered rate in Hz to the iterations at it, in the order they were played.
+        iterations: offered rate in Hz to the iterations at it, in the order they were played,
+            each as it was played first.
+        reruns: what was played again in the place of a disturbed iteration, by the id of that.
         sustained: offered rate to the samples of its sequential probe.
         incomplete: ids of the iterations that were cut short; they are not among the samples.
         confirmation: the fresh batch that was played after a failure, as a run of its own.
@@ -142,6 +146,7 @@ class RunSamples:
     iterations: Mapping[float, tuple[SegmentSamples, ...]]
     sustained: Mapping[float, SegmentSamples]
     incomplete: tuple[str, ...]
+    reruns: Mapping[str, SegmentSamples] = field(default_factory=dict)
     confirmation: RunSamples | None = None
 
     @property
@@ -205,19 +210,37 @@ def playback_samples(playback: Rows) -> PlaybackSamples:
     )
 
 
-def segment_samples(run: Run, segment: Segment, resources: Rows | None = None) -> SegmentSamples:
+@dataclass(frozen=True)
+class Sampled:
+    """What was sampled over the whole run: rows of type `RESOURCES`, and of `SURROUNDINGS`."""
+
+    resources: Rows
+    surroundings: Rows
+
+    @classmethod
+    def of(cls, run: Run) -> Sampled:
+        """Read both.
+
+        Raises:
+            RecordError: a file is damaged.
+        """
+        return cls(run.resources(), run.surroundings())
+
+
+def segment_samples(run: Run, segment: Segment, sampled: Sampled | None = None) -> SegmentSamples:
     """Read and match the samples of one segment.
 
     Args:
         run: the opened run.
         segment: one of its segments.
-        resources: ``run.resources()``, where the caller has it already.
+        sampled: what was sampled over the whole run, where the caller has it already.
 
     Raises:
         RecordError: a file of the segment is missing or damaged.
     """
     played = run.playback(segment)
-    sampled = run.resources() if resources is None else resources
+    sampled = sampled or Sampled.of(run)
+    resources = sampled.resources
     began, ended = segment.began_ns, segment.ended_ns
     return SegmentSamples(
         segment=segment,
@@ -226,9 +249,17 @@ def segment_samples(run: Run, segment: Segment, resources: Rows | None = None) -
         processes={
             name: used
             for name, indices in _by_name(run.record.processes).items()
-            if (used := use(sampled, indices, began, ended)) is not None
+            if (used := use(resources, indices, began, ended)) is not None
         },
-        machine=use(sampled, frozenset({MACHINE}), began, ended),
+        machine=use(resources, frozenset({MACHINE}), began, ended),
+        surroundings=surroundings(
+            sampled.surroundings,
+            resources,
+            frozenset(range(len(run.record.processes))),
+            run.record.machine.get("cores"),
+            began,
+            ended,
+        ),
     )
 
 
@@ -271,29 +302,29 @@ def read_samples(run: Run) -> RunSamples:
     Raises:
         RecordError: a file is missing or damaged.
     """
-    resources = run.resources()
+    sampled = Sampled.of(run)
     record = run.record
     first = _read_batch(
         run,
         record,
         [each for each in record.segments if each.kind == "iteration"],
         [each for each in record.segments if each.kind == "sustained"],
-        resources,
+        sampled,
     )
     fresh = record.confirmation
     if fresh is None:
         return first
     probed = {each.segment for each in (fresh.search.probes if fresh.search else ())}
-    sustained = {each.segment for each in fresh.sustained}
+    probed_for = {each.segment for each in fresh.sustained}
     again = [each for each in record.segments if each.kind == "confirmation"]
     second = _read_batch(
         run,
         msgspec.structs.replace(record, search=fresh.search, sustained=fresh.sustained),
-        [each for each in again if each.id not in probed | sustained],
-        [each for each in again if each.id in sustained],
-        resources,
+        [each for each in again if each.id not in probed | probed_for],
+        [each for each in again if each.id in probed_for],
+        sampled,
     )
-    return replace(first, confirmation=second)
+    return replace(first, confirmation=_calibrated(second, slower_by(record.floor, fresh.floor)))
 
 
 def _read_batch(
@@ -301,22 +332,45 @@ def _read_batch(
     record: RunRecord,
     iterations: list[Segment],
     sustained: list[Segment],
-    resources: Rows,
+    sampled: Sampled,
 ) -> RunSamples:
     """The samples of the complete ones among some segments, which were played in one batch."""
     found: dict[float, list[SegmentSamples]] = {}
+    reruns: dict[str, SegmentSamples] = {}
     for segment in iterations:
         if segment.complete:
-            samples = segment_samples(run, segment, resources)
-            found.setdefault(segment.rate_hz, []).append(samples)
+            samples = segment_samples(run, segment, sampled)
+            if segment.rerun_of:
+                reruns[segment.rerun_of] = samples
+            else:
+                found.setdefault(segment.rate_hz, []).append(samples)
     return RunSamples(
         record=record,
         monitors=tuple(monitor.name for monitor in run.plan.monitors),
         iterations={rate: tuple(played) for rate, played in found.items()},
         sustained={
-            segment.rate_hz: segment_samples(run, segment, resources)
+            segment.rate_hz: segment_samples(run, segment, sampled)
             for segment in sustained
             if segment.complete
         },
         incomplete=tuple(each.id for each in iterations if not each.complete),
+        reruns=reruns,
+    )
+
+
+def _calibrated(batch: RunSamples, calibration: float | None) -> RunSamples:
+    """A batch whose harness alone took so many times as long as usual; None is unknown."""
+    if calibration is None:
+        return batch
+
+    def told(one: SegmentSamples) -> SegmentSamples:
+        known = one.surroundings or Surroundings()
+        return replace(one, surroundings=msgspec.structs.replace(known, calibration=calibration))
+
+    return replace(
+        batch,
+        iterations={
+            rate: tuple(told(one) for one in found) for rate, found in batch.iterations.items()
+        },
+        reruns={name: told(one) for name, one in batch.reruns.items()},
     )

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from r2bspec.record.errors import RecordError
 from r2bspec.record.files import write_whole
-from r2bspec.record.model import MONITOR_FIELDS, PLAYBACK_FIELDS, RESOURCE_FIELDS
+from r2bspec.record.model import (
+    MONITOR_FIELDS,
+    PLAYBACK_FIELDS,
+    RESOURCE_FIELDS,
+    SURROUNDINGS_FIELDS,
+)
 
 Rows = NDArray[Any]
 """A one-dimensional array of one of the record types below."""
@@ -19,6 +24,7 @@ Rows = NDArray[Any]
 PLAYBACK: np.dtype[np.void] = np.dtype(list(PLAYBACK_FIELDS))
 MONITOR: np.dtype[np.void] = np.dtype(list(MONITOR_FIELDS))
 RESOURCES: np.dtype[np.void] = np.dtype(list(RESOURCE_FIELDS))
+SURROUNDINGS: np.dtype[np.void] = np.dtype(list(SURROUNDINGS_FIELDS))
 
 
 def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> None:

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from r2bspec.plan.model import Plan
-from r2bspec.record.arrays import RESOURCES, Rows
+from r2bspec.record.arrays import RESOURCES, SURROUNDINGS, Rows
 from r2bspec.record.model import RunRecord, SearchRecord, Segment
 from r2bspec.record.store import Run
 
@@ -56,6 +56,12 @@ class MergedRun(Run):
             found.append(rows)
             before += len(run.record.processes)
         return np.concatenate(found) if found else np.empty(0, RESOURCES)
+
+    def surroundings(self) -> Rows:
+        """See `Run.surroundings`; of runs that have none there are none."""
+        return np.concatenate(
+            [np.empty(0, SURROUNDINGS), *(run.surroundings() for run in self.parts)]
+        )
 
     def spec_text(self) -> str:
         """See `Run.spec_text`."""

@@ -9,6 +9,7 @@ A run folder holds::
     samples/SEGMENT/   playback.npy, monitor.NAME.npy for each monitor, and tap.TOPIC.npy for
                        each tapped topic, with dots for its slashes
     resources.npy      CPU and memory of every process over the whole run
+    surroundings.npy   what else happened on the machine meanwhile
     logs/PROCESS.log   what each process printed
 
 All times are CLOCK_MONOTONIC nanoseconds of the host, unless the name says otherwise.
@@ -45,8 +46,22 @@ RESOURCE_FIELDS = (
     ("memory_bytes", "<i8"),
 )
 """One row per process and sampling time: `process` indexes `RunRecord.processes`, with -1 for the
-whole machine; `cpu_s` is the processor time used so far, in seconds, summed over all cores and the
-process's descendants; `memory_bytes` is the resident set (for -1: memory in use)."""
+whole machine and -2 for the controller; `cpu_s` is the processor time used so far, in seconds,
+summed over all cores and the process's descendants (for -2: without them); `memory_bytes` is the
+resident set (for -1: memory in use)."""
+
+SURROUNDINGS_FIELDS = (
+    ("time_ns", "<i8"),
+    ("busy_s", "<f8"),
+    ("stolen_s", "<f8"),
+    ("waited_s", "<f8"),
+    ("throttled_s", "<f8"),
+)
+"""One row per sampling time, everything but the time summed up since some point in the past, in
+seconds, and NaN where the system does not tell: processor time used on the cores that the run may
+use, and processor time of theirs that other virtual machines got; the time in which some task
+waited for a processor (PSI, ``some``); the time for which the control group had no quota left, or a
+core was throttled for heat."""
 
 
 SegmentKind = Literal["warm_up", "probe", "sustained", "iteration", "confirmation"]
@@ -59,7 +74,8 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     `id` names its folder below ``samples/``. `steps` is how many steps were asked for. The
     sending window runs from the first due time to `ended_ns`, the end of the last period.
     `complete` is False if playing was cut short. `played_before` is how many steps the graph had
-    been given before the first one of this segment.
+    been given before the first one of this segment. `rerun_of` is the id of the disturbed iteration
+    in whose place it was played, or empty.
     """
 
     id: str
@@ -71,6 +87,7 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     ended_ns: int
     complete: bool
     played_before: int = 0
+    rerun_of: str = ""
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):
@@ -190,11 +207,12 @@ class ConfirmationRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     Its segments have the kind ``confirmation``. Those that the probes in `search` and `sustained`
     name are theirs, the others are iterations. What nothing failed by was not played again: None,
-    or no probes.
+    or no probes. `floor` is that of its own processes, as in `RunRecord`.
     """
 
     search: SearchRecord | None
     sustained: tuple[Probe, ...]
+    floor: tuple[FloorRecord, ...] = ()
 
 
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -205,7 +223,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     `events` are (monotonic time, text): phases entered and everything notable. `floor` has one
     entry per input; it is empty where nothing is played, or where measuring would have disturbed.
     `confirmation` is there if a failure was followed by a fresh batch. `silences` are outputs that
-    stopped, `differences` what of the real graph is not as the spec says.
+    stopped, `differences` what of the real graph is not as the spec says. `left_out` says, a
+    sentence each, what the verdict might have used and was not played, and why.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -227,3 +246,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     confirmation: ConfirmationRecord | None = None
     silences: tuple[SilenceRecord, ...] = ()
     differences: tuple[Difference, ...] = ()
+    left_out: tuple[str, ...] = ()

@@ -20,7 +20,15 @@ from r2bspec.plan.canonical import parse_plan
 from r2bspec.plan.errors import PlanError
 from r2bspec.plan.model import Plan
 from r2bspec.plan.taps import tap_name
-from r2bspec.record.arrays import MONITOR, PLAYBACK, RESOURCES, Rows, read_rows, write_rows
+from r2bspec.record.arrays import (
+    MONITOR,
+    PLAYBACK,
+    RESOURCES,
+    SURROUNDINGS,
+    Rows,
+    read_rows,
+    write_rows,
+)
 from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
 from r2bspec.record.files import write_whole
 from r2bspec.record.model import RunRecord, Segment
@@ -103,6 +111,10 @@ class RunFolder:
         """Write CPU and memory over the whole run: rows of `r2bspec.record.arrays.RESOURCES`."""
         write_rows(self.path / "resources.npy", rows, RESOURCES)
 
+    def write_surroundings(self, rows: Rows) -> None:
+        """Write what else happened meanwhile: rows of `r2bspec.record.arrays.SURROUNDINGS`."""
+        write_rows(self.path / "surroundings.npy", rows, SURROUNDINGS)
+
     def write_record(self, record: RunRecord) -> None:
         """Write ``record.json``; it may be written again as the run goes on."""
         text = msgspec.json.format(msgspec.json.encode(record), indent=1)
@@ -154,10 +166,19 @@ class Run:
         Raises:
             RecordError: the file is damaged.
         """
-        path = self.folder / "resources.npy"
-        if not path.exists():
-            return np.empty(0, RESOURCES)
-        return read_rows(path, RESOURCES)
+        return self._optional("resources.npy", RESOURCES)
+
+    def surroundings(self) -> Rows:
+        """What else happened on the machine (type `SURROUNDINGS`); no rows if it was not sampled.
+
+        Raises:
+            RecordError: the file is damaged.
+        """
+        return self._optional("surroundings.npy", SURROUNDINGS)
+
+    def _optional(self, name: str, dtype: np.dtype[np.void]) -> Rows:
+        path = self.folder / name
+        return read_rows(path, dtype) if path.exists() else np.empty(0, dtype)
 
     def spec_text(self) -> str:
         """The resolved spec, as YAML; empty if the folder has none."""

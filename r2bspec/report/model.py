@@ -85,6 +85,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         pairs: how base and head were compared, where this is a comparison: metrics are then those
             of the head.
         baseline: the earlier runs that this one was compared with, if it was.
+        left_out: what the verdict might have used and was not played, a sentence each.
     """
 
     r2bspec_result: Literal[1] = 1
@@ -111,3 +112,4 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     verdict: Verdict
     pairs: PairsResult | None = None
     baseline: BaselineResult | None = None
+    left_out: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""The progress of a run on standard error: a live line on a terminal, plain lines elsewhere."""
+"""The progress of a run on standard error: live on a terminal, a few plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -6,19 +6,66 @@ import contextlib
 import os
 import sys
 import time
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Protocol
+
+from r2bspec.diagnostics.quote import printable
+from r2bspec.measure.units import show
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.status import Status
 
+_LINE_EVERY_S = 10.0
+"""A log wants to be short, and to show that something is still going on."""
+
+_LOOK_EVERY_S = 0.5
+"""A person reads no faster, and every look at the samples takes time from the run."""
+
+_BUSIEST = 4
+"""Processes whose load is told, the busiest first."""
+
+
+class Seen(Protocol):
+    """A stretch that is being played, as `r2bspec.execute.progress.Playing` describes it."""
+
+    def sent(self) -> int:
+        """Steps that have been published."""
+
+    def received(self) -> int:
+        """Messages that have come."""
+
+    def p99_ns(self) -> int | None:
+        """The p99 of the latencies so far."""
+
+    def cores(self) -> Mapping[str, float]:
+        """Processor time per time, by process."""
+
+
+def told(seen: Seen, steps: int) -> str:
+    """How far a stretch of `steps` steps is, in a line."""
+    p99_ns = seen.p99_ns()
+    parts = [f"{seen.sent()} of {steps} sent", f"{seen.received()} received"]
+    if p99_ns is not None:
+        parts.append(f"p99 {show(p99_ns / 1e9, 's')}")
+    return " · ".join(parts)
+
+
+def loads(cores: Mapping[str, float]) -> str:
+    """The busiest processes, with their share of a core."""
+    busiest = sorted(cores.items(), key=lambda one: -one[1])[:_BUSIEST]
+    # Names are the user's.
+    shown = [f"{printable(name)} {show(used, 'share', 2)}" for name, used in busiest]
+    return f"CPU {' · '.join(shown)}" if shown else ""
+
 
 class _Lines:
-    """One plain line for each thing that happens, with the seconds since the start."""
+    """A plain line for each thing that happens, with the seconds since the start."""
 
     def __init__(self) -> None:
         self._began = time.monotonic()
+        self._steps = 0
+        self._next = 0.0
 
     def _say(self, text: str) -> None:
         sys.stderr.write(f"[{time.monotonic() - self._began:6.1f} s] {text}\n")
@@ -30,18 +77,23 @@ class _Lines:
     def step(self, done: int, total: int) -> None:
         """A count would be a line for every message."""
 
-    def segment(self, title: str, _steps: int) -> None:
+    def segment(self, title: str, steps: int) -> None:
         self._say(f"  {title}")
+        self._steps = steps
+        self._next = time.monotonic() + _LINE_EVERY_S
 
-    def playing(self, sent: int, received: int) -> None:
-        """The next segment tells enough."""
+    def playing(self, seen: Seen) -> None:
+        if time.monotonic() >= self._next:
+            self._next += _LINE_EVERY_S
+            parts = (told(seen, self._steps), loads(seen.cores()))
+            self._say(f"    {' · '.join(filter(None, parts))}")
 
     def note(self, text: str) -> None:
         self._say(f"  {text}")
 
 
 class _Live:
-    """A line that changes in place; phases and notes stay above it."""
+    """Two lines that change in place, how far the run is and what it uses; notes stay above."""
 
     def __init__(self, console: Console, status: Status) -> None:
         self._console = console
@@ -50,10 +102,19 @@ class _Live:
         self._phase = ""
         self._title = ""
         self._steps = 0
+        self._next = 0.0
 
-    def _show(self, detail: str = "") -> None:
-        elapsed = time.monotonic() - self._began
-        self._status.update(f"[bold]{self._phase}[/bold]  {detail}  [dim]{elapsed:.0f} s[/dim]")
+    def _show(self, detail: str = "", below: str = "") -> None:
+        from rich.console import Group
+        from rich.text import Text
+
+        elapsed = f"{time.monotonic() - self._began:.0f} s"
+        above = Text.assemble((self._phase, "bold"), f"  {detail}  ", (elapsed, "dim"))
+        lines = [above, *([Text(below, style="dim")] if below else [])]
+        for each in lines:
+            # A line that wraps would be left behind when the next one is drawn over it.
+            each.no_wrap, each.overflow = True, "ellipsis"
+        self._status.update(Group(*lines))
 
     def phase(self, _name: str, text: str) -> None:
         self._phase, self._title = text, ""
@@ -66,8 +127,10 @@ class _Live:
         self._title, self._steps = title, steps
         self._show(title)
 
-    def playing(self, sent: int, received: int) -> None:
-        self._show(f"{self._title}: {sent}/{self._steps} sent, {received} received")
+    def playing(self, seen: Seen) -> None:
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + _LOOK_EVERY_S
+            self._show(f"{self._title}: {told(seen, self._steps)}", loads(seen.cores()))
 
     def note(self, text: str) -> None:
         self._console.print(f"  {text}", markup=False, highlight=False, style="dim")
@@ -79,12 +142,15 @@ class _Quiet(_Lines):
     def _say(self, text: str) -> None:
         """Swallow the line."""
 
+    def playing(self, seen: Seen) -> None:
+        """Look at nothing."""
+
 
 @contextlib.contextmanager
 def shown_progress(*, quiet: bool = False) -> Iterator[_Lines | _Live]:
     """A listener for a run that shows what it is told, for as long as the context lasts.
 
-    CI systems keep what is printed, so a live line there would be a thousand lines; ``CI=true``
+    CI systems keep what is printed, so a live view there would be a thousand lines; ``CI=true``
     is taken at its word.
     """
     if quiet:

@@ -91,6 +91,7 @@ def result_with(
         verdict=verdict,
         pairs=pairs,
         baseline=baseline,
+        left_out=record.left_out,
     )
 
 

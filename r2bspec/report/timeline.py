@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from r2bspec.measure.matching import match, ratio_of
-from r2bspec.measure.resources import MACHINE
+from r2bspec.measure.resources import MACHINE, spaced
 from r2bspec.record.model import Segment
 from r2bspec.record.store import Run
 
@@ -76,6 +76,7 @@ def loads(run: Run) -> Iterator[Load]:
     for index, name in {**names, MACHINE: WHOLE_MACHINE}.items():
         of_one = rows[rows["process"] == index]
         of_one = of_one[np.argsort(of_one["time_ns"], kind="stable")]
+        of_one = of_one[spaced(of_one["time_ns"])]
         spans = np.diff(of_one["time_ns"])
         used = np.diff(of_one["cpu_s"])
         for at, (span, cpu_s) in enumerate(zip(spans.tolist(), used.tolist(), strict=True), 1):

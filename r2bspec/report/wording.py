@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from r2bspec.measure.units import show
 from r2bspec.record.model import SearchRecord
 from r2bspec.report.model import Result
-from r2bspec.slo.model import OverallOutcome, RequirementVerdict, Verdict
+from r2bspec.slo.model import DisturbedIteration, OverallOutcome, RequirementVerdict, Verdict
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "pass": "✔ PASS",
@@ -17,6 +17,10 @@ OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "incomplete": "! INCOMPLETE",
 }
 """Each outcome with its mark: never told by colour alone."""
+
+
+_TOLD = 6
+"""Disturbed iterations that are told one by one."""
 
 
 def verdict_word(one: RequirementVerdict) -> str:
@@ -141,6 +145,8 @@ def notes(result: Result) -> Iterator[str]:
         if difference.harmless:
             yield f"{difference.code}: {difference.message}; {difference.help}"
     yield from (f"{each[:1].upper()}{each[1:]}" for each in _of_pairs(result))
+    yield from disturbed_texts(result.verdict.disturbed)
+    yield from result.left_out
     yield from _odd_messages(result)
     for process in result.processes:
         if process.exit_code not in {0, None}:
@@ -148,6 +154,20 @@ def notes(result: Result) -> Iterator[str]:
             if process.exit_code is not None and process.exit_code < 0:
                 ended = f"signal {-process.exit_code}"
             yield f"Process {process.name} ended with {ended}"
+
+
+def disturbed_texts(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
+    """Which iterations the machine disturbed, by what, and which were played again, by rate."""
+    for rate_hz in dict.fromkeys(one.rate_hz for one in disturbed):
+        found = [one for one in disturbed if one.rate_hz == rate_hz]
+        told = [_disturbed_text(one) for one in found[:_TOLD]]
+        more = f"; and {len(found) - _TOLD} more, in result.json" if len(found) > _TOLD else ""
+        yield f"The machine disturbed, at {show(rate_hz, 'Hz')}: {'; '.join(told)}{more}"
+
+
+def _disturbed_text(one: DisturbedIteration) -> str:
+    again = f", played again as {one.rerun}" if one.rerun else ""
+    return f"{one.segment} ({', '.join(one.reasons)}{again})"
 
 
 def _odd_messages(result: Result) -> Iterator[str]:

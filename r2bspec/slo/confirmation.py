@@ -68,14 +68,32 @@ def judge_batches(
         return first
     if samples.confirmation is None:
         return msgspec.structs.replace(first, reason=f"{first.reason} {_NO_BATCH}")
+    second = judge_fresh(objectives, samples.confirmation, first)
+    found = confirm_run(first, second, terms.inconclusive)
+    said = _CONFIRMED if wants_confirmation(found) else _NOT_CONFIRMED
+    return msgspec.structs.replace(
+        found,
+        reason=f"{found.reason} {said}",
+        disturbed=(*first.disturbed, *second.disturbed),
+    )
+
+
+def judge_fresh(objectives: Mapping[str, Objective], batch: RunSamples, first: Verdict) -> Verdict:
+    """Judge the batch that confirms, on its own and at `CONFIRMING`.
+
+    Args:
+        objectives: by name.
+        batch: the fresh batch.
+        first: the verdict on the first batch; what did not fail there is not asked again.
+    """
+    failed = {_key(one) for one in first.requirements if one.outcome == "fail"}
     again = {
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()
     }
-    second = judge(again, samples.confirmation, Terms(confidence=CONFIRMING))
-    found = confirm_run(first, second, terms.inconclusive)
-    said = _CONFIRMED if wants_confirmation(found) else _NOT_CONFIRMED
-    return msgspec.structs.replace(found, reason=f"{found.reason} {said}")
+    found = judge(again, batch, Terms(confidence=CONFIRMING))
+    asked = tuple(one for one in found.requirements if _key(one) in failed)
+    return msgspec.structs.replace(found, requirements=asked)
 
 
 def confirm(first: RequirementVerdict, second: RequirementVerdict | None) -> RequirementVerdict:

@@ -65,7 +65,7 @@ def judge_by_earlier(
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()
     }
-    alike = replace(terms, confidence=CONFIRMING_BY_HISTORY, looks=None, disturbed={})
+    alike = replace(terms, confidence=CONFIRMING_BY_HISTORY, looks=None)
     again = answer_earlier(judge(asked, fresh, alike), asked, fresh, alike, earlier)
     usable = () if again.outcome in {"invalid", "incomplete"} else again.requirements
     second = {_key(one): one for one in usable}

@@ -9,9 +9,16 @@ import msgspec
 
 from r2bspec.measure.samples import RunSamples
 from r2bspec.measure.units import show
-from r2bspec.slo.disturbance import split_disturbed, told_of, weaken
+from r2bspec.slo.disturbance import favoured, find_disturbed, told_of, undisturbed, weaken
 from r2bspec.slo.looks import Looks, combine
-from r2bspec.slo.model import EXIT_CODES, OverallOutcome, RequirementVerdict, Unusable, Verdict
+from r2bspec.slo.model import (
+    EXIT_CODES,
+    DisturbedIteration,
+    OverallOutcome,
+    RequirementVerdict,
+    Unusable,
+    Verdict,
+)
 from r2bspec.slo.requirements import iterations_at, judge_requirement, rate_of
 from r2bspec.slo.schedule import Schedule
 from r2bspec.slo.severity import outcome_of
@@ -36,18 +43,14 @@ def judge(
     Args:
         objectives: by name.
         samples: the run.
-        terms: what was agreed on before the run, and which iterations were disturbed.
+        terms: what was agreed on before the run.
     """
     schedule = Schedule.of(samples)
     asked = {name: objective for name, objective in objectives.items() if objective.level != "off"}
-    played, calm = split_disturbed(samples, terms.disturbed)
-    requirements = _looked(asked, played, terms, schedule)
-    if calm is not None:
-        without = _looked(asked, calm, terms, schedule)
-        told = told_of(terms.disturbed)
-        requirements = tuple(
-            weaken(one, other, told) for one, other in zip(requirements, without, strict=True)
-        )
+    disturbed = find_disturbed(samples)
+    requirements = _looked(asked, samples, terms, schedule)
+    if disturbed and any(one.outcome == "fail" for one in requirements):
+        requirements = _in_light_of(disturbed, requirements, asked, samples, terms, schedule)
     spoiled = tuple(
         Unusable(offered_hz=rate, reason=reason)
         for rate, reason in sorted({**schedule.probes, **schedule.iterations}.items())
@@ -60,6 +63,24 @@ def judge(
         reason=reason,
         requirements=requirements,
         unusable=spoiled,
+        disturbed=tuple(disturbed.values()),
+    )
+
+
+def _in_light_of(
+    disturbed: Mapping[str, DisturbedIteration],
+    requirements: tuple[RequirementVerdict, ...],
+    objectives: Mapping[str, Objective],
+    samples: RunSamples,
+    terms: Terms,
+    schedule: Schedule,
+) -> tuple[RequirementVerdict, ...]:
+    """Verdicts on all iterations as they were played, after a look at the disturbed ones."""
+    calm = _looked(objectives, undisturbed(samples, disturbed), terms, schedule)
+    best = _looked(objectives, favoured(samples, disturbed), terms, schedule)
+    return tuple(
+        weaken(one, without, told_of(one, disturbed), favoured_one)
+        for one, without, favoured_one in zip(requirements, calm, best, strict=True)
     )
 
 

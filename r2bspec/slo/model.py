@@ -116,6 +116,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         notes: everything else that had a part in the decision, one sentence each: an earlier
             look, a fresh batch that confirmed it or did not, disturbed iterations.
         compared: base and head, where the requirement is on their ratio.
+        weakened: whether it failed, and is inconclusive only because of disturbed iterations.
     """
 
     objective: str
@@ -145,6 +146,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     looks: int = 0
     notes: tuple[str, ...] = ()
     compared: Compared | None = None
+    weakened: bool = False
 
 
 class Unusable(msgspec.Struct, frozen=True, kw_only=True):
@@ -154,10 +156,28 @@ class Unusable(msgspec.Struct, frozen=True, kw_only=True):
     reason: str
 
 
+class DisturbedIteration(msgspec.Struct, frozen=True, kw_only=True):
+    """An iteration that the machine disturbed.
+
+    Attributes:
+        segment: its id.
+        reasons: what disturbed it, in words; at least one.
+        rerun: the id of the iteration that was played in its place, or empty.
+        rerun_of: the id of the iteration in whose place it was played itself, or empty.
+    """
+
+    segment: str
+    rate_hz: float
+    reasons: tuple[str, ...]
+    rerun: str = ""
+    rerun_of: str = ""
+
+
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """A run, judged: the outcome, the exit code that says it, and every requirement.
 
-    `reason` is the outcome in one sentence.
+    `reason` is the outcome in one sentence. `disturbed` are the iterations that the machine
+    disturbed, those of a fresh batch among them; what they did to a requirement is in its notes.
     """
 
     outcome: OverallOutcome
@@ -165,3 +185,4 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     reason: str
     requirements: tuple[RequirementVerdict, ...]
     unusable: tuple[Unusable, ...]
+    disturbed: tuple[DisturbedIteration, ...] = ()

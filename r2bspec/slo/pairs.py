@@ -25,7 +25,7 @@ from r2bspec.measure.samples import RunSamples
 from r2bspec.slo.against import Asked, answer_baseline, decided, value_of
 from r2bspec.slo.baseline import judge_pairs
 from r2bspec.slo.confirmation import CONFIRMING, confirm_run, wants_confirmation
-from r2bspec.slo.disturbance import Surroundings, find_disturbed, foreign_cores, weaken
+from r2bspec.slo.disturbance import find_disturbed, weaken
 from r2bspec.slo.judge import judge
 from r2bspec.slo.model import EXIT_CODES, Outcome, RequirementVerdict, Verdict
 from r2bspec.slo.schedule import Schedule
@@ -99,12 +99,13 @@ def judge_batch(objectives: Objectives, batch: Batch, terms: Terms) -> Verdict:
 
     The number of pairs is fixed beforehand: there are no looks.
     """
-    terms = replace(terms, looks=None, disturbed={})
+    terms = replace(terms, looks=None)
     verdict = _judge(objectives, batch.played, terms)
     if batch.calm is not None:
         without = _judge(objectives, batch.calm, terms)
         requirements = tuple(
-            weaken(one, other, batch.told)
+            # All else rests on the iterations of the head, of which `judge` knows the same.
+            weaken(one, other, batch.told) if one.method == "paired t on logs" else one
             for one, other in zip(verdict.requirements, without.requirements, strict=True)
         )
         if verdict.outcome in {"invalid", "incomplete"}:
@@ -175,13 +176,5 @@ def why_unusable(samples: RunSamples) -> str:
 
 def what_disturbed(samples: RunSamples) -> str:
     """What the machine did during the iterations of a run, in words; empty if nothing."""
-    cores = samples.record.machine.get("cores")
-    found = [
-        reason
-        for iterations in samples.iterations.values()
-        for reasons in find_disturbed(
-            [Surroundings(cores=cores, foreign_cores=foreign_cores(one)) for one in iterations]
-        )
-        for reason in reasons
-    ]
+    found = [reason for one in find_disturbed(samples).values() for reason in one.reasons]
     return "; ".join(dict.fromkeys(found))

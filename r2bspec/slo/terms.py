@@ -1,27 +1,13 @@
-"""What was agreed on before a run, or found out about it, and has a say in its verdict."""
+"""What was agreed on before a run, and has a say in its verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from r2bspec.plan.model import Plan
 from r2bspec.slo.looks import Looks
 from r2bspec.slo.model import CONFIDENCE
 from r2bspec.slo.severity import Policy
-
-
-@dataclass(frozen=True)
-class Disturbed:
-    """An iteration that the machine disturbed.
-
-    Attributes:
-        reasons: what disturbed it, in words; at least one.
-        rerun: the id of the iteration that was played in its place, or empty.
-    """
-
-    reasons: tuple[str, ...]
-    rerun: str = ""
 
 
 @dataclass(frozen=True)
@@ -33,27 +19,19 @@ class Terms:
             own.
         looks: when the run was to be looked at; None for a run of a fixed length.
         inconclusive: what an inconclusive requirement does to the run.
-        disturbed: the disturbed iterations, by the id of their segment.
     """
 
     confidence: float = CONFIDENCE
     looks: Looks | None = None
     inconclusive: Policy = "report"
-    disturbed: Mapping[str, Disturbed] = field(default_factory=dict)
 
 
-def terms_of(plan: Plan, disturbed: Mapping[str, Disturbed] | None = None) -> Terms:
-    """The terms that a plan states.
-
-    Args:
-        plan: the plan of the run.
-        disturbed: the disturbed iterations, by the id of their segment.
-    """
+def terms_of(plan: Plan) -> Terms:
+    """The terms that a plan states."""
     growing = [one for one in plan.play if one.max_iterations > one.iterations]
     looks = Looks.planned(growing[0].iterations, growing[0].max_iterations) if growing else None
     return Terms(
         confidence=plan.gate.confidence,
         looks=looks,
         inconclusive=plan.gate.inconclusive,
-        disturbed=disturbed or {},
     )

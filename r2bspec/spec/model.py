@@ -341,7 +341,7 @@ class Gate(_Value, frozen=True, kw_only=True):
         confidence: of every verdict, unless an objective says otherwise.
         inconclusive: what the exit status says where the data decide nothing.
         confirm: whether a FAIL must be found again, in fresh processes.
-        time_budget: the longest time that a run may take for all its iterations.
+        time_budget: the longest time that measuring may take, with everything that is optional.
     """
 
     confidence: Share = Share(0.95)

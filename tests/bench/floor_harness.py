@@ -22,6 +22,7 @@ from r2bspec.execute.domain import reserved_domain
 from r2bspec.execute.environment import RunEnvironment
 from r2bspec.execute.holding import Criterion, judge_end, planned_looks, see
 from r2bspec.execute.playing import PLAYBACK_ROWS, Observed, Stage
+from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.search import Outcome, PeakSearch
 from r2bspec.harness import protocol
 from r2bspec.harness.buffers import largest_message_bytes
@@ -178,6 +179,8 @@ def floor(
             RunFolder.create(folder / "run"),
             cast("Any", _Silent()),
             on_segment=lambda: None,
+            # Not started: what it is asked for is never sampled.
+            resources=ResourceSampler(),
         )
         made = Floor(stage, pids)
         made.measure(workload.rate_hz, _WARM_UP_STEPS / workload.rate_hz)

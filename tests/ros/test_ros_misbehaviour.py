@@ -40,6 +40,10 @@ class Relay(Node):
         print("out of memory", file=sys.stderr, flush=True)
         os._exit(9)
 
+    def answers_and_exits(self, message):
+        self.out.publish(message)
+        os._exit(9)
+
     def crashes(self, message):
         os.abort()
 
@@ -123,6 +127,13 @@ def test_a_node_that_fails_ends_the_run_and_what_was_measured_is_kept(
     # What a dying node said last is shown, and where the rest of it is.
     assert "out of memory" in done.error or trick != "exits"
     assert str(done.folder / "logs" / "relay.log") in done.error
+
+
+def test_a_node_that_dies_at_the_very_last_message_passes_nothing(bench: Bench) -> None:
+    done = bench.run(spec("answers_and_exits", 2 * STEPS))
+    assert done.status == 4
+    assert done.error.startswith("error[R2B631]: process relay ended with status 9")
+    assert done.result()["verdict"]["outcome"] == "incomplete"
 
 
 @pytest.fixture(scope="module")

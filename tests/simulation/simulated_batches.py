@@ -18,6 +18,7 @@ from r2bspec.slo.earlier import CONFIRMING_BY_HISTORY
 from r2bspec.slo.looks import Looks
 from r2bspec.slo.statistics.paired import paired_ratio
 from r2bspec.slo.statistics.prediction import predicted_ratio
+from r2bspec.slo.statistics.serial import serial_inflation
 from r2bspec.slo.statistics.student import mean_interval
 
 Batch = Callable[[np.random.Generator, float], int]
@@ -35,7 +36,8 @@ def drops(random: np.random.Generator, confidence: float) -> int:
 
 def mean(random: np.random.Generator, confidence: float) -> int:
     """The mean of 10 iterations that differ by 2 %."""
-    found = mean_interval(random.normal(1, 0.02, 10).tolist(), confidence)
+    values = random.normal(1, 0.02, 10).tolist()
+    found = mean_interval(values, confidence, inflation=serial_inflation(values))
     return int(found.upper < 1) - int(found.lower >= 1)
 
 

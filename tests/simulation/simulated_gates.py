@@ -13,6 +13,7 @@ from r2bspec.slo.statistics.binomial import lower_bound, upper_bound
 from r2bspec.slo.statistics.effective import effective
 from r2bspec.slo.statistics.paired import RatioInterval, abba, paired_ratio
 from r2bspec.slo.statistics.prediction import predicted_ratio
+from r2bspec.slo.statistics.serial import serial_inflation
 from r2bspec.slo.statistics.student import mean_interval
 from r2bspec.slo.statistics.welch import welch_ratio
 
@@ -70,7 +71,9 @@ def share_gate(
 
 def mean_gate(values: NDArray[np.float64], limit: float) -> Rates:
     """``mean < limit`` by t over iterations; `values` is (runs, iterations)."""
-    intervals = [mean_interval(run, CONFIDENCE) for run in values.tolist()]
+    intervals = [
+        mean_interval(run, CONFIDENCE, inflation=serial_inflation(run)) for run in values.tolist()
+    ]
     return Rates.of([(one.upper < limit) - (one.lower >= limit) for one in intervals])
 
 

@@ -13,8 +13,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import signal, stats
 from simulated_batches import KINDS, Gates, aa_gates, history_gates
+from simulated_disturbances import Kind as Disturbance
+from simulated_disturbances import Machine, outcomes
 from simulated_gates import (
     bootstrap_gate,
     history_gate,
@@ -93,6 +95,10 @@ def means() -> None:
                 return random.normal(1, 0.02, (RUNS, m))
             case "drifting by 6 %":
                 return random.normal(1, 0.02, (RUNS, m)) + np.linspace(-0.03, 0.03, m)
+            case "each like the one before (r = 0.5)":
+                noise = random.standard_normal((RUNS, m + 100))
+                values = signal.lfilter([0.75**0.5], [1, -0.5], noise, axis=1)
+                return np.asarray(1 + values[:, 100:])
             case "log-normal messages (sigma 1), 300 each":
                 return np.asarray(np.exp(random.normal(0, 1, shape) - 0.5).mean(axis=2))
         return np.asarray((2 * random.pareto(3, shape)).mean(axis=2))
@@ -100,6 +106,7 @@ def means() -> None:
     worlds = (
         "stationary, 2 % variation",
         "drifting by 6 %",
+        "each like the one before (r = 0.5)",
         "log-normal messages (sigma 1), 300 each",
         "Pareto messages (index 3), 300 each",
     )
@@ -260,7 +267,38 @@ def peaks() -> None:
     )
 
 
+def disturbances() -> None:
+    def cell(kind: Disturbance, share: float, slower: float) -> str:
+        played, known = outcomes(Machine(kind, share), runs=200, slower=slower).fails()
+        return f"{100 * played:.0f} / {100 * known:.0f}"
+
+    kinds: tuple[Disturbance, ...] = ("stalls", "contention")
+    slower = (0.5, 1.8, 2.5, 5.0, 14.0)
+    show(
+        "Fails as it was played / as it is judged, in % of runs, by how slow the graph is",
+        ["machine", "half the limit", "on the limit", "1.3 x", "2.5 x", "7 x"],
+        (
+            [f"{kind} in {share:.0%} of iterations", *(cell(kind, share, each) for each in slower)]
+            for kind in kinds
+            for share in (0.3, 1.0)
+        ),
+    )
+
+
+TABLES = (
+    messages,
+    shares,
+    means,
+    power,
+    looks,
+    gates,
+    baselines,
+    sustained,
+    peaks,
+    disturbances,
+)
+
 if __name__ == "__main__":
-    for table in (messages, shares, means, power, looks, gates, baselines, sustained, peaks):
+    for table in TABLES:
         if len(sys.argv) < 2 or table.__name__ in sys.argv[1:]:
             table()

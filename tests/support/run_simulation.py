@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from r2bspec.plan.canonical import canonical_json, plan_hash
 from r2bspec.plan.model import DatasetPlan, MonitorPlan, Plan
-from r2bspec.record.arrays import MONITOR, PLAYBACK, RESOURCES, Rows
+from r2bspec.record.arrays import MONITOR, PLAYBACK, RESOURCES, SURROUNDINGS, Rows
 from r2bspec.record.model import (
     ConfirmationRecord,
     Probe,
@@ -29,6 +29,9 @@ from r2bspec.spec.requirement import parse_requirement
 
 EPOCH_NS = 5_000_000_000_000_000
 """Weeks of uptime: where float64 could no longer tell one nanosecond from the next."""
+
+MONITOR_PLAN = MonitorPlan(name="out", topic="/out", type="", match="stamp", qos=None)
+"""A monitor of whose plan nothing matters but that it matches by stamps."""
 
 STAMP_NS = 1_800_000_000_000_000_000
 
@@ -56,7 +59,10 @@ class Played:
 
 @dataclass(frozen=True)
 class Simulation:
-    """A run to be written; see `RunRecord` for most of the fields."""
+    """A run to be written; see `RunRecord` for most of the fields.
+
+    `surroundings` says by how much each of their sums grows in a second.
+    """
 
     segments: Sequence[Played] = ()
     objectives: Mapping[str, Objective] = field(default_factory=dict)
@@ -69,6 +75,7 @@ class Simulation:
     reason: str = ""
     cpu: Mapping[str, float] = field(default_factory=lambda: {"player": 0.1, "apriltag": 0.5})
     start_ns: int = EPOCH_NS
+    surroundings: Mapping[str, float] = field(default_factory=dict)
 
     def write(self, path: Path) -> Run:
         """Write the run folder, and open it."""
@@ -102,6 +109,8 @@ class Simulation:
             )
             start_ns = ended_ns + 500_000_000
         folder.write_resources(self._resources(start_ns))
+        if self.surroundings:
+            folder.write_surroundings(self._surroundings(start_ns))
         folder.write_record(self._record(plan, tuple(segments)))
         return open_run(path)
 
@@ -162,8 +171,16 @@ class Simulation:
             confirmation=self.confirmation,
         )
 
+    def _surroundings(self, end_ns: int) -> Rows:
+        times = _times(self.start_ns, end_ns)
+        rows = np.zeros(times.size, SURROUNDINGS)
+        rows["time_ns"] = times
+        for name, growth in self.surroundings.items():
+            rows[name] = 100 + growth * ((times - times[0]) / 1e9)
+        return rows
+
     def _resources(self, end_ns: int) -> Rows:
-        times = np.arange(self.start_ns - 10**9, end_ns + 10**9, 200_000_000, dtype=np.int64)
+        times = _times(self.start_ns, end_ns)
         loads = [(-1, sum(self.cpu.values()) + 0.05), *enumerate(self.cpu.values())]
         rows = np.zeros(times.size * len(loads), RESOURCES)
         rows["time_ns"] = np.repeat(times, len(loads))
@@ -180,6 +197,10 @@ def monitor_plan(name: str, match: Literal["stamp", "order"] = "stamp") -> Monit
     return MonitorPlan(
         name=name, topic=f"/r2b/{name}", type="std_msgs/msg/Header", match=match, qos=None
     )
+
+
+def _times(start_ns: int, end_ns: int) -> NDArray[np.int64]:
+    return np.arange(start_ns - 10**9, end_ns + 10**9, 200_000_000, dtype=np.int64)
 
 
 def playback_rows(played: Played, start_ns: int = EPOCH_NS) -> Rows:

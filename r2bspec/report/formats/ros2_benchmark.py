@@ -36,7 +36,7 @@ def render(reported: Reported) -> bytes:
     run = reported.need_run("the format ros2_benchmark")
     rates: dict[float, list[Segment]] = {}
     for segment in run.record.segments:
-        if segment.kind == "iteration" and segment.complete:
+        if segment.kind == "iteration" and not segment.rerun_of and segment.complete:
             rates.setdefault(segment.rate_hz, []).append(segment)
     loads = _Loads(run)
     content: dict[str, Any] = {}

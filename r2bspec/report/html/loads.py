@@ -1,17 +1,19 @@
-"""CPU and memory of every process over the run, with its phases behind them."""
+"""CPU, memory and pressure over the run, with its phases behind them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.diagnostics.quote import printable
-from r2bspec.measure.resources import MACHINE
+from r2bspec.measure.resources import MACHINE, spaced
 from r2bspec.record.arrays import Rows
 from r2bspec.record.store import Run
 from r2bspec.report.html.canvas import Chart, Sketch, colour, draw, line_style
+from r2bspec.report.html.pressure import has_pressure, paint_pressure
 from r2bspec.report.html.svg import PALETTE
 
 if TYPE_CHECKING:
@@ -24,40 +26,55 @@ _MIB = 2**20
 
 
 def loads_chart(name: str, run: Run) -> Chart | None:
-    """Above: processor time; below: memory. None if nothing was sampled."""
+    """Processor time, memory, and where it is known the pressure, one below the other.
+
+    None if nothing was sampled.
+    """
     rows = run.resources()
     if not rows.size:
         return None
+    around = run.surroundings()
+    pressed = has_pressure(around)
     start_ns = int(rows["time_ns"].min())
     description = (
-        "Processor time of each process above, where 100 % is one core, and its memory below, "
-        "against the time since the first sample. The background tells the phases of the run."
+        "Processor time of each process, where 100 % is one core, and its memory below, against "
+        "the time since the first sample. The background tells the phases of the run."
     )
+    if pressed:
+        description += (
+            " At the bottom, the share of the time in which some task of the machine waited for a "
+            "processor, or the machine itself was kept from working."
+        )
 
     def paint(sketch: Sketch) -> None:
-        upper, lower = sketch.figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        heights = (3, 2, 1.5) if pressed else (3, 2)
+        panels = sketch.figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        upper, lower = panels[:2]
         most = 1
         names = [(number, each.name) for number, each in enumerate(run.record.processes)]
         for place, (index, process) in enumerate([*names, (MACHINE, "whole machine")]):
             of_one = rows[rows["process"] == index]
             if of_one.size > 2:
                 most = max(most, _process(sketch, (upper, lower), place, process, of_one, start_ns))
-        _phases(run, (upper, lower), start_ns, int(rows["time_ns"].max()))
+        _phases(run, panels, start_ns, int(rows["time_ns"].max()))
         upper.set_ylim(bottom=0)
         lower.set_ylim(bottom=0)
         upper.set_xlim(left=0)
         upper.set_ylabel("CPU, % of a core")
         lower.set_ylabel("memory, MiB")
-        lower.set_xlabel("seconds")
+        panels[-1].set_xlabel("seconds")
         sketch.figure.legend(
             *upper.get_legend_handles_labels(), loc="outside lower center", ncols=4
         )
         sketch.readable(upper, "s", "%")
         sketch.readable(lower, "s", "MiB")
+        if pressed:
+            paint_pressure(sketch, panels[2], around, start_ns)
         if most > 1:
             sketch.note = f"Each point is the mean of up to {most} samples."
 
-    return draw(name, "CPU and memory over the run", description, 4.6, paint)
+    title = "CPU, memory and pressure over the run" if pressed else "CPU and memory over the run"
+    return draw(name, title, description, 6.0 if pressed else 4.6, paint)
 
 
 def _process(
@@ -70,6 +87,7 @@ def _process(
 ) -> int:
     """Draw one process; returns how many samples make one point."""
     rows = rows[np.argsort(rows["time_ns"], kind="stable")]
+    rows = rows[spaced(rows["time_ns"])]
     group = max(1, -(-rows.size // _MOST_POINTS))
     # Processor time adds up, so the difference over a group is exactly the group's mean.
     ends = np.unique(np.append(np.arange(0, rows.size, group), rows.size - 1))
@@ -98,7 +116,7 @@ def _means(values: NDArray[np.float64], ends: NDArray[np.int64]) -> NDArray[np.f
     return np.asarray((totals[ends[1:] + 1] - totals[ends[:-1] + 1]) / np.diff(ends))
 
 
-def _phases(run: Run, panels: tuple[Axes, Axes], start_ns: int, end_ns: int) -> None:
+def _phases(run: Run, panels: Sequence[Axes], start_ns: int, end_ns: int) -> None:
     begun = [
         (at_ns, text.removeprefix("phase "))
         for at_ns, text in run.record.events

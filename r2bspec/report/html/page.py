@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.resources
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -94,6 +95,12 @@ def _context(reported: Reported) -> dict[str, Any]:
             for number, one in enumerate(result.verdict.requirements)
             if one.compared is not None
         ],
+        "has_surroundings": any(
+            one.surroundings for rate in metrics.rates for one in rate.iterations
+        ),
+        "disturbed": defaultdict(
+            str, {one.segment: "; ".join(one.reasons) for one in result.verdict.disturbed}
+        ),
         "monitors": monitors,
         "processes": processes,
         "peak": peak_text(metrics.search) if metrics.search is not None else "",

@@ -30,7 +30,12 @@ def steps_of(run: Run, segment: Segment, monitor: str) -> Steps:
 def iterations_at(run: Run, rate_hz: float) -> Iterator[Segment]:
     """The complete iterations at a rate, in the order they were played."""
     for segment in run.record.segments:
-        if segment.kind == "iteration" and segment.complete and segment.rate_hz == rate_hz:
+        if (
+            segment.kind == "iteration"
+            and not segment.rerun_of
+            and segment.complete
+            and segment.rate_hz == rate_hz
+        ):
             yield segment
 
 

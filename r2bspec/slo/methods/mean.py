@@ -1,10 +1,13 @@
 """A bound on a mean, by t over the iterations.
 
 One value for each iteration: messages within one are too much alike to count one by one, and the
-difference between iterations is the noise that a second run would show.
+difference between iterations is the noise that a second run would show. Iterations that resemble
+their neighbours count as fewer.
 """
 
 from __future__ import annotations
+
+import math
 
 from r2bspec.measure.catalogue import MetricInfo
 from r2bspec.measure.samples import SegmentSamples
@@ -12,6 +15,7 @@ from r2bspec.measure.units import show
 from r2bspec.measure.values import value
 from r2bspec.slo.model import Outcome
 from r2bspec.slo.question import Answer, Question, decide
+from r2bspec.slo.statistics.serial import serial_inflation
 from r2bspec.slo.statistics.student import MeanInterval, iterations_to_settle, mean_interval
 
 _MOST_ITERATIONS = 200
@@ -45,7 +49,8 @@ def judge_mean(question: Question) -> Answer:
             estimate=estimate,
             n=len(values),
         )
-    interval = mean_interval(values, question.confidence, _resolution(question, values))
+    inflation = serial_inflation(values)
+    interval = mean_interval(values, question.confidence, _resolution(question, values), inflation)
     towards, against = (
         (interval.upper, interval.lower)
         if question.wants_less
@@ -55,12 +60,13 @@ def judge_mean(question: Question) -> Answer:
     return Answer(
         outcome=outcome,
         method="t over iterations",
-        reason=_reason(question, interval, outcome, len(values)),
-        settle=_settle(question, interval) if outcome == "inconclusive" else "",
+        reason=_reason(question, interval, outcome, len(values), inflation),
+        settle=_settle(question, interval, inflation) if outcome == "inconclusive" else "",
         estimate=interval.mean,
         lower=interval.lower,
         upper=interval.upper,
         n=len(values),
+        effective_n=len(values) / inflation,
     )
 
 
@@ -104,9 +110,13 @@ def resolution(info: MetricInfo, typical: float, window_s: float) -> float:
             return 0.0
 
 
-def _reason(question: Question, interval: MeanInterval, outcome: Outcome, n: int) -> str:
+def _reason(
+    question: Question, interval: MeanInterval, outcome: Outcome, n: int, inflation: float
+) -> str:
     unit = question.info.unit
     mean = f"The mean of {n} iterations is {show(interval.mean, unit)}"
+    if inflation > 1:
+        mean += f" (each resembles the one before it, so that they count as {n / inflation:.2g})"
     lower, upper = show(interval.lower, unit), show(interval.upper, unit)
     sure = f"at {question.confidence_text}"
     if outcome == "inconclusive":
@@ -121,7 +131,7 @@ def _reason(question: Question, interval: MeanInterval, outcome: Outcome, n: int
     return f"{mean}, {sure} at least {lower}{limit}."
 
 
-def _settle(question: Question, interval: MeanInterval) -> str:
+def _settle(question: Question, interval: MeanInterval, inflation: float) -> str:
     needed = iterations_to_settle(
         interval.mean, interval.deviation, question.limit, question.confidence, _MOST_ITERATIONS
     )
@@ -130,5 +140,5 @@ def _settle(question: Question, interval: MeanInterval) -> str:
             f"The mean is too close to {question.limit_text} for iterations that differ by "
             f"{show(interval.deviation, question.info.unit)}: move the limit, or calm the machine."
         )
-    needed = max(needed, len(question.iterations) + 1)
+    needed = max(math.ceil(needed * inflation), len(question.iterations) + 1)
     return f"About {needed} iterations would settle it, if mean and scatter stay what they are."

@@ -6,7 +6,8 @@ With values v_1 .. v_m of m independent iterations, their mean v and standard de
 
 follows Student's t with m - 1 degrees of freedom, if the values are close to normal, which means
 over seconds of messages are. One-sided bounds at the confidence c on the true mean mu are then
-v -+ t_c s / sqrt(m).
+v -+ t_c s / sqrt(m). Where values resemble their neighbours in time, m / F takes the place of m in
+both (`serial`).
 """
 
 from __future__ import annotations
@@ -27,7 +28,10 @@ class MeanInterval:
 
 
 def mean_interval(
-    values: Sequence[float], confidence: float, resolution: float = 0.0
+    values: Sequence[float],
+    confidence: float,
+    resolution: float = 0.0,
+    inflation: float = 1.0,
 ) -> MeanInterval:
     """The mean of `values` with one-sided bounds on the true mean.
 
@@ -37,6 +41,7 @@ def mean_interval(
         resolution: the smallest difference that the clock can show in such a value. Values that
             agree exactly differ by less than that, not by nothing: the deviation is taken to be
             at least resolution / sqrt(12), that of a value rounded to it.
+        inflation: F, at least 1.
 
     Raises:
         ValueError: fewer than two values.
@@ -49,7 +54,8 @@ def mean_interval(
     mean = math.fsum(values) / m
     variance = math.fsum((value - mean) ** 2 for value in values) / (m - 1)
     deviation = max(math.sqrt(variance), resolution / math.sqrt(12))
-    half = float(stdtrit(m - 1, confidence)) * deviation / math.sqrt(m)
+    worth = m / inflation
+    half = float(stdtrit(max(worth - 1, 1.0), confidence)) * deviation / math.sqrt(worth)
     return MeanInterval(mean=mean, lower=mean - half, upper=mean + half, deviation=deviation)
 
 

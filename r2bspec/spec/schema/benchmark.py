@@ -84,7 +84,9 @@ _GATE = record(
         ),
         "time_budget": quantity(
             Duration,
-            "The longest time that all iterations together may take.",
+            "The longest time that measuring may take: more iterations, disturbed ones played "
+            "again and a fresh batch that confirms a failure are left out where they would not "
+            "fit.",
             examples=["10 min"],
             positive=True,
         ),

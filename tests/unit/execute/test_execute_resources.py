@@ -11,8 +11,9 @@ from collections.abc import Callable
 import numpy as np
 
 from family_trees import wait_for
-from r2bspec.execute.resources import SYSTEM, ResourceSampler
-from r2bspec.record.arrays import RESOURCES
+from r2bspec.execute.resources import ResourceSampler
+from r2bspec.measure.resources import CONTROLLER, MACHINE
+from r2bspec.record.arrays import RESOURCES, SURROUNDINGS
 
 BUSY = "while True: pass"
 HAS_A_BUSY_CHILD = (
@@ -30,9 +31,9 @@ def test_processes_are_numbered_in_the_order_in_which_they_were_added() -> None:
     sampler = ResourceSampler()
     sampler.add(os.getpid())
     sampler.add(os.getppid())
-    rows = sampler.stop()
+    rows, _ = sampler.stop()
     assert rows.dtype == RESOURCES
-    assert rows["process"].tolist() == [SYSTEM, 0, 1]
+    assert rows["process"].tolist() == [MACHINE, CONTROLLER, 0, 1]
     assert np.all(rows["memory_bytes"] > 0)
 
 
@@ -42,7 +43,7 @@ def test_time_and_memory_of_descendants_count() -> None:
         began = time.process_time()
         sampled(sampler, one.pid, lambda: sampler.resident(one.pid) > 0)
         time.sleep(1.0)
-        rows = sampler.stop()
+        rows, _ = sampler.stop()
         os.killpg(one.pid, 9)
     used = rows[rows["process"] == 0]["cpu_s"]
     # The child did the work; its parent and this process only wait.
@@ -54,9 +55,9 @@ def test_samples_are_cumulative_and_in_order() -> None:
     sampler = ResourceSampler()
     with subprocess.Popen([sys.executable, "-c", BUSY]) as process:
         sampled(sampler, process.pid, lambda: len(sampler._rows) >= 8)
-        rows = sampler.stop()
+        rows, _ = sampler.stop()
         process.kill()
-    for number in (SYSTEM, 0):
+    for number in (MACHINE, CONTROLLER, 0):
         one = rows[rows["process"] == number]
         assert one.size >= 3
         assert np.all(np.diff(one["time_ns"]) > 0)
@@ -69,10 +70,50 @@ def test_a_process_that_ends_is_sampled_no_more_and_disturbs_nobody() -> None:
         process.wait()
         sampler.add(process.pid)
         sampler.add(os.getpid())
-        rows = sampler.stop()
-    assert set(rows["process"]) == {SYSTEM, 1}
+        rows, _ = sampler.stop()
+    assert set(rows["process"]) == {MACHINE, CONTROLLER, 1}
     assert sampler.resident(process.pid) == 0
 
 
 def test_what_was_never_started_can_be_stopped() -> None:
-    assert ResourceSampler().stop()["process"].tolist() == [SYSTEM]
+    rows, around = ResourceSampler().stop()
+    assert around.size == 1
+    assert rows["process"].tolist() == [MACHINE, CONTROLLER]
+
+
+def test_a_sample_is_taken_when_it_is_asked_for() -> None:
+    sampler = ResourceSampler()
+    sampler.start()
+    try:
+        soon_ns = time.monotonic_ns() + 30_000_000
+        wait_for(lambda: len(sampler._around) >= 1)
+        sampler.sample_at(soon_ns)
+        wait_for(lambda: bool(sampler._around) and sampler._around[-1][0] >= soon_ns)
+    finally:
+        _, around = sampler.stop()
+    assert around.dtype == SURROUNDINGS
+    after = around["time_ns"][around["time_ns"] >= soon_ns]
+    # Not the one of the period, which was due when the last one was 200 ms old.
+    previous = around["time_ns"][around["time_ns"] < soon_ns][-1]
+    assert after[0] >= soon_ns > previous
+
+
+def test_times_that_were_asked_for_and_are_past_are_one_sample() -> None:
+    sampler = ResourceSampler()
+    for _ in range(50):
+        sampler.sample_at(0)
+    sampler.start()
+    wait_for(lambda: len(sampler._around) >= 3)
+    sampler.stop()
+    assert not sampler._wanted
+
+
+def test_what_a_process_uses_lately() -> None:
+    sampler = ResourceSampler()
+    with subprocess.Popen([sys.executable, "-c", BUSY]) as process:
+        assert sampler.cores(process.pid) is None
+        sampled(sampler, process.pid, lambda: bool(sampler.cores(process.pid)))
+        process.kill()
+        process.wait()
+        wait_for(lambda: sampler.cores(process.pid) is None)
+        sampler.stop()

@@ -1,0 +1,130 @@
+"""What can be told of a stretch while it is still being played.
+
+Everything is worked out when it is asked for, and from the rows that came since it was last asked
+for: a run that nobody watches pays nothing for it, and a long one no more than a short one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from r2bspec.harness.rows import RowReader
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from r2bspec.plan.model import MonitorPlan
+
+    Nanoseconds = NDArray[np.int64]
+
+
+class LiveView:
+    """One stretch, as far as it has been played.
+
+    Args:
+        playback: what the player writes.
+        monitors: what each monitor writes, with its plan.
+        first: how many rows each had when the stretch began; the player's under an empty name.
+        use: processor time per time of each process, by name.
+    """
+
+    def __init__(
+        self,
+        playback: RowReader,
+        monitors: Mapping[str, tuple[MonitorPlan, RowReader]],
+        first: Mapping[str, int],
+        use: Callable[[], Mapping[str, float]],
+    ) -> None:
+        self._playback = _Column(playback, first[""])
+        self._monitors = {
+            name: _Latencies(plan, _Column(rows, first[name]))
+            for name, (plan, rows) in monitors.items()
+        }
+        self._use = use
+
+    def sent(self) -> int:
+        """How many steps have been published."""
+        return self._playback.count()
+
+    def received(self) -> int:
+        """How many messages have come: the least over all monitors."""
+        return min((each.rows.count() for each in self._monitors.values()), default=0)
+
+    def p99_ns(self) -> int | None:
+        """The p99 of the latencies of the messages that have come, the largest of all monitors.
+
+        A message that is still under way is not in it, nor one that was lost.
+        """
+        # Monitors first: a step that is in the monitors' rows must be in the player's.
+        for each in self._monitors.values():
+            each.rows.read()
+        self._playback.read()
+        found = [each.p99_ns(self._playback) for each in self._monitors.values()]
+        return max((each for each in found if each is not None), default=None)
+
+    def cores(self) -> Mapping[str, float]:
+        """Processor time per time of each process lately; 1 is one core."""
+        return self._use()
+
+
+class _Column:
+    """The rows of a stretch that have been read so far."""
+
+    def __init__(self, rows: RowReader, first: int) -> None:
+        import numpy as np
+
+        self._rows = rows
+        self._first = first
+        self.stamps: Nanoseconds = np.empty(0, np.int64)
+        self.times: Nanoseconds = np.empty(0, np.int64)
+
+    def count(self) -> int:
+        return self._rows.count() - self._first
+
+    def read(self) -> None:
+        """Read what is new: stamps, and when each message was published or received."""
+        import numpy as np
+
+        new = self._rows.read(self._first + self.stamps.size)
+        if new.size:
+            names = new.dtype.names or ()
+            time = "published_ns" if "published_ns" in names else "received_ns"
+            self.stamps = np.concatenate((self.stamps, new["stamp_ns"]))
+            self.times = np.concatenate((self.times, new[time]))
+
+
+class _Latencies:
+    """The latencies of one monitor, of which only the new ones are matched."""
+
+    def __init__(self, plan: MonitorPlan, rows: _Column) -> None:
+        import numpy as np
+
+        self.rows = rows
+        self._by_stamp = plan.match == "stamp"
+        self._matched = 0
+        self._known: Nanoseconds = np.empty(0, np.int64)
+
+    def p99_ns(self, playback: _Column) -> int | None:
+        import numpy as np
+
+        from r2bspec.measure.percentiles import rank
+
+        stamps = self.rows.stamps[self._matched :]
+        received = self.rows.times[self._matched :]
+        if self._by_stamp:
+            # Stamps only ever grow.
+            steps = np.searchsorted(playback.stamps, stamps)
+        else:
+            steps = np.arange(self._matched, self._matched + stamps.size)
+        self._matched += stamps.size
+        known = steps < playback.stamps.size
+        if self._by_stamp:
+            known[known] = playback.stamps[steps[known]] == stamps[known]
+        new = received[known] - playback.times[steps[known]]
+        self._known = np.concatenate((self._known, new))
+        if not self._known.size:
+            return None
+        k = rank(0.99, self._known.size) - 1
+        return int(np.partition(self._known, k)[k])

@@ -1,0 +1,119 @@
+"""Runs on a machine that disturbs them: what was played, what was played again, and what is known.
+
+The graph is one that just meets ``latency.p99 < 60 ms`` (1 % of its messages, in bursts of 5, take
+longer), or misses it by a known factor. Its machine disturbs iterations at random:
+
+    stalls      stretches of messages are late by 200 ms; a third of all, so that the pressure is a
+                third as well
+    contention  everything takes half as long again, and tasks wait for a third of the time
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from simulated_runs import RATE_HZ, run_of
+from simulated_worlds import bursts
+
+from r2bspec.measure.samples import RunSamples
+from r2bspec.measure.surroundings import Surroundings
+from r2bspec.slo.judge import judge
+from r2bspec.slo.terms import Terms
+from run_simulation import objective
+
+Kind = Literal["stalls", "contention"]
+
+LIMIT_S = 0.06
+ASKED = "latency.p99 < 60 ms"
+_CALM = Surroundings(seconds=10.0, cores=2, foreign_cores=0.0, pressure=0.02)
+_BUSY = Surroundings(seconds=10.0, cores=2, foreign_cores=1.5, pressure=1 / 3)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """How often it disturbs an iteration, and how."""
+
+    kind: Kind
+    share: float
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Outcomes of many runs: as they were played, and with the disturbances known."""
+
+    played: Counter[str]
+    known: Counter[str]
+
+    def fails(self) -> tuple[float, float]:
+        """The share of runs that fail, either way."""
+        return self.played["fail"] / self.played.total(), self.known["fail"] / self.known.total()
+
+
+def outcomes(
+    machine: Machine, *, runs: int, slower: float = 1.0, iterations: int = 10, seed: int = 1
+) -> Counts:
+    """Judge many runs of a graph that is `slower` times as slow as it may just be."""
+    random = np.random.default_rng(seed)
+    played: Counter[str] = Counter()
+    known: Counter[str] = Counter()
+    for _ in range(runs):
+        samples = _run(random, machine, slower, iterations)
+        unaware = replace(
+            samples,
+            iterations={
+                rate: tuple(replace(one, surroundings=None) for one in found)
+                for rate, found in samples.iterations.items()
+            },
+        )
+        for count, each in ((played, unaware), (known, samples)):
+            count[judge({"slo": objective(ASKED)}, each, Terms()).outcome] += 1
+    return Counts(played, known)
+
+
+def _run(
+    random: np.random.Generator, machine: Machine, slower: float, iterations: int
+) -> RunSamples:
+    """A run whose disturbed iterations were all played again, on the same machine."""
+    latency = _latencies(random, 2 * iterations) * slower
+    busy = random.random(2 * iterations) < machine.share
+    for row in np.flatnonzero(busy):
+        latency[row] = _disturbed(random, machine.kind, latency[row])
+    samples = run_of(latency)
+    around = [
+        replace(one, surroundings=_BUSY if hit else _CALM)
+        for one, hit in zip(samples.iterations[RATE_HZ], busy.tolist(), strict=True)
+    ]
+    first, again = around[:iterations], around[iterations:]
+    reruns = {
+        one.segment.id: replace(
+            other, segment=msgspec.structs.replace(other.segment, rerun_of=one.segment.id)
+        )
+        for one, other, hit in zip(first, again, busy.tolist()[:iterations], strict=True)
+        if hit
+    }
+    return replace(samples, iterations={RATE_HZ: tuple(first)}, reruns=reruns)
+
+
+def _latencies(random: np.random.Generator, iterations: int) -> NDArray[np.float64]:
+    """Seconds, shape (iterations, 300): 1 % in bursts of 5 just over the limit, others at half."""
+    late = bursts(5)(random, (1, iterations, 300), 0.01)[0]
+    usual = random.uniform(0.3, 0.5, late.shape) * LIMIT_S
+    return np.asarray(np.where(late, LIMIT_S * random.uniform(1.0, 1.5, late.shape), usual))
+
+
+def _disturbed(
+    random: np.random.Generator, kind: Kind, latency: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    if kind == "contention":
+        return latency * 1.5
+    # Ten stalls of ten messages; each empties its queue as it ends.
+    starts = random.choice(latency.size // 10, 10, replace=False) * 10
+    late = latency.copy()
+    for start in starts:
+        late[start : start + 10] += np.linspace(0.2, 0.02, 10)
+    return late
