@@ -6,6 +6,7 @@ for: a run that nobody watches pays nothing for it, and a long one no more than 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
     from r2bspec.plan.model import MonitorPlan
 
     Nanoseconds = NDArray[np.int64]
+
+
+_LOG_STEP = math.log(1.01)
+_STEPS = 2800
+"""Steps of 1 % from a nanosecond to some 20 minutes."""
 
 
 class LiveView:
@@ -55,7 +61,8 @@ class LiveView:
     def p99_ns(self) -> int | None:
         """The p99 of the latencies of the messages that have come, the largest of all monitors.
 
-        A message that is still under way is not in it, nor one that was lost.
+        It is up to 1 % above the true one: latencies are counted in steps of that size. A message
+        that is still under way is not in it, nor one that was lost.
         """
         # Monitors first: a step that is in the monitors' rows must be in the player's.
         for each in self._monitors.values():
@@ -104,7 +111,7 @@ class _Latencies:
         self.rows = rows
         self._by_stamp = plan.match == "stamp"
         self._matched = 0
-        self._known: Nanoseconds = np.empty(0, np.int64)
+        self._counts: Nanoseconds = np.zeros(_STEPS, np.int64)
 
     def p99_ns(self, playback: _Column) -> int | None:
         import numpy as np
@@ -123,8 +130,10 @@ class _Latencies:
         if self._by_stamp:
             known[known] = playback.stamps[steps[known]] == stamps[known]
         new = received[known] - playback.times[steps[known]]
-        self._known = np.concatenate((self._known, new))
-        if not self._known.size:
+        steps_of = np.ceil(np.log(np.maximum(new, 1)) / _LOG_STEP).astype(np.int64)
+        self._counts += np.bincount(np.minimum(steps_of, _STEPS - 1), minlength=_STEPS)
+        total = int(self._counts.sum())
+        if not total:
             return None
-        k = rank(0.99, self._known.size) - 1
-        return int(np.partition(self._known, k)[k])
+        step = int(np.searchsorted(np.cumsum(self._counts), rank(0.99, total)))
+        return round(math.exp(step * _LOG_STEP))

@@ -1,0 +1,65 @@
+"""What a user is told while a run goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pytest
+
+from r2bspec.report.progress import loads, shown_progress, told
+
+
+class Seen:
+    """Half of a stretch, which counts how often its latencies are asked for."""
+
+    looks = 0
+
+    def sent(self) -> int:
+        return 50
+
+    def received(self) -> int:
+        return 48
+
+    def p99_ns(self) -> int | None:
+        self.looks += 1
+        return 12_300_000
+
+    def cores(self) -> Mapping[str, float]:
+        return {"monitor": 0.01, "relay": 0.53, "a\x1b[2J": 0.2, "b": 0.0, "c": 0.0}
+
+
+def test_a_line_says_how_far_it_is() -> None:
+    assert told(Seen(), 100) == "50 of 100 sent · 48 received · p99 12.3 ms"
+
+
+def test_the_busiest_processes_come_first_and_their_names_do_nothing() -> None:
+    said = loads(Seen().cores())
+    assert said.startswith("CPU relay 53 % · a")
+    assert "\x1b" not in said
+    assert loads({}) == ""
+
+
+def test_without_a_terminal_a_stretch_is_one_line_unless_it_is_long(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen, now = Seen(), [100.0]
+    monkeypatch.setattr("r2bspec.report.progress.time.monotonic", lambda: now[0])
+    with shown_progress() as listener:
+        listener.segment("20 Hz, iteration 1 of 2", 100)
+        for _ in range(100):
+            now[0] += 0.25
+            listener.playing(seen)
+    said = capsys.readouterr().err.splitlines()
+    # A quarter of a minute and more, told every ten seconds.
+    assert len(said) == 1 + 2
+    assert said[1].endswith("p99 12.3 ms · " + loads(seen.cores()))
+    assert seen.looks == 2
+
+
+def test_nobody_looks_where_nobody_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    seen = Seen()
+    with shown_progress(quiet=True) as listener:
+        listener.segment("20 Hz, iteration 1 of 2", 100)
+        for _ in range(10):
+            listener.playing(seen)
+    assert (seen.looks, capsys.readouterr().err) == (0, "")
