@@ -26,6 +26,10 @@ _STEPS = 2800
 """Steps of 1 % from a nanosecond to some 20 minutes."""
 
 
+_KEPT = 10_000
+"""Steps that an answer may still come to."""
+
+
 class LiveView:
     """One stretch, as far as it has been played.
 
@@ -69,6 +73,7 @@ class LiveView:
             each.rows.read()
         self._playback.read()
         found = [each.p99_ns(self._playback) for each in self._monitors.values()]
+        self._playback.drop(_KEPT)
         return max((each for each in found if each is not None), default=None)
 
     def cores(self) -> Mapping[str, float]:
@@ -77,13 +82,14 @@ class LiveView:
 
 
 class _Column:
-    """The rows of a stretch that have been read so far."""
+    """The rows of a stretch, as they are read; all but the latest may be dropped."""
 
     def __init__(self, rows: RowReader, first: int) -> None:
         import numpy as np
 
         self._rows = rows
         self._first = first
+        self.dropped = 0
         self.stamps: Nanoseconds = np.empty(0, np.int64)
         self.times: Nanoseconds = np.empty(0, np.int64)
 
@@ -94,12 +100,18 @@ class _Column:
         """Read what is new: stamps, and when each message was published or received."""
         import numpy as np
 
-        new = self._rows.read(self._first + self.stamps.size)
+        new = self._rows.read(self._first + self.dropped + self.stamps.size)
         if new.size:
             names = new.dtype.names or ()
             time = "published_ns" if "published_ns" in names else "received_ns"
             self.stamps = np.concatenate((self.stamps, new["stamp_ns"]))
             self.times = np.concatenate((self.times, new[time]))
+
+    def drop(self, kept: int) -> None:
+        """Forget all but the last `kept` rows."""
+        gone = max(0, self.stamps.size - kept)
+        self.dropped += gone
+        self.stamps, self.times = self.stamps[gone:], self.times[gone:]
 
 
 class _Latencies:
@@ -110,7 +122,6 @@ class _Latencies:
 
         self.rows = rows
         self._by_stamp = plan.match == "stamp"
-        self._matched = 0
         self._counts: Nanoseconds = np.zeros(_STEPS, np.int64)
 
     def p99_ns(self, playback: _Column) -> int | None:
@@ -118,18 +129,17 @@ class _Latencies:
 
         from r2bspec.measure.percentiles import rank
 
-        stamps = self.rows.stamps[self._matched :]
-        received = self.rows.times[self._matched :]
+        stamps, received = self.rows.stamps, self.rows.times
         if self._by_stamp:
             # Stamps only ever grow.
             steps = np.searchsorted(playback.stamps, stamps)
         else:
-            steps = np.arange(self._matched, self._matched + stamps.size)
-        self._matched += stamps.size
-        known = steps < playback.stamps.size
+            steps = np.arange(stamps.size) + self.rows.dropped - playback.dropped
+        known = (steps >= 0) & (steps < playback.stamps.size)
         if self._by_stamp:
             known[known] = playback.stamps[steps[known]] == stamps[known]
         new = received[known] - playback.times[steps[known]]
+        self.rows.drop(0)
         steps_of = np.ceil(np.log(np.maximum(new, 1)) / _LOG_STEP).astype(np.int64)
         self._counts += np.bincount(np.minimum(steps_of, _STEPS - 1), minlength=_STEPS)
         total = int(self._counts.sum())

@@ -21,8 +21,8 @@ def test_what_fits_is_played_and_what_does_not_is_told() -> None:
     budget.begin()
     assert budget.allows("no more iterations", 60.0)
     assert not budget.allows("no fresh batch", 3601.0)
-    assert notes == ["no fresh batch: the time budget of 60 min does not allow it"]
-    assert budget.left_out == ["No fresh batch: the time budget of 60 min does not allow it."]
+    assert notes == ["no fresh batch: the time budget of 3600 s does not allow it"]
+    assert budget.left_out == ["No fresh batch: the time budget of 3600 s does not allow it."]
 
 
 def test_time_before_it_begins_does_not_count() -> None:
