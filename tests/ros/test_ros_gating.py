@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-from ros_runs import Bench, relay_node, relay_spec
+from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 
 # The busy wait of the relay alone takes longer, on any machine.
@@ -30,13 +31,18 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return Bench(tmp_path_factory.mktemp("gating"))
 
 
-def test_a_failure_is_confirmed_by_a_fresh_batch_in_fresh_processes(bench: Bench) -> None:
+def run_that_fails(bench: Bench, **gate: Any) -> Finished:
+    """A run whose only requirement cannot hold, on a machine that keeps the schedule."""
+    spec = SPEC | {"slos": IMPOSSIBLE, "benchmark": SPEC["benchmark"] | {"gate": gate}}
     for _ in range(3):
-        done = bench.run(SPEC | {"slos": IMPOSSIBLE})
+        done = bench.run(spec)
         if done.outcome != "invalid":
-            break
-    else:
-        pytest.skip("this machine is too loaded to play 8 messages a second on time")
+            return done
+    pytest.skip("this machine is too loaded to play 8 messages a second on time")
+
+
+def test_a_failure_is_confirmed_by_a_fresh_batch_in_fresh_processes(bench: Bench) -> None:
+    done = run_that_fails(bench)
     record = done.run().record
     # On a busy machine the fresh iteration may have been played again, which is no other one.
     kinds = [each.kind for each in record.segments if not each.rerun_of]
@@ -57,3 +63,17 @@ def test_a_failure_is_confirmed_by_a_fresh_batch_in_fresh_processes(bench: Bench
         assert "confirmed it." in done.stdout
     again = bench.judge(done.folder, "--format", "json")
     assert again.stdout.encode() == (Path(done.folder) / "result.json").read_bytes()
+    # What else happened on the machine stands beside every iteration, and cost none of them.
+    (rate,) = done.result()["metrics"]["rates"]
+    assert all(each["surroundings"]["seconds"] > 0 for each in rate["iterations"])
+    assert done.run().surroundings().size > 2
+
+
+def test_what_a_time_budget_does_not_allow_is_left_out_and_told(bench: Bench) -> None:
+    # Bringing a batch up takes longer than that, on any machine.
+    done = run_that_fails(bench, time_budget="1200 ms")
+    assert (done.status, done.outcome) == (1, "fail")
+    assert done.run().record.confirmation is None
+    assert "No fresh batch: the time budget of 1.2 s does not allow it." in " ".join(
+        done.stdout.split()
+    )

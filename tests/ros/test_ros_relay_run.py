@@ -81,6 +81,7 @@ def test_the_folder_has_everything_and_nothing_else(done: Finished) -> None:
         "result.json",
         "samples",
         "spec.yaml",
+        "surroundings.npy",
     ]
     logs = sorted(each.name for each in (done.folder / "logs").iterdir())
     assert logs == ["monitor.log", "player.log", "relay.log"]
