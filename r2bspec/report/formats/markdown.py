@@ -44,8 +44,9 @@ def _lines(reported: Reported) -> Iterator[str]:
     yield ""
     yield escaped(verdict.reason)
     yield ""
-    yield from (f"{escaped(each)}  " for each in comparison(result))
-    yield ""
+    if compared := list(comparison(result)):
+        yield from (f"{escaped(each)}  " for each in compared)
+        yield ""
     if verdict.requirements:
         yield from _requirements(verdict)
     yield from (f"> {escaped(note)}  " for note in notes(result))
