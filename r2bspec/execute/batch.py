@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from r2bspec.execute.alignment import align, in_order
+from r2bspec.execute.arranging import arrange
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.differences import suspicions
 from r2bspec.execute.errors import NoOutputError
@@ -25,8 +25,10 @@ from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.silence.facts import Facts
 from r2bspec.execute.silence.observe import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
 from r2bspec.execute.silence.walk import described, whole_way
+from r2bspec.execute.watching import LiveStage
 from r2bspec.harness import protocol
-from r2bspec.harness.buffers import read_index
+from r2bspec.harness.buffers import buffered_transforms
+from r2bspec.harness.schedule import Cyclic, Schedule
 from r2bspec.plan.model import MonitorPlan, Plan
 from r2bspec.plan.taps import all_taps, tap_watches
 from r2bspec.record.model import FloorRecord, Segment, SilenceRecord
@@ -37,6 +39,7 @@ PHASE = "measure"
 
 _WARM_UP_HZ = 10.0
 _WARM_UP_STEPS = 10
+_WARM_UP_NS = 500_000_000
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,7 @@ class Batch:
         self._rows_dir = scratch / ("rows-confirm" if confirms else "rows")
         self._tell = reporting
         self._confirms = confirms
+        self._schedule: Schedule = Cyclic(steps=())
         self._stage: Stage | None = None
         self.floor: tuple[FloorRecord, ...] = ()
         self.silences: tuple[SilenceRecord, ...] = ()
@@ -102,7 +106,7 @@ class Batch:
         player, monitor = self._start_harness()
         self._tell.phase("graph", "starting the graph")
         self._start_graph(player, monitor)
-        self._stage = Stage(
+        self._stage = (Stage if player else LiveStage)(
             self._children,
             player,
             self._plan.monitors,
@@ -110,6 +114,8 @@ class Batch:
             self._folder,
             self._tell.progress,
             on_segment=self._tell.segment,
+            schedule=self._schedule,
+            inputs=self._plan.inputs,
             resources=self._tell.resources,
             confirms=self._confirms,
         )
@@ -121,25 +127,14 @@ class Batch:
         )
         return stage
 
-    def _start_harness(self) -> tuple[Child, Child]:
-        """The player and the monitor, and what they take with no graph between them."""
+    def _start_harness(self) -> tuple[Child | None, Child]:
+        """The player and the monitor, and what they take with no graph between them.
+
+        A live run has no player.
+        """
         plan, launcher = self._plan, self._launcher
         processes = [each for each in plan.processes if each.phase == PHASE]
-        player = launcher.start(next(each for each in processes if each.role == "player"))
-        aligned = align(
-            [read_index(self._buffer_dir, each.source) for each in plan.inputs], plan.buffer
-        )
-        for topic, count in aligned.unpaired.items():
-            self._tell.note(f"{topic}: {count} messages have no partner of the same stamp")
-        launcher.configure(
-            player,
-            protocol.ConfigurePlayer(
-                inputs=plan.inputs,
-                buffer_dir=str(self._buffer_dir),
-                steps=in_order(aligned.steps, plan.playback_mode),
-                rows=str(self._rows_dir / PLAYBACK_ROWS),
-            ),
-        )
+        player = self._start_player() if plan.inputs else None
         monitor = launcher.start(next(each for each in processes if each.role == "monitor"))
         launcher.configure(
             monitor,
@@ -148,19 +143,39 @@ class Batch:
                 rows_dir=str(self._rows_dir),
             ),
         )
-        self._tell.phase("floor", "measuring what player, monitor and transport take alone")
-        self.floor = measure_floor(
-            self._children,
-            player,
-            monitor,
-            plan.inputs,
-            self._rows_dir,
-            PLAYBACK_ROWS,
-            usual_rate_hz(plan),
-        )
+        if player is not None:
+            self._tell.phase("floor", "measuring what player, monitor and transport take alone")
+            self.floor = measure_floor(
+                self._children,
+                player,
+                monitor,
+                plan.inputs,
+                self._rows_dir,
+                PLAYBACK_ROWS,
+                usual_rate_hz(plan),
+                self._schedule,
+            )
         return player, monitor
 
-    def _start_graph(self, player: Child, monitor: Child) -> None:
+    def _start_player(self) -> Child:
+        """The player, with everything that it will play in its memory."""
+        plan, launcher = self._plan, self._launcher
+        processes = [each for each in plan.processes if each.phase == PHASE]
+        player = launcher.start(next(each for each in processes if each.role == "player"))
+        ready = launcher.configure(
+            player,
+            protocol.ConfigurePlayer(
+                inputs=plan.inputs,
+                buffer_dir=str(self._buffer_dir),
+                rows=str(self._rows_dir / PLAYBACK_ROWS),
+                transforms=buffered_transforms(self._buffer_dir),
+            ),
+        )
+        self._schedule = arrange(plan, self._buffer_dir, ready.headers, self._tell.note)
+        launcher.configure(player, protocol.Follow(schedule=self._schedule))
+        return player
+
+    def _start_graph(self, player: Child | None, monitor: Child) -> None:
         """The nodes after the writers and before the readers; then wait until all are matched."""
         plan, children = self._plan, self._children
         self._launcher.start_nodes(
@@ -175,18 +190,12 @@ class Batch:
         wait_for_external(plan, children, monitor)
         watched = [each.topic for each in plan.monitors]
         watched += [each.topic for each in all_taps(plan.monitors)]
-        wait_until_matched(
-            children,
-            self._launcher,
-            {
-                player: {
-                    each.topic: readers_wanted(plan, each.topic, PHASE) for each in plan.inputs
-                },
-                monitor: dict.fromkeys(watched, 1),
-            },
-            plan,
-            PHASE,
-        )
+        wanted = {monitor: dict.fromkeys(watched, 1)}
+        if player is not None:
+            wanted[player] = {
+                each.topic: readers_wanted(plan, each.topic, PHASE) for each in plan.inputs
+            }
+        wait_until_matched(children, self._launcher, wanted, plan, PHASE)
 
     def _get_ready(self, monitor: Child) -> None:
         """What the spec says must be so, and be done, before anything is played."""
@@ -211,16 +220,17 @@ class Batch:
         rates = [each.rate_hz for each in plan.play]
         rates += [plan.search.min_hz] if plan.search else []
         rate_hz = min([_WARM_UP_HZ, *rates])
-        steps = max(_WARM_UP_STEPS, round(plan.warm_up_ns / 1e9 * rate_hz))
+        title = f"warm-up at {rate_hz:g} Hz" if rate_hz else "warm-up"
         deadline = time.monotonic() + plan.start_timeout_ns / 1e9
         for attempt in range(1, 1000):
-            stage.play(
+            stage.play_for(
                 "warm_up",
                 f"warm_up-{attempt:03d}",
                 rate_hz,
-                steps,
-                title=f"warm-up at {rate_hz:g} Hz",
+                plan.warm_up_ns or _WARM_UP_NS,
+                title=title,
                 index=attempt,
+                least_steps=_WARM_UP_STEPS,
             )
             silent = [name for name, count in stage.received().items() if not count]
             if not silent:
@@ -235,7 +245,9 @@ class Batch:
                     breaks,
                     f"nothing arrived on {', '.join(topics)}: {told(facts, topics, breaks, also)}",
                     otherwise=NoOutputError,
-                    hint="The inputs were played, but the graph published nothing there.",
+                    hint="The inputs were played, but the graph published nothing there."
+                    if plan.inputs
+                    else "The graph stands, but its source, or what comes after it, is silent.",
                 )
 
     def _watch_all(self, stage: Stage, monitor: Child) -> Facts:

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+import heapq
+from collections.abc import Iterator, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
+from typing import NamedTuple
 
 from r2bspec.data.headers import begins_with_header
 from r2bspec.data.index import index_bag
-from r2bspec.data.model import Window
+from r2bspec.data.model import Message, Window
 from r2bspec.data.reader import read_messages
 from r2bspec.execute.progress import Progress
+from r2bspec.execute.transforms import merge_static
 from r2bspec.harness.buffers import BufferWriter
 from r2bspec.harness.stamps import read_stamp
+from r2bspec.harness.transforms import TF, TF_STATIC, TF_TYPE
 from r2bspec.plan.model import DatasetPlan
+
+
+class _Part(NamedTuple):
+    """What is read of one bag: its topics, by their names there, as topics of the graph."""
+
+    bag: Path
+    targets: Mapping[str, str]
+    window: Window
 
 
 def buffer_bags(
@@ -21,7 +34,10 @@ def buffer_bags(
 ) -> dict[str, int]:
     """Write a buffer for every topic of the plan, under its name in the graph.
 
-    Memory is bounded by one message. Windows count from the first message of any of the bags.
+    Messages of one topic may be in several bags; they are buffered in the order of their
+    recording. Memory is bounded by a few messages of each bag. Windows count from the first
+    message of any of the bags. Of transforms, where they are asked for, /tf is buffered like all
+    others, and all of /tf_static, whatever the window, as one message.
 
     Returns:
         How many messages each topic of the graph got.
@@ -30,19 +46,68 @@ def buffer_bags(
         DataError: a bag cannot be read.
         OSError: the disk is full.
     """
-    topics = [each for dataset in datasets for each in dataset.topics]
-    stamped = {each.topic: bool(begins_with_header(each.type)) for each in topics}
+    types = {each.topic: each.type for dataset in datasets for each in dataset.topics}
+    if any(dataset.publish_tf for dataset in datasets):
+        types[TF] = TF_TYPE
+    stamped = {topic: begins_with_header(type_name) for topic, type_name in types.items()}
+    parts = [
+        _Part(bag, _targets(dataset, bag), window)
+        for bag, dataset, window in zip(bags, datasets, _windows(bags, datasets), strict=True)
+    ]
+    expected = sum(each.count for dataset in datasets for each in dataset.topics)
     writers: dict[str, BufferWriter] = {}
     with contextlib.ExitStack() as stack:
-        for each in topics:
-            if each.topic not in writers:
-                has_header = stamped[each.topic]
-                writer = BufferWriter(folder, each.topic, each.type, has_header=has_header)
-                stack.callback(writer.close)
-                writers[each.topic] = writer
-        for bag, dataset, window in zip(bags, datasets, _windows(bags, datasets), strict=True):
-            _buffer(bag, dataset, window, writers, stamped, progress)
-    return {topic: len(writer) for topic, writer in writers.items()}
+        for topic, type_name in types.items():
+            writer = BufferWriter(folder, topic, type_name, has_header=stamped[topic])
+            stack.callback(writer.close)
+            writers[topic] = writer
+        for done, (topic, message) in enumerate(_merged(parts)):
+            stamp_ns = read_stamp(message.data) if stamped[topic] else message.time_ns
+            writers[topic].append(stamp_ns, message.data, message.time_ns)
+            if done % 16 == 0:
+                progress.step(done, max(expected, done))
+    counts = {topic: len(writer) for topic, writer in writers.items()}
+    return counts | _buffer_static(bags, datasets, folder)
+
+
+def _targets(dataset: DatasetPlan, bag: Path) -> dict[str, str]:
+    """The topics of a bag that are read, as they are called in the graph."""
+    targets = {each.bag_topic: each.topic for each in dataset.topics}
+    if dataset.publish_tf and index_bag(bag).find(TF) is not None:
+        targets[TF] = TF
+    return targets
+
+
+def _merged(parts: Sequence[_Part]) -> Iterator[tuple[str, Message]]:
+    """The messages of all bags by time, each with its topic in the graph."""
+    streams = [_stream(part) for part in parts]
+    for _, topic, message in heapq.merge(*streams, key=itemgetter(0)):
+        yield topic, message
+
+
+def _stream(part: _Part) -> Iterator[tuple[int, str, Message]]:
+    by_name = {name.lstrip("/"): topic for name, topic in part.targets.items()}
+    for message in read_messages(part.bag, list(part.targets), part.window):
+        yield message.time_ns, by_name[message.topic.lstrip("/")], message
+
+
+def _buffer_static(
+    bags: Sequence[Path], datasets: Sequence[DatasetPlan], folder: Path
+) -> dict[str, int]:
+    """Buffer the static transforms of all bags that are to be asked for them, as one message."""
+    asked = [
+        bag
+        for bag, dataset in zip(bags, datasets, strict=True)
+        if dataset.publish_tf_static and index_bag(bag).find(TF_STATIC) is not None
+    ]
+    found = [message for bag in asked for message in read_messages(bag, [TF_STATIC])]
+    if not found:
+        return {}
+    found.sort(key=lambda each: each.time_ns)
+    writer = BufferWriter(folder, TF_STATIC, TF_TYPE, has_header=False)
+    writer.append(found[0].time_ns, merge_static([each.data for each in found]))
+    writer.close()
+    return {TF_STATIC: 1}
 
 
 def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[Window]:
@@ -58,22 +123,3 @@ def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[Wind
         )
         for dataset, start_ns in zip(datasets, starts_ns, strict=True)
     ]
-
-
-def _buffer(
-    bag: Path,
-    dataset: DatasetPlan,
-    window: Window,
-    writers: dict[str, BufferWriter],
-    stamped: dict[str, bool],
-    progress: Progress,
-) -> None:
-    by_name = {each.bag_topic.lstrip("/"): each.topic for each in dataset.topics}
-    expected = sum(each.count for each in dataset.topics)
-    messages = read_messages(bag, [each.bag_topic for each in dataset.topics], window)
-    for done, message in enumerate(messages):
-        topic = by_name[message.topic.lstrip("/")]
-        stamp_ns = read_stamp(message.data) if stamped[topic] else message.time_ns
-        writers[topic].append(stamp_ns, message.data)
-        if done % 16 == 0:
-            progress.step(done, max(expected, done))

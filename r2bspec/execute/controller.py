@@ -182,7 +182,8 @@ class _Controller:
         with self._domain() as domain:
             self._set_up(domain)
             self._refuse_missing()
-            self._load()
+            if "load" in self._plan.phases:
+                self._load()
             if "preprocess" in self._plan.phases:
                 self._phase("preprocess", "running the preprocessors")
                 preprocess(

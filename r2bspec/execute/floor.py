@@ -16,6 +16,8 @@ import msgspec
 from r2bspec.execute.children import Child, Children
 from r2bspec.harness import protocol
 from r2bspec.harness.rows import RowReader
+from r2bspec.harness.schedule import Schedule
+from r2bspec.measure.asked import asked_of
 from r2bspec.measure.matching import match
 from r2bspec.measure.percentiles import percentile
 from r2bspec.plan.model import InputPlan, MonitorPlan, Plan
@@ -43,6 +45,7 @@ def measure_floor(
     rows_dir: Path,
     playback: str,
     rate_hz: float,
+    schedule: Schedule,
 ) -> tuple[FloorRecord, ...]:
     """Measure the floor of each input; takes about `SECONDS`, and longer below 20 Hz.
 
@@ -56,7 +59,8 @@ def measure_floor(
         inputs: what the player plays.
         rows_dir: where player and monitor write their rows.
         playback: the name of the player's file there.
-        rate_hz: how many steps a second.
+        rate_hz: how many steps a second; 0 for as many as the recording has.
+        schedule: that the player follows.
 
     Raises:
         RunError: a process does not answer, or died.
@@ -73,6 +77,7 @@ def measure_floor(
             topic=each.topic,
             type=each.type,
             match="stamp",
+            answers=(each.topic,),
             qos=msgspec.structs.replace(each.qos, depth=_READER_DEPTH),
         )
         for number, each in enumerate(inputs)
@@ -82,15 +87,15 @@ def measure_floor(
     children.ask(monitor, protocol.Watch(monitors=watches), protocol.Matched, _ASK_S)
     records: tuple[FloorRecord, ...] = ()
     if _wait_for_matches(children, player, topics, wanted=True):
-        warm = min(_WARM_UP_STEPS, max(1, round(rate_hz * SECONDS)))
-        _play(children, player, files, rate_hz, warm)
+        usual = schedule.steps_within(rate_hz, round(SECONDS * 1e9))
+        _play(children, player, files, rate_hz, min(_WARM_UP_STEPS, max(1, usual)), schedule)
         first, before = played.count(), [each.count() for each in files]
-        steps = min(max(_LEAST_STEPS, round(rate_hz * SECONDS)), _MOST_STEPS)
-        _play(children, player, files, rate_hz, steps)
+        steps = min(max(_LEAST_STEPS, usual), _MOST_STEPS)
+        _play(children, player, files, rate_hz, steps, schedule)
         sent = played.read(first)
         records = tuple(
-            floor_record(each.topic, rate_hz, sent, file.read(start))
-            for each, file, start in zip(inputs, files, before, strict=True)
+            floor_record(watch.topic, rate_hz, asked_of(sent, inputs, watch), file.read(start))
+            for watch, file, start in zip(watches, files, before, strict=True)
         )
     children.ask(monitor, protocol.Unwatch(), protocol.Matched, _ASK_S)
     # Nodes are waited for by counting readers, and these must not be among them.
@@ -143,11 +148,13 @@ def _play(
     files: list[RowReader],
     rate_hz: float,
     steps: int,
+    schedule: Schedule,
 ) -> None:
     """Play, and wait until everything has arrived, or nothing has come for a while."""
     goal = [each.count() + steps for each in files]
     command = protocol.Play(rate_hz=rate_hz, steps=steps)
-    children.ask(player, command, protocol.Played, steps / rate_hz * 1.5 + _ASK_S)
+    span_s = schedule.span_ns(rate_hz, steps) / 1e9
+    children.ask(player, command, protocol.Played, span_s * 1.5 + _ASK_S)
     last, changed = [0], time.monotonic()
     while time.monotonic() - changed < _QUIET_S:
         counts = [each.count() for each in files]

@@ -148,9 +148,9 @@ class Launcher:
         self._children.answer(child, protocol.Called, timeout_s + _ASK_S)
         self._children.end([child])
 
-    def configure(self, child: Child, command: Any) -> None:
+    def configure(self, child: Child, command: Any) -> protocol.Ready:
         """Give a harness process its role and wait until it has taken it."""
-        self._children.ask(child, command, protocol.Ready, _CONFIGURE_S)
+        return self._children.ask(child, command, protocol.Ready, _CONFIGURE_S)
 
 
 def wait_until_matched(

@@ -22,8 +22,6 @@ from r2bspec.slo.looks import Looks, decide_at
 from r2bspec.slo.model import DisturbedIteration, Verdict
 from r2bspec.slo.terms import terms_of
 
-_LEAST_STEPS = 2
-
 
 @dataclass(frozen=True)
 class Iterating:
@@ -98,12 +96,14 @@ class Iterating:
 
     def _play_once(self, play: PlayPlan, index: int, title: str, rerun_of: str = "") -> None:
         again = "-again" if rerun_of else ""
-        self.stage.play(
+        at = f"{play.rate_hz:g} Hz, " if play.rate_hz else ""
+        name = f"rate-{play.rate_hz:g}Hz" if play.rate_hz else "iteration"
+        self.stage.play_for(
             "iteration",
-            f"rate-{play.rate_hz:g}Hz-{index:03d}{again}",
+            f"{name}-{index:03d}{again}",
             play.rate_hz,
-            max(_LEAST_STEPS, round(play.duration_ns / 1e9 * play.rate_hz)),
-            title=f"{play.rate_hz:g} Hz, {title}",
+            play.duration_ns,
+            title=f"{at}{title}",
             index=index,
             rerun_of=rerun_of,
         )

@@ -73,7 +73,7 @@ class Measuring:
         self._probe_sustained()
         if not self._plan.play:
             return self._judge_so_far(), 0
-        self._tell.phase("play", "playing at fixed rates")
+        self._tell.phase("play", _playing(self._plan))
         return self._iterating.play()
 
     def measure_again(self, failed: frozenset[Method], iterations: int) -> None:
@@ -91,7 +91,7 @@ class Measuring:
         if "sequential probe" in failed:
             self._probe_sustained()
         if failed - {"search bracket", "sequential probe"} and self._plan.play:
-            self._tell.phase("play", "playing at fixed rates")
+            self._tell.phase("play", _playing(self._plan))
             self._iterating.play_so_many(iterations)
 
     def _probe_peak(self) -> None:
@@ -114,3 +114,9 @@ class Measuring:
         self._tell.phase("sustained", "probing the rates to be sustained")
         for rate_hz in self._plan.sustained_hz:
             self._sustained.append(self._prober.sustain(rate_hz).probe)
+
+
+def _playing(plan: Plan) -> str:
+    return {"timeline": "playing the recording", "live": "watching the graph"}.get(
+        plan.playback_mode, "playing at fixed rates"
+    )

@@ -17,9 +17,11 @@ from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.silence.falling import fell_silent
 from r2bspec.harness import protocol
 from r2bspec.harness.rows import RowReader
+from r2bspec.harness.schedule import Cyclic, Schedule
+from r2bspec.measure.asked import asked_of
 from r2bspec.measure.matching import Matching, match, ratio_of
 from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
-from r2bspec.plan.model import MonitorPlan
+from r2bspec.plan.model import InputPlan, MonitorPlan
 from r2bspec.plan.taps import tap_watches
 from r2bspec.record.arrays import Rows
 from r2bspec.record.model import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind
@@ -46,6 +48,7 @@ class Observed:
         playback: Rows,
         monitors: dict[str, Rows],
         plans: tuple[MonitorPlan, ...],
+        inputs: tuple[InputPlan, ...],
         played_before: int,
     ) -> None:
         self.playback = playback
@@ -53,12 +56,13 @@ class Observed:
         self.played_before = played_before
         self.now_ns = time.monotonic_ns()
         self._plans = plans
+        self._inputs = inputs
 
     def matching(self, name: str) -> Matching:
         """How the messages of a monitor answer the steps of the playback."""
         plan = self._plan(name)
         ratio = ratio_of(plan, self.played_before)
-        return match(self.playback, self.monitors[name], plan.match, ratio)
+        return match(self.asked(name), self.monitors[name], plan.match, ratio)
 
     def samples(self, segment: Segment) -> SegmentSamples:
         """The samples as metrics need them, without those of processes."""
@@ -66,12 +70,16 @@ class Observed:
             segment=segment,
             playback=playback_samples(self.playback),
             monitors={
-                name: monitor_samples(segment, self.playback, rows, self._plan(name))
+                name: monitor_samples(segment, self.asked(name), rows, self._plan(name))
                 for name, rows in self.monitors.items()
             },
             processes={},
             machine=None,
         )
+
+    def asked(self, name: str) -> Rows:
+        """The steps that count for a monitor."""
+        return asked_of(self.playback, self._inputs, self._plan(name))
 
     def _plan(self, name: str) -> MonitorPlan:
         return next(plan for plan in self._plans if plan.name == name)
@@ -79,6 +87,8 @@ class Observed:
 
 class Stage:
     """The player, the monitors and their sample files: everything that playing needs.
+
+    A stage without a player can only be watched (`r2bspec.execute.watching`).
 
     Attributes:
         segments: what has been played.
@@ -88,7 +98,7 @@ class Stage:
     def __init__(
         self,
         children: Children,
-        player: Child,
+        player: Child | None,
         monitors: tuple[MonitorPlan, ...],
         rows_dir: Path,
         folder: RunFolder,
@@ -96,8 +106,12 @@ class Stage:
         on_segment: Callable[[], None],
         resources: ResourceSampler,
         *,
+        schedule: Schedule | None = None,
+        inputs: tuple[InputPlan, ...] = (),
         confirms: bool = False,
     ) -> None:
+        self._schedule = schedule or Cyclic(steps=())
+        self._inputs = inputs
         self._confirms = confirms
         self._resources = resources
         self._on_segment = on_segment
@@ -145,9 +159,7 @@ class Stage:
         Raises:
             RunError: the player does not answer, or a process died or failed.
         """
-        segment_id = self.id_of(segment_id)
-        if self._confirms and kind != "warm_up":
-            kind = "confirmation"
+        kind, segment_id = self._kind_of(kind), self.id_of(segment_id)
         self._progress.segment(title, steps)
         first = self._unread()
         complete = False
@@ -169,7 +181,9 @@ class Stage:
         Raises:
             RunError: the player does not answer, or a process died or failed.
         """
-        timeout_s = steps / rate_hz * 1.5 + _PLAYER_SLACK_S
+        if self._player is None:
+            raise RunError("nothing is played in this run")
+        timeout_s = self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         command = protocol.Play(rate_hz=rate_hz, steps=steps)
         self._children.ask(self._player, command, protocol.Played, timeout_s)
 
@@ -183,13 +197,34 @@ class Stage:
             if kind == "warm_up" or plan.name in self._silent or not observed.playback.size:
                 continue
             seen, matched = observed.monitors[plan.name], observed.matching(plan.name)
-            if fell_silent(observed.playback, seen, matched):
+            if fell_silent(observed.asked(plan.name), seen, matched):
                 self._silent.add(plan.name)
                 self.on_silence(self.segments[-1], plan)
+
+    def play_for(
+        self,
+        kind: SegmentKind,
+        segment_id: str,
+        rate_hz: float,
+        duration_ns: int,
+        *,
+        title: str,
+        index: int = 1,
+        least_steps: int = 2,
+        rerun_of: str = "",
+    ) -> Observed:
+        """Play a segment of a length in time, but of no fewer than `least_steps`; see `play`."""
+        steps = max(least_steps, self._schedule.steps_within(rate_hz, duration_ns))
+        return self.play(
+            kind, segment_id, rate_hz, steps, title=title, index=index, rerun_of=rerun_of
+        )
 
     def id_of(self, name: str) -> str:
         """The id of a segment that is played under a name, apart from those of another batch."""
         return f"confirm-{name}" if self._confirms else name
+
+    def _kind_of(self, kind: SegmentKind) -> SegmentKind:
+        return "confirmation" if self._confirms and kind != "warm_up" else kind
 
     def received(self) -> dict[str, int]:
         """How many messages each monitor has received since it was started."""
@@ -211,11 +246,14 @@ class Stage:
         # Monitors first: a step that is in the monitors' rows must be in the player's.
         monitors = {name: rows.read(first[name]) for name, rows in self._monitors.items()}
         before = first[""] - self._begun
-        return Observed(self._playback.read(first[""]), monitors, self._plans, before)
+        played = self._playback.read(first[""])
+        return Observed(played, monitors, self._plans, self._inputs, before)
 
     def _play(self, rate_hz: float, steps: int, first: dict[str, int], watch: Watch | None) -> int:
+        if self._player is None:
+            raise RunError("nothing is played in this run")
         begin = time.monotonic()
-        deadline = begin + steps / rate_hz * 1.5 + _PLAYER_SLACK_S
+        deadline = begin + self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         next_watch = begin + _WATCH_S
         stopping = False
         live = self._live(first)
@@ -232,7 +270,8 @@ class Stage:
             now = time.monotonic()
             if now > deadline:
                 raise RunError(
-                    f"the player has not finished {steps} steps at {rate_hz:g} Hz in time",
+                    f"the player has not finished {steps} steps "
+                    f"{f'at {rate_hz:g} Hz' if rate_hz else 'of the recording'} in time",
                     hint="The machine may be overloaded, or a publication blocks.",
                     code="R2B645",
                 )
@@ -253,9 +292,10 @@ class Stage:
 
     def _sample_at_end(self, first: dict[str, int], steps: int, rate_hz: float) -> None:
         """Have resources sampled when the last period ends, which the player does not wait for."""
-        last = self._playback.read(first[""] + max(steps - 1, 0))
-        if last.size:
-            self._resources.sample_at(int(last["due_ns"][-1]) + round(1e9 / rate_hz))
+        begun = self._playback.read(first[""], first[""] + 1)
+        if begun.size:
+            span_ns = self._schedule.span_ns(rate_hz, steps)
+            self._resources.sample_at(int(begun["due_ns"][0]) + span_ns)
 
     def _drain(self, first: dict[str, int], played: int) -> None:
         """Wait until every step is answered, or nothing has come for longer than it ever took."""
@@ -282,8 +322,9 @@ class Stage:
 
         As many messages as steps do not suffice: where some are answered twice, others still wait.
         """
-        for plan in self._plans:
-            # A step may lead to several messages, or to none by itself.
+        for plan in self._plans if isinstance(self._schedule, Cyclic) else ():
+            # A step may lead to several messages, or to none by itself. In a timeline not every
+            # monitor is asked about every step.
             if (counts[plan.name] - first[plan.name] + 1) * plan.ratio_inputs <= played:
                 return False
         observed = self._observed(first)
@@ -304,26 +345,33 @@ class Stage:
         playback = observed.playback
         if not playback.size:
             return
-        self._folder.write_playback(segment_id, playback)
-        for name, rows in observed.monitors.items():
-            self._folder.write_monitor(segment_id, name, rows)
-            self._read[name] = first[name] + rows.size
-        for topic, reader in self._taps.items():
-            rows = reader.read(first[topic])
-            self._folder.write_tap(segment_id, topic, rows)
-            self._read[topic] = first[topic] + rows.size
-        self.segments.append(
+        began_ns = int(playback["due_ns"][0])
+        self._keep(
             Segment(
                 id=segment_id,
                 kind=kind,
                 rate_hz=rate_hz,
                 index=index,
                 steps=steps,
-                began_ns=int(playback["due_ns"][0]),
-                ended_ns=int(playback["due_ns"][-1]) + round(1e9 / rate_hz),
+                began_ns=began_ns,
+                ended_ns=began_ns + self._schedule.span_ns(rate_hz, playback.size),
                 complete=complete,
                 played_before=observed.played_before,
                 rerun_of=rerun_of,
-            )
+            ),
+            observed,
+            first,
         )
+
+    def _keep(self, segment: Segment, observed: Observed, first: dict[str, int]) -> None:
+        """Write a segment and its samples."""
+        self._folder.write_playback(segment.id, observed.playback)
+        for name, rows in observed.monitors.items():
+            self._folder.write_monitor(segment.id, name, rows)
+            self._read[name] = first[name] + rows.size
+        for topic, reader in self._taps.items():
+            rows = reader.read(first[topic])
+            self._folder.write_tap(segment.id, topic, rows)
+            self._read[topic] = first[topic] + rows.size
+        self.segments.append(segment)
         self._on_segment()

@@ -18,6 +18,8 @@ from r2bspec.execute.graph import Launcher, explain, readers_wanted, wait_until_
 from r2bspec.execute.silence.facts import Facts
 from r2bspec.execute.silence.observe import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
 from r2bspec.harness import protocol
+from r2bspec.harness.buffers import buffered_transforms
+from r2bspec.harness.transforms import TF, TF_STATIC, TF_TYPE
 from r2bspec.plan.argv import HARNESS_ARGV
 from r2bspec.plan.model import Plan, ProcessPlan
 
@@ -47,12 +49,24 @@ def preprocess(
         for each in plan.topics
         if each.phase == _PHASE and "loader" in each.writers
     }
-    sources = {each.topic: each.type for each in plan.dataset.topics if each.topic in read}
+    datasets = plan.datasets or (plan.dataset,)
+    types = {each.topic: each.type for dataset in datasets for each in dataset.topics}
+    sources = {topic: kind for topic, kind in types.items() if topic in read}
     played = {each.source for each in plan.inputs if each.bag_topic}
+    transforms = buffered_transforms(buffer_dir)
+    if TF in transforms:
+        sources[TF] = TF_TYPE
     loader = launcher.start(next(each for each in processes if each.role == "loader"))
     launcher.configure(
         loader,
-        protocol.ConfigureLoader(sources=sources, recorded=recorded, buffer_dir=str(buffer_dir)),
+        protocol.ConfigureLoader(
+            sources=sources,
+            recorded=recorded,
+            buffer_dir=str(buffer_dir),
+            passed=tuple(sorted(played - sources.keys())),
+            retime=plan.timeline is not None and plan.timeline.recorded,
+            static=TF_STATIC in transforms,
+        ),
     )
     others = [each for each in processes if each.role != "loader"]
     nodes = launcher.start_nodes(others, plan.start_timeout_ns / 1e9)
@@ -61,12 +75,15 @@ def preprocess(
     wanted = {
         topic: readers_wanted(plan, topic, _PHASE)
         for topic in sources
-        if read[topic] or topic not in played
+        if read.get(topic) or topic not in {*played, TF}
     }
     wanted |= dict.fromkeys(recorded, 1)
     between = _readers_between(zip(nodes, others, strict=True), launcher, recorded)
     wait_until_matched(children, launcher, {loader: wanted} | between, plan, _PHASE)
-    loaded = children.ask(loader, protocol.Load(patience_ns=_PATIENCE_NS), protocol.Loaded, _LOAD_S)
+    load = protocol.Load(
+        patience_ns=_PATIENCE_NS, real_time=any(dataset.real_time for dataset in datasets)
+    )
+    loaded = children.ask(loader, load, protocol.Loaded, _LOAD_S)
     _check(plan, children, launcher, loader, loaded, buffer_dir, note)
     children.end([loader, *nodes])
 
@@ -103,6 +120,7 @@ def _check(
 ) -> None:
     """Compare what came out with what went in."""
     silent = [topic for topic, count in loaded.recorded.items() if count == 0]
+    fed = ", ".join(f"{topic}: {count} messages" for topic, count in loaded.published.items())
     if silent:
         facts = _watch_all(plan, children, launcher, loader, buffer_dir)
         breaks = breaks_of(facts, silent)
@@ -112,10 +130,12 @@ def _check(
             breaks,
             f"nothing arrived on {', '.join(silent)}: {told(facts, silent, breaks, also)}",
             otherwise=NoOutputError,
-            hint="The preprocessors were fed, but published nothing there.",
+            hint=f"The preprocessors were fed ({fed}), but published nothing there.",
         )
     # The shortest source: whatever is made of several has no more to go by.
-    sent = min((count for count in loaded.published.values() if count), default=0)
+    sent = min(
+        (count for topic, count in loaded.published.items() if count and topic != TF), default=0
+    )
     for topic, count in loaded.recorded.items():
         if count < sent:
             note(f"{topic}: {count} messages came out of the preprocessors for {sent} in")

@@ -2,67 +2,43 @@
 
 Nothing may be lost here, so the loader does not play at a rate. It keeps a few stamps in flight:
 the next messages go out when the outputs of earlier ones have come back, or when none has come
-for so long (`patience`) that none can be expected.
+for so long (`r2bspec.harness.patience`) that none can be expected. In real time, where the spec
+asks for that, messages go out when they were recorded, and what a preprocessor cannot take is lost
+as it would have been then.
 """
 
 from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
 
 from r2bspec.harness import buffers, protocol, ros
 from r2bspec.harness.channel import Channel
 from r2bspec.harness.monitor import discover, survey
-from r2bspec.harness.stamps import read_stamp
+from r2bspec.harness.patience import Patience
+from r2bspec.harness.recording import Recording
+from r2bspec.harness.repertoire import TF_QOS, publish_static
+from r2bspec.harness.transforms import TF
 from r2bspec.spec.model import QoS
 
 _IN_FLIGHT = 4
 """Stamps that may be under way at once: fewer than the ten that a default queue holds."""
 
+_POLL_S = 0.05
 _DEFAULT_QOS = QoS()
 
 
-class _Recording:
-    """One recorded topic.
+class _Source(NamedTuple):
+    """A buffered message: when it is its turn, its stamp, and when it was recorded."""
 
-    An output answers the source message of the same stamp. Outputs that carry no stamp, or one of
-    their own, answer in the order in which they come.
-    """
-
-    def __init__(self, topic: str, type_name: str, folder: Path, reader: ros.RawReader) -> None:
-        self.topic = topic
-        self.reader = reader
-        self._stamped = ros.begins_with_header(type_name)
-        self._buffer = buffers.BufferWriter(folder, topic, type_name, has_header=self._stamped)
-        self._sources: dict[int, int] = {}
-        self._answers: set[int] = set()
-        self._others = 0
-
-    def expect(self, sources: dict[int, int]) -> None:
-        """Take note of the stamps of the source messages, each with its number."""
-        self._sources = sources
-
-    def answered(self, stamp_ns: int) -> bool:
-        """Whether the answer to a source message has come."""
-        return stamp_ns in self._answers or self._others > self._sources[stamp_ns]
-
-    def drain(self) -> int:
-        """Record every message that has arrived; how many there were."""
-        count = 0
-        while (taken := self.reader.take()) is not None:
-            data, received_ns = taken
-            stamp_ns = read_stamp(data) if self._stamped else received_ns
-            self._buffer.append(stamp_ns, data)
-            if stamp_ns in self._sources:
-                self._answers.add(stamp_ns)
-            else:
-                self._others += 1
-            count += 1
-        return count
-
-    def finish(self) -> int:
-        self._buffer.close()
-        return len(self._buffer)
+    turn_ns: int
+    stamp_ns: int
+    time_ns: int
+    topic: str
+    position: int
 
 
 class Loader:
@@ -74,12 +50,16 @@ class Loader:
         self._folder = Path(settings.buffer_dir)
         self._node = ros.start_node("loader")
         self._loop = ros.WaitLoop(self._node)
+        # Before anything else, so that whoever is started later finds it.
+        self._static = publish_static(self._node, self._folder) if settings.static else None
         self._writers = {
-            topic: ros.RawWriter(self._node, topic, type_name, ros.profile(_DEFAULT_QOS))
+            topic: ros.RawWriter(
+                self._node, topic, type_name, ros.profile(TF_QOS if topic == TF else _DEFAULT_QOS)
+            )
             for topic, type_name in settings.sources.items()
         }
         self._waiting = dict(settings.recorded)
-        self._recordings: list[_Recording] = []
+        self._recordings: list[Recording] = []
 
     def serve(self) -> None:
         """Answer commands until told to shut down."""
@@ -96,8 +76,8 @@ class Loader:
                     self._channel.send(discover(self._node, topics))
                 case protocol.Survey():
                     self._channel.send(survey(self._node))
-                case protocol.Load(patience_ns=patience_ns):
-                    self._channel.send(self._load(patience_ns))
+                case protocol.Load(patience_ns=patience_ns, real_time=real_time):
+                    self._channel.send(self._load(patience_ns, real_time=real_time))
                 case protocol.Play(rate_hz=rate_hz, steps=steps):
                     self._channel.send(protocol.Played(steps=self._again(rate_hz, steps)))
                 case protocol.Shutdown():
@@ -112,7 +92,7 @@ class Loader:
             if qos is None:
                 continue
             reader = ros.RawReader(self._node, topic, type_name, qos)
-            self._recordings.append(_Recording(topic, type_name, self._folder, reader))
+            self._recordings.append(Recording(topic, type_name, self._folder, reader))
             self._loop.add(reader)
             del self._waiting[topic]
 
@@ -122,66 +102,129 @@ class Loader:
         counts |= {each.topic: each.reader.matches() for each in self._recordings}
         return counts
 
-    def _load(self, patience_ns: int) -> protocol.Loaded:
-        published = dict.fromkeys(self._writers, 0)
-        in_flight: list[int] = []
-        schedule = self._schedule()
-        stamps = dict.fromkeys(stamp_ns for stamp_ns, _, _ in schedule)
+    def _load(self, patience_ns: int, *, real_time: bool) -> protocol.Loaded:
+        sources = self._sources(real_time=real_time)
+        messages = self._messages(sources)
+        answered = (each for each in sources if each.topic in self._writers and each.topic != TF)
+        stamps = dict.fromkeys(each.stamp_ns for each in answered)
         for recording in self._recordings:
             recording.expect({stamp_ns: number for number, stamp_ns in enumerate(stamps)})
-        for stamp_ns, topic, message in schedule:
+        published = dict.fromkeys(self._writers, 0)
+        turns_ns: dict[str, dict[int, int]] = {each.topic: {} for each in sources}
+        in_flight: dict[int, None] = {}
+        patience = Patience(patience_ns)
+        begin_ns = time.monotonic_ns()
+        for each in sources:
             if self._interrupted():
                 break
-            if stamp_ns not in in_flight:
-                self._wait_for_room(in_flight, patience_ns)
-                in_flight.append(stamp_ns)
-            self._writers[topic].publish(message)
-            published[topic] += 1
-        self._collect_rest(in_flight, patience_ns)
+            if real_time:
+                self._record_until(begin_ns + each.time_ns - sources[0].time_ns)
+            if each.stamp_ns in stamps and each.stamp_ns not in in_flight:
+                if not real_time:
+                    self._wait_for_room(in_flight, patience)
+                in_flight[each.stamp_ns] = None
+            turns_ns[each.topic][each.position] = time.time_ns()
+            if each.topic in self._writers:
+                self._writers[each.topic].publish(messages[each.topic][each.position])
+                published[each.topic] += 1
+        self._collect_rest(in_flight, patience)
+        if self._settings.retime:
+            self._retime(turns_ns)
         recorded = {each.topic: each.finish() for each in self._recordings}
         return protocol.Loaded(published=published, recorded=recorded)
 
-    def _schedule(self) -> list[tuple[int, str, bytearray]]:
-        """Every source message with its stamp, by stamp, so that partners follow each other."""
-        schedule = []
-        for topic in self._writers:
-            index = buffers.read_index(self._folder, topic)
-            messages = buffers.read_messages(self._folder, topic, set(range(len(index.sizes))))
-            schedule += [
-                (stamp_ns, topic, messages[position])
-                for position, stamp_ns in enumerate(index.stamps_ns)
-            ]
-        return sorted(schedule, key=lambda each: each[0])
+    def _sources(self, *, real_time: bool) -> list[_Source]:
+        """Every source message, by time; partners follow each other, when the last one is there.
 
-    def _wait_for_room(self, in_flight: list[int], patience_ns: int) -> None:
+        In real time each message has its own turn.
+        """
+        indexes = [self._index(topic) for topic in (*self._writers, *self._settings.passed)]
+        found = [
+            _Source(time_ns, stamp_ns, time_ns, index.topic, position)
+            for index in indexes
+            for position, (stamp_ns, time_ns) in enumerate(
+                zip(index.stamps_ns, index.times_ns, strict=True)
+            )
+        ]
+        last_ns: dict[int, int] = {}
+        for each in found:
+            last_ns[each.stamp_ns] = max(each.time_ns, last_ns.get(each.stamp_ns, each.time_ns))
+        if real_time:
+            return sorted(found)
+        return sorted(each._replace(turn_ns=last_ns[each.stamp_ns]) for each in found)
+
+    def _index(self, topic: str) -> buffers.BufferIndex:
+        """What is in a buffer; with the stamps of messages whose type only ROS knows here."""
+        index = buffers.read_index(self._folder, topic)
+        if index.has_header is None and topic in self._settings.sources:
+            header = ros.begins_with_header(index.type)
+            index = (
+                buffers.read_stamps(self._folder, index)
+                if header
+                else msgspec.structs.replace(index, has_header=False)
+            )
+            buffers.write_index(self._folder, index)
+        return index
+
+    def _messages(self, sources: list[_Source]) -> dict[str, dict[int, bytearray]]:
+        """What the writers publish of these, by topic and position."""
+        return {
+            topic: buffers.read_messages(
+                self._folder, topic, {each.position for each in sources if each.topic == topic}
+            )
+            for topic in self._writers
+        }
+
+    def _retime(self, turns_ns: dict[str, dict[int, int]]) -> None:
+        """Replace the times of the sources by those at which it was their turn."""
+        for topic, turns in turns_ns.items():
+            index = buffers.read_index(self._folder, topic)
+            times_ns = tuple(turns.get(each, 0) for each in range(len(index.sizes)))
+            buffers.write_index(self._folder, msgspec.structs.replace(index, times_ns=times_ns))
+
+    def _record_until(self, end_ns: int) -> None:
+        """Record outputs until a point in time."""
+        while (left_ns := end_ns - time.monotonic_ns()) > 0 and not self._interrupted():
+            self._record(min(_POLL_S, left_ns / 1e9))
+
+    def _wait_for_room(self, in_flight: dict[int, None], patience: Patience) -> None:
         """Record outputs until fewer than `_IN_FLIGHT` stamps are under way, or patience ends."""
         last_ns = time.monotonic_ns()
         while len(in_flight) >= _IN_FLIGHT and not self._interrupted():
-            if self._record(0.05):
-                last_ns = time.monotonic_ns()
-                in_flight[:] = [stamp_ns for stamp_ns in in_flight if not self._answered(stamp_ns)]
-            elif time.monotonic_ns() - last_ns > patience_ns:
+            found = self._record(min(_POLL_S, patience.limit_ns / 1e9))
+            pause_ns = time.monotonic_ns() - last_ns
+            if found:
+                last_ns += pause_ns
+                patience.answered(pause_ns)
+                for stamp_ns in [each for each in in_flight if self._answered(each)]:
+                    del in_flight[stamp_ns]
+            elif pause_ns > patience.limit_ns:
                 # Some graphs answer only some messages; what is missing is counted at the end.
+                patience.ended()
                 in_flight.clear()
 
-    def _collect_rest(self, in_flight: list[int], patience_ns: int) -> None:
+    def _collect_rest(self, in_flight: dict[int, None], patience: Patience) -> None:
         last_ns = time.monotonic_ns()
         while not (self._interrupted() or all(map(self._answered, in_flight))):
-            if self._record(0.05):
-                last_ns = time.monotonic_ns()
-            elif time.monotonic_ns() - last_ns > patience_ns:
+            found = self._record(_POLL_S)
+            now_ns = time.monotonic_ns()
+            if found:
+                patience.answered(now_ns - last_ns)
+                last_ns = now_ns
+            elif now_ns - last_ns > patience.last_ns:
                 return
 
     def _again(self, rate_hz: float, steps: int) -> int:
         """Publish the first stamps once more, for whoever wants to see where they go."""
-        schedule = self._schedule()
-        stamps = [*dict.fromkeys(stamp_ns for stamp_ns, _, _ in schedule)][:steps]
+        sources = [each for each in self._sources(real_time=False) if each.topic in self._writers]
+        messages = self._messages(sources)
+        stamps = [*dict.fromkeys(each.stamp_ns for each in sources if each.topic != TF)][:steps]
         for number, stamp_ns in enumerate(stamps):
             if self._channel.wait(1 / rate_hz):
                 return number
-            for at_ns, topic, message in schedule:
-                if at_ns == stamp_ns:
-                    self._writers[topic].publish(message)
+            for each in sources:
+                if each.stamp_ns == stamp_ns:
+                    self._writers[each.topic].publish(messages[each.topic][each.position])
         return len(stamps)
 
     def _interrupted(self) -> bool:

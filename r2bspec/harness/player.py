@@ -9,78 +9,63 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
-from r2bspec.harness import buffers, protocol, ros
+from r2bspec.harness import protocol, ros
 from r2bspec.harness.channel import Channel
 from r2bspec.harness.pacing import Pacer
+from r2bspec.harness.repertoire import TF_QOS, Repertoire, publish_static
 from r2bspec.harness.rows import RowWriter
-from r2bspec.harness.stamps import write_stamp
+from r2bspec.harness.schedule import NO_STEP, Cyclic, Event, Timeline
+from r2bspec.harness.transforms import TF, TF_STATIC, TF_TYPE
 
 _LEAD_NS = 20_000_000
 """Time between the command to play and the first due time, so that the first step is not late."""
 
 
-@dataclass(frozen=True)
-class _Step:
-    """What is published together: the messages to stamp, and what publishes each input."""
-
-    stamped: list[bytearray]
-    publications: list[Callable[[], None]]
-
-
 class Player:
-    """Holds the inputs in memory and plays them in a loop."""
+    """Holds the inputs in memory and plays them as its schedule says."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigurePlayer) -> None:
         self._channel = channel
+        self._settings = settings
         self._node = ros.start_node("player")
-        folder = Path(settings.buffer_dir)
+        self._folder = Path(settings.buffer_dir)
+        self._topics = [each.topic for each in settings.inputs]
+        headers = [ros.begins_with_header(each.type) for each in settings.inputs]
+        self._headers = dict(zip(self._topics, headers, strict=True))
+        self._stamped = [
+            each.timestamp == "header" and header
+            for each, header in zip(settings.inputs, headers, strict=True)
+        ]
+        # Before anything else, so that whoever is started later finds it.
+        self._static = (
+            publish_static(self._node, self._folder) if TF_STATIC in settings.transforms else None
+        )
         self._writers = [
             ros.RawWriter(self._node, each.topic, each.type, ros.profile(each.qos))
             for each in settings.inputs
         ]
-        self._topics = [each.topic for each in settings.inputs]
-        self._stamped = [
-            each.timestamp == "header" and ros.begins_with_header(each.type)
-            for each in settings.inputs
-        ]
-        memory = [
-            buffers.read_messages(folder, each.source, {step[column] for step in settings.steps})
-            for column, each in enumerate(settings.inputs)
-        ]
-        publications = [
-            {position: writer.publication(message) for position, message in messages.items()}
-            for writer, messages in zip(self._writers, memory, strict=True)
-        ]
-        self._steps = [
-            _Step(
-                stamped=[
-                    memory[column][position]
-                    for column, position in enumerate(step)
-                    if self._stamped[column]
-                ],
-                publications=[
-                    publications[column][position] for column, position in enumerate(step)
-                ],
-            )
-            for step in settings.steps
-        ]
+        self._transforms = (
+            [ros.RawWriter(self._node, TF, TF_TYPE, ros.profile(TF_QOS))]
+            if TF in settings.transforms
+            else []
+        )
+        self._schedule: Cyclic | Timeline = Cyclic(steps=())
+        self._repertoire: Repertoire | None = None
         self._pacer = Pacer()
-        self._rows = RowWriter(Path(settings.rows), width=4)
+        self._rows = RowWriter(Path(settings.rows), width=5)
         self._next = 0
         self._last_stamp_ns = 0
-        # Nothing here makes cycles; a collection in mid-play would only delay a publication.
-        gc.collect()
-        gc.disable()
 
     def serve(self) -> None:
         """Answer commands until told to shut down."""
-        self._channel.send(protocol.Ready())
+        self._channel.send(protocol.Ready(headers=self._headers))
         while True:
             match self._channel.receive():
+                case protocol.Follow(schedule=schedule):
+                    self._follow(schedule)
+                    self._channel.send(protocol.Ready())
                 case protocol.CountMatches():
                     counts = {
                         topic: writer.matches()
@@ -95,39 +80,106 @@ class Player:
                     # A Stop that crossed with the end of playing.
                     continue
 
+    def _follow(self, schedule: Cyclic | Timeline) -> None:
+        self._schedule = schedule
+        self._repertoire = Repertoire(
+            schedule,
+            self._settings.inputs,
+            self._stamped,
+            [*self._writers, *self._transforms],
+            self._folder,
+        )
+        self._next = 0
+        # Nothing here makes cycles; a collection in mid-play would only delay a publication.
+        gc.collect()
+        gc.disable()
+
     def _play(self, rate_hz: float, steps: int) -> int:
         """Publish `steps` steps; fewer if a command arrives. Returns how many were published."""
+        if self._repertoire is None:
+            return 0
         begin_ns = time.monotonic_ns() + _LEAD_NS
-        period_ns = 1e9 / rate_hz
-        for step in range(steps):
+        epoch_ns = self._epoch(begin_ns)
+        rows = _StepRows(self._rows)
+        events = self._schedule.events(rate_hz, steps, self._next)
+        for number, event in enumerate(events):
             # From the first due time, not from the last: rounding must not add up.
-            due_ns = begin_ns + round(step * period_ns)
-            stamp_ns = self._stamp_next(due_ns)
+            due_ns = begin_ns + event.offset_ns
+            stamp_ns = self._stamp(self._repertoire, event, due_ns, epoch_ns)
             if self._pacer.wait_until(due_ns, self._channel.wait):
-                return step
-            if step % 64 == 0 and self._channel.wait(0.0):
+                break
+            if number % 64 == 0 and self._channel.wait(0.0):
                 # A player that is late never sleeps, and would not hear a command otherwise.
-                return step
-            self._publish_next(stamp_ns, due_ns)
-        return steps
+                break
+            published_ns, done_ns = self._publish(self._repertoire, event)
+            if event.step != NO_STEP:
+                rows.played(event, stamp_ns, due_ns, published_ns, done_ns)
+        if isinstance(self._schedule, Cyclic):
+            self._next = (self._next + rows.count) % len(self._schedule.steps)
+        return rows.count
 
-    def _stamp_next(self, due_ns: int) -> int:
-        """Write the time at which the next step will be published into its messages.
+    def _epoch(self, begin_ns: int) -> int:
+        """The system time of the beginning, to which the stamps of a timeline are shifted.
+
+        Later, where a stamp would else be played again: stamps may run ahead of the clock.
+        """
+        epoch_ns = time.time_ns() + begin_ns - time.monotonic_ns()
+        if isinstance(self._schedule, Cyclic):
+            return epoch_ns
+        return max(epoch_ns, self._last_stamp_ns + 1 - self._schedule.earliest_stamp_ns())
+
+    def _stamp(self, held: Repertoire, event: Event, due_ns: int, epoch_ns: int) -> int:
+        """Write its stamp into what will be published next; returns the stamp.
 
         Done before waiting: touching messages that are no longer in the cache takes its time, and
         would make each publication late by it.
         """
-        until_due_ns = max(0, due_ns - time.monotonic_ns())
-        stamp_ns = max(time.time_ns() + until_due_ns, self._last_stamp_ns + 1)
-        self._last_stamp_ns = stamp_ns
-        for message in self._steps[self._next].stamped:
-            write_stamp(message, stamp_ns)
+        if event.stamp_ns is not None:
+            stamp_ns = epoch_ns + event.stamp_ns
+        else:
+            stamp_ns = time.time_ns() + max(0, due_ns - time.monotonic_ns())
+        if event.step != NO_STEP:
+            if event.stamp_ns is None:
+                stamp_ns = max(stamp_ns, self._last_stamp_ns + 1)
+            self._last_stamp_ns = max(stamp_ns, self._last_stamp_ns)
+        held.stamp(event, stamp_ns)
         return stamp_ns
 
-    def _publish_next(self, stamp_ns: int, due_ns: int) -> None:
-        step = self._steps[self._next]
-        self._next = (self._next + 1) % len(self._steps)
+    def _publish(self, held: Repertoire, event: Event) -> tuple[int, int]:
+        """Publish the messages of an event; when that began, and when all were handed over."""
+        publications = held.publications(event)
         published_ns = time.monotonic_ns()
-        for publish in step.publications:
+        for publish in publications:
             publish()
-        self._rows.append(stamp_ns, due_ns, published_ns, time.monotonic_ns())
+        return published_ns, time.monotonic_ns()
+
+
+class _StepRows:
+    """Writes one row per step, in the order in which steps begin.
+
+    In a timeline a step may end after the next one has begun, and its row is known by then only.
+    """
+
+    def __init__(self, rows: RowWriter) -> None:
+        self._rows = rows
+        self._open: dict[int, tuple[int, int, int]] = {}
+        self._done: dict[int, tuple[int, int, int, int, int]] = {}
+        self.count = 0
+
+    def played(
+        self, event: Event, stamp_ns: int, due_ns: int, published_ns: int, done_ns: int
+    ) -> None:
+        """Take note of what was published of a step."""
+        if event.opens and event.closes and event.step == self.count:
+            self._append(stamp_ns, due_ns, published_ns, done_ns, event.inputs)
+            return
+        if event.opens:
+            self._open[event.step] = (stamp_ns, due_ns, published_ns)
+        if event.closes:
+            self._done[event.step] = (*self._open.pop(event.step), done_ns, event.inputs)
+        while self.count in self._done:
+            self._append(*self._done.pop(self.count))
+
+    def _append(self, *row: int) -> None:
+        self._rows.append(*row)
+        self.count += 1

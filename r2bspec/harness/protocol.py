@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from r2bspec.harness.schedule import Schedule
 from r2bspec.plan.model import InputPlan, MonitorPlan, NodePlan
 
 CONTROL_FD_VARIABLE = "R2BSPEC_CONTROL_FD"
@@ -25,20 +26,37 @@ class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
     """Be the loader: publish `sources` (topic: type), record `recorded` (topic: type).
 
     `buffer_dir` holds one buffer per source and receives one per recorded topic.
+
+    Attributes:
+        passed: topics that are buffered and not published. With `retime`, the times of these and of
+            the sources become those at which it was their turn.
+        static: whether the buffered /tf_static is published, latched, before anything else.
     """
 
     sources: dict[str, str]
     recorded: dict[str, str]
     buffer_dir: str
+    passed: tuple[str, ...] = ()
+    retime: bool = False
+    static: bool = False
 
 
 class ConfigurePlayer(_Message, frozen=True, kw_only=True, tag=True):
-    """Be the player: publish `inputs` from the buffers, `steps[i][k]` being an index into them."""
+    """Be the player: publish `inputs` from the buffers, and `transforms` (topics) along with them.
+
+    The answer, `Ready`, says which inputs have a header. What to publish when comes with `Follow`.
+    """
 
     inputs: tuple[InputPlan, ...]
     buffer_dir: str
-    steps: tuple[tuple[int, ...], ...]
     rows: str
+    transforms: tuple[str, ...] = ()
+
+
+class Follow(_Message, frozen=True, kw_only=True, tag=True):
+    """Hold ready in memory what this schedule plays. `Ready` answers it."""
+
+    schedule: Schedule
 
 
 class ConfigureMonitor(_Message, frozen=True, kw_only=True, tag=True):
@@ -104,16 +122,19 @@ class Survey(_Message, frozen=True, kw_only=True, tag=True):
 class Load(_Message, frozen=True, kw_only=True, tag=True):
     """Publish every source message once and record what comes out.
 
-    `patience_ns` is how long no output may come before the loader stops waiting for more.
+    `patience_ns` is how long no output may come before the loader stops waiting for more. In
+    `real_time` messages go out when they were recorded, whatever has come out by then.
     """
 
     patience_ns: int
+    real_time: bool = False
 
 
 class Play(_Message, frozen=True, kw_only=True, tag=True):
     """Publish `steps` steps at `rate_hz`. The answer, `Played`, comes when that is done.
 
-    A loader publishes the first so many of its messages once more, and records nothing.
+    A rate of 0 is that of the recording. A loader publishes the first so many of its messages once
+    more, and records nothing.
     """
 
     rate_hz: float
@@ -131,6 +152,7 @@ class Shutdown(_Message, frozen=True, kw_only=True, tag=True):
 Command = (
     ConfigureLoader
     | ConfigurePlayer
+    | Follow
     | ConfigureMonitor
     | ConfigureHost
     | ConfigureCaller
@@ -148,18 +170,20 @@ Command = (
 
 
 class Ready(_Message, frozen=True, kw_only=True, tag=True):
-    """The child is configured. The rest is what a host found of its nodes.
+    """The child is configured. What it tells is what a host found of its nodes, but for `headers`.
 
-    `endpoints` lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the
-    parameters given that the node does not declare, as (node, parameter), `parameters` what each
-    node does declare, and `unmatched` the remappings that changed no name of the node's, as (node,
-    name before as written, full name after).
+    `headers` says of each topic of a player whether its type begins with a header. `endpoints`
+    lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the parameters given
+    that the node does not declare, as (node, parameter), `parameters` what each node does declare,
+    and `unmatched` the remappings that changed no name of the node's, as (node, name before as
+    written, full name after).
     """
 
     endpoints: tuple[tuple[str, str, str, str], ...] = ()
     undeclared: tuple[tuple[str, str], ...] = ()
     parameters: dict[str, tuple[str, ...]] = {}
     unmatched: tuple[tuple[str, str, str], ...] = ()
+    headers: dict[str, bool] = {}
 
 
 class Matched(_Message, frozen=True, kw_only=True, tag=True):

@@ -12,6 +12,9 @@ import struct
 _LITTLE = struct.Struct("<iI")
 _BIG = struct.Struct(">iI")
 _OFFSET = 4
+STAMP_BYTES = _OFFSET + _LITTLE.size
+"""How many bytes of a message show its stamp."""
+
 _SECOND_NS = 1_000_000_000
 
 

@@ -166,6 +166,15 @@ METRICS: dict[str, MetricInfo] = {info.name: info for info in _CATALOGUE}
 listed exist (see `quantile`)."""
 
 
+_LIVE = ("throughput", "latency", "interval", "jitter", "received", "cpu", "memory")
+"""Families of metrics that need nothing that was played."""
+
+
+def known_live(info: MetricInfo) -> bool:
+    """Whether a metric can be known of a live run, in which the graph has its own source."""
+    return info.family in _LIVE
+
+
 def resolve(
     metric: str, monitors: Collection[str], processes: Collection[str] = ()
 ) -> tuple[str | None, MetricInfo]:

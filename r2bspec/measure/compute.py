@@ -10,12 +10,14 @@ from r2bspec.measure.model import (
     Distribution,
     HopMetrics,
     MonitorMetrics,
+    Pace,
     PlaybackMetrics,
     RateMetrics,
     RunMetrics,
     SegmentMetrics,
     Spread,
     UseMetrics,
+    pace_of,
 )
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.pooling import pool_monitor, pool_playback, pool_use, process_names
@@ -43,7 +45,7 @@ def summarise(samples: RunSamples) -> RunMetrics:
     """The metrics of samples that were read before."""
     return RunMetrics(
         rates=tuple(
-            _measure_rate(rate, iterations, samples.reruns)
+            _measure_rate(rate, iterations, samples.reruns, pace_of(samples.mode))
             for rate, iterations in sorted(samples.iterations.items())
         ),
         search=samples.record.search,
@@ -66,13 +68,17 @@ def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
 
 
 def _measure_rate(
-    rate_hz: float, samples: Sequence[SegmentSamples], reruns: Mapping[str, SegmentSamples]
+    rate_hz: float,
+    samples: Sequence[SegmentSamples],
+    reruns: Mapping[str, SegmentSamples],
+    pace: Pace,
 ) -> RateMetrics:
     iterations = tuple(measure_segment(one) for one in samples)
     return RateMetrics(
         offered_hz=rate_hz,
         iterations=iterations,
         pooled=_pooled(samples),
+        pace=pace,
         spread={name: _spread(iterations, name) for name in samples[0].monitors},
         reruns=tuple(
             measure_segment(again)
@@ -123,23 +129,26 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
 
 
 def _monitor(seen: MonitorSamples) -> MonitorMetrics:
+    def known(count: int) -> int | None:
+        return None if seen.live else count
+
     return MonitorMetrics(
-        sent=seen.sent,
-        answered=seen.answered,
-        missed=seen.missed,
-        drop_rate=seen.missed / seen.expected if seen.expected else None,
+        sent=known(seen.sent),
+        answered=known(seen.answered),
+        missed=known(seen.missed),
+        drop_rate=seen.missed / seen.expected if seen.expected and not seen.live else None,
         received=seen.received,
-        duplicates=seen.duplicates,
-        reordered=seen.reordered,
-        unmatched=seen.unmatched,
+        duplicates=known(seen.duplicates),
+        reordered=known(seen.reordered),
+        unmatched=known(seen.unmatched),
         throughput_hz=seen.throughput_hz,
         latency=distribution(seen.times["latency"]),
         latency_from_due=distribution(seen.times["latency_from_due"]),
         interval=distribution(seen.times["interval"]),
         jitter=distribution(seen.times["jitter"]),
-        late=seen.late,
-        early=seen.early,
-        overdue=seen.overdue,
+        late=known(seen.late),
+        early=known(seen.early),
+        overdue=known(seen.overdue),
         hops=tuple(map(_hop, seen.hops)),
     )
 
@@ -156,7 +165,9 @@ def _hop(hop: HopSamples) -> HopMetrics:
 
 def _playback(played: PlaybackSamples) -> PlaybackMetrics:
     return PlaybackMetrics(
-        sent=played.sent, rate_hz=played.rate_hz, lateness=distribution(played.lateness)
+        sent=None if played.live else played.sent,
+        rate_hz=None if played.live else played.rate_hz,
+        lateness=distribution(played.lateness),
     )
 
 

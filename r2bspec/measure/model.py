@@ -6,6 +6,8 @@ core is 1. None stands for 'no value': nothing arrived, or nothing was sampled.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import msgspec
 
 from r2bspec.measure.surroundings import Surroundings
@@ -46,7 +48,7 @@ class HopMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """What one monitor saw.
+    """What one monitor saw. Of a live run, what needs to know what was sent is None.
 
     `sent` counts steps. They let expect as many answers, unless the monitor's ratio is another:
     ``expected = answered + missed``, and ``drop_rate = missed / expected``. Messages are counted
@@ -61,35 +63,40 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
         hops: the way of the messages, where it is tapped.
     """
 
-    sent: int
-    answered: int
-    missed: int
+    sent: int | None
+    answered: int | None
+    missed: int | None
     drop_rate: float | None
     received: int
-    duplicates: int
-    reordered: int
-    unmatched: int
+    duplicates: int | None
+    reordered: int | None
+    unmatched: int | None
     throughput_hz: float
     latency: Distribution
     latency_from_due: Distribution
     interval: Distribution
     jitter: Distribution
-    late: int = 0
-    early: int = 0
-    overdue: int = 0
+    late: int | None = 0
+    early: int | None = 0
+    overdue: int | None = 0
     hops: tuple[HopMetrics, ...] = ()
 
     @property
-    def expected(self) -> int:
+    def expected(self) -> int | None:
         """Answers that the steps let expect."""
+        if self.answered is None or self.missed is None:
+            return None
         return self.answered + self.missed
 
 
 class PlaybackMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """What was played: the rate really published, and how late publications began."""
+    """What was played: the rate really published, and how late publications began.
 
-    sent: int
-    rate_hz: float
+    Of a live run, in which nothing is played, both are None.
+    """
+
+    sent: int | None
+    rate_hz: float | None
     lateness: Distribution
 
 
@@ -123,8 +130,19 @@ class Spread(msgspec.Struct, frozen=True, kw_only=True):
     high: float
 
 
+Pace = Literal["rate", "recording", "source"]
+"""Who says how fast messages come: a rate that was asked for, the recording, or, in a live run, the
+graph's own source."""
+
+
+def pace_of(mode: str) -> Pace:
+    """Who says how fast messages come in a playback mode."""
+    paces: dict[str, Pace] = {"timeline": "recording", "live": "source"}
+    return paces.get(mode, "rate")
+
+
 class RateMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything measured at one offered rate.
+    """Everything measured at one offered rate; at 0, if `pace` is not a rate.
 
     `pooled` adds counts and pools single messages over all iterations; its rates and processor
     shares are the mean of the iterations' values. `spread` holds, for each monitor, how far
@@ -135,6 +153,7 @@ class RateMetrics(msgspec.Struct, frozen=True, kw_only=True):
     offered_hz: float
     iterations: tuple[SegmentMetrics, ...]
     pooled: SegmentMetrics
+    pace: Pace = "rate"
     spread: dict[str, dict[str, Spread]]
     reruns: tuple[SegmentMetrics, ...] = ()
 

@@ -43,6 +43,7 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
         overdue=total(lambda one: one.overdue),
         per_step=samples[0].per_step,
         hops=pool_hops([one.hops for one in samples]),
+        live=samples[0].live,
     )
 
 
@@ -52,6 +53,8 @@ def pool_playback(samples: Sequence[PlaybackSamples]) -> PlaybackSamples:
         sent=sum(one.sent for one in samples),
         rate_hz=sum(one.rate_hz for one in samples) / len(samples),
         lateness=np.concatenate([one.lateness for one in samples]),
+        planned_hz=sum(one.planned_hz for one in samples) / len(samples),
+        live=samples[0].live,
     )
 
 

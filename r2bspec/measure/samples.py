@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.measure.asked import asked_of
 from r2bspec.measure.hops import HopSamples, hop_samples
 from r2bspec.measure.latency import (
     Seconds,
@@ -19,6 +20,7 @@ from r2bspec.measure.latency import (
     latencies_from_due,
     seconds,
 )
+from r2bspec.measure.live import stamped_ns
 from r2bspec.measure.matching import UNKNOWN, Matching, match, ratio_of
 from r2bspec.measure.resources import MACHINE, Use, use
 from r2bspec.measure.surroundings import Surroundings, slower_by, surroundings
@@ -68,6 +70,8 @@ class MonitorSamples:
         overdue: of the unmatched, those that answer a step of an earlier segment.
         per_step: answers that each step lets expect, in the long run.
         hops: the way to the monitor, where it is tapped.
+        live: whether nothing was played. Each message then stands for a step, and what was sent or
+            missed is unknown, whatever the counts say (`r2bspec.measure.live`).
     """
 
     steps: StepTimes
@@ -84,6 +88,7 @@ class MonitorSamples:
     overdue: int = 0
     per_step: float = 1.0
     hops: tuple[HopSamples, ...] = ()
+    live: bool = False
 
     @property
     def expected(self) -> int:
@@ -109,11 +114,16 @@ class MonitorSamples:
 
 @dataclass(frozen=True)
 class PlaybackSamples:
-    """What was played: steps, the rate really published, and how late each step began."""
+    """What was played: steps, the rate really published, and how late each step began.
+
+    `planned_hz` is the rate at which steps were due. A `live` run has no playback.
+    """
 
     sent: int
     rate_hz: float
     lateness: Seconds
+    planned_hz: float = 0.0
+    live: bool = False
 
 
 @dataclass(frozen=True)
@@ -126,6 +136,11 @@ class SegmentSamples:
     processes: Mapping[str, Use]
     machine: Use | None
     surroundings: Surroundings | None = None
+
+    @property
+    def live(self) -> bool:
+        """Whether nothing was played."""
+        return self.segment.live
 
 
 @dataclass(frozen=True)
@@ -148,6 +163,12 @@ class RunSamples:
     incomplete: tuple[str, ...]
     reruns: Mapping[str, SegmentSamples] = field(default_factory=dict)
     confirmation: RunSamples | None = None
+    mode: str = "looping"
+
+    @property
+    def own_rate(self) -> bool:
+        """Whether the recording, or the graph's own source, says how fast messages come."""
+        return self.mode in {"timeline", "live"}
 
     @property
     def processes(self) -> tuple[str, ...]:
@@ -207,6 +228,37 @@ def playback_samples(playback: Rows) -> PlaybackSamples:
         sent=int(playback.size),
         rate_hz=mean_rate(playback["published_ns"]),
         lateness=seconds(playback["published_ns"] - playback["due_ns"]),
+        planned_hz=mean_rate(playback["due_ns"]),
+    )
+
+
+def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
+    """What one monitor saw of a graph with a source of its own."""
+    received: NDArray[np.int64] = monitor["received_ns"]
+    stamped = stamped_ns(segment, monitor)
+    published = received if stamped is None else stamped
+    arrived = np.sort(received)
+    silent = Silence(0, 0)
+    if arrived.size:
+        silent = silence(arrived, segment.began_ns, segment.ended_ns)
+    nothing = np.empty(0)
+    return MonitorSamples(
+        # A message belongs where it was received: nothing was due.
+        steps=StepTimes(due_ns=received, published_ns=published, received_ns=received),
+        times={
+            "latency": nothing if stamped is None else seconds(received - stamped),
+            "latency_from_due": nothing,
+            "interval": _with_silence(arrived, silent),
+            "jitter": jitter(arrived),
+        },
+        sent=int(arrived.size),
+        answered=int(arrived.size),
+        received=int(arrived.size),
+        duplicates=0,
+        reordered=0,
+        unmatched=0,
+        throughput_hz=throughput(arrived, silent),
+        live=True,
     )
 
 
@@ -244,7 +296,7 @@ def segment_samples(run: Run, segment: Segment, sampled: Sampled | None = None) 
     began, ended = segment.began_ns, segment.ended_ns
     return SegmentSamples(
         segment=segment,
-        playback=playback_samples(played),
+        playback=replace(playback_samples(played), live=segment.live),
         monitors={each.name: _seen(run, segment, played, each) for each in run.plan.monitors},
         processes={
             name: used
@@ -263,9 +315,12 @@ def segment_samples(run: Run, segment: Segment, sampled: Sampled | None = None) 
     )
 
 
-def _seen(run: Run, segment: Segment, played: Rows, plan: MonitorPlan) -> MonitorSamples:
+def _seen(run: Run, segment: Segment, playback: Rows, plan: MonitorPlan) -> MonitorSamples:
     """What one monitor saw, with the way to it, and what came too late from earlier segments."""
     rows = run.monitor(segment, plan.name)
+    if segment.live:
+        return live_samples(segment, rows)
+    played = asked_of(playback, run.plan.inputs, plan)
     found = monitor_samples(segment, played, rows, plan)
     matched = match(played, rows, plan.match, ratio_of(plan, segment.played_before))
     taps = {tap.topic: run.tap(segment, tap.topic) for tap in plan.taps}
@@ -355,6 +410,7 @@ def _read_batch(
         },
         incomplete=tuple(each.id for each in iterations if not each.complete),
         reruns=reruns,
+        mode=run.plan.playback_mode,
     )
 
 

@@ -35,6 +35,31 @@ def show(value: float | None, unit: str, digits: int = 3) -> str:
     return significant(value, digits)
 
 
+def show_rate(rate_hz: float, pace: str = "") -> str:
+    """Write an offered rate; one of 0 says who set it instead: ``as recorded``, ``live``.
+
+    Args:
+        rate_hz: that was asked for; 0 if none was.
+        pace: see `r2bspec.measure.model.Pace`; empty where that is not known.
+    """
+    if rate_hz:
+        return show(rate_hz, "Hz")
+    return {"recording": "as recorded", "source": "live"}.get(pace, "its own rate")
+
+
+def at_rate(rate_hz: float, pace: str = "") -> str:
+    """Write at which rate something was: ``at 30 Hz``, ``as recorded``, ``live``."""
+    text = show_rate(rate_hz, pace)
+    return text if text in {"as recorded", "live"} else f"at {text}"
+
+
+def rate_name(rate_hz: float, pace: str = "") -> str:
+    """A word for an offered rate, for names of files and series: ``30Hz``, ``live``."""
+    if rate_hz:
+        return f"{rate_hz:g}Hz"
+    return {"recording": "recorded", "source": "live"}.get(pace, "own-rate")
+
+
 def show_range(low: float, high: float, unit: str) -> str:
     """Write a range with its unit once, that of the larger end: ``11.2–12.9 ms``."""
     text = show(high, unit)

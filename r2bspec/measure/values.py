@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.measure.catalogue import MetricInfo
+from r2bspec.measure.catalogue import MetricInfo, known_live
 from r2bspec.measure.latency import Seconds
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.resources import Use
@@ -11,6 +11,8 @@ from r2bspec.measure.samples import LOSSES_COUNT, MonitorSamples, SegmentSamples
 
 def value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:
     """What a metric was in one segment, in its SI unit; None if there is nothing to say.
+
+    In a live run, that is so for every metric of what was sent, and of what came of it.
 
     Infinity where a percentile or the maximum of the latency falls on a lost message.
 
@@ -37,6 +39,8 @@ def value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> flo
 
 def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
     """What a metric of scope ``monitor`` was for what one monitor saw; see `value`."""
+    if seen.live and not known_live(info):
+        return None
     if info.family in seen.times:
         lost = seen.missed if info.family in LOSSES_COUNT else 0
         return _of_times(info, seen.times[info.family], lost)
@@ -51,6 +55,8 @@ def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
 
 
 def _of_playback(info: MetricInfo, samples: SegmentSamples) -> float | None:
+    if samples.live:
+        return None
     if info.name == "sent":
         return float(samples.playback.sent)
     if info.name == "playback.rate":

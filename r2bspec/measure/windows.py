@@ -9,12 +9,15 @@ late answer makes the window late in which it was asked for. What is left at the
 iteration and is shorter than w is an incomplete window. It is left out, with its messages: a
 percentile of half a second is another quantity than one of a whole second. No window spans two
 iterations. A window in which no step was due is none.
+
+In a live run nothing is due. A message belongs to the window in which it was received, the first
+one begins with the iteration, and one in which nothing came is one, too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -68,6 +71,8 @@ def window_values(
     Raises:
         KeyError: there is no such monitor.
     """
+    if samples.live:
+        return _live_values(info, samples.monitors[monitor], samples, window_ns)
     found: list[float] = []
     without = 0
     for seen in windows(samples.monitors[monitor], samples.segment.ended_ns, window_ns):
@@ -78,6 +83,33 @@ def window_values(
             found.append(worst)
         else:
             without += 1
+    return WindowValues(tuple(found), without)
+
+
+def _live_values(
+    info: MetricInfo, seen: MonitorSamples, samples: SegmentSamples, window_ns: int
+) -> WindowValues:
+    """The values where nothing is due: windows are cut from the beginning of the iteration on.
+
+    In one in which nothing came, the throughput is 0 and the interval as long as the window.
+    """
+    silent = {"throughput": 0.0, "interval": window_ns / 1e9}
+    began_ns, ended_ns = samples.segment.began_ns, samples.segment.ended_ns
+    received = seen.steps.received_ns
+    found: list[float] = []
+    without = 0
+    for start_ns in range(began_ns, ended_ns - window_ns + _ROUNDING_NS, window_ns):
+        first, last = np.searchsorted(received, (start_ns, start_ns + window_ns))
+        value = None
+        if last > first:
+            part = _window(seen, slice(first, last), start_ns + window_ns)
+            value = monitor_value(info, replace(part, live=True))
+        elif info.family in silent:
+            value = silent[info.family]
+        if value is None:
+            without += 1
+        else:
+            found.append(value)
     return WindowValues(tuple(found), without)
 
 

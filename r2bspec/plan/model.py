@@ -214,6 +214,8 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
     Attributes:
         ratio_inputs: with `match` order, every so many inputs lead to `ratio_outputs` messages.
         label: how reports call it; its name if empty.
+        answers: in a timeline, the topics of the inputs that it answers: a step counts for it if
+            it has messages of all of them. Empty elsewhere, where each step has all inputs.
         taps: topics whose messages are matched by stamp, too; in the order of the plan's topics.
         parameters: for the component that watches, with a harness of ``ros2_benchmark``.
     """
@@ -226,6 +228,7 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
     ratio_inputs: int = 1
     ratio_outputs: int = 1
     label: str = ""
+    answers: tuple[str, ...] = ()
     taps: tuple[TapPlan, ...] = ()
     parameters: dict[str, Any] = {}
 

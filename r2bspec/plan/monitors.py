@@ -20,10 +20,29 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
             ratio_inputs=each.ratio.inputs,
             ratio_outputs=each.ratio.outputs,
             label=each.label,
+            answers=_answers(each, spec, wiring),
             taps=_taps(each, wiring) if each.taps else (),
             parameters=each.parameters,
         )
         for name, each in spec.monitors.items()
+    )
+
+
+def _answers(monitor: Monitor, spec: Spec, wiring: Wiring) -> tuple[str, ...]:
+    """The inputs of a timeline that a monitor answers, in the order of the spec.
+
+    Where it does not say, those from which a way is known to lead to it; all if none is.
+    """
+    if spec.playback.mode != "timeline":
+        return ()
+    inputs = [harness_topic(name, wiring.namespace) for name in spec.playback.inputs]
+    named = {harness_topic(name, wiring.namespace) for name in monitor.answers}
+    topic = harness_topic(monitor.topic, wiring.namespace)
+    known = wiring.measure.leading_to(topic)
+    return tuple(
+        [each for each in inputs if each in named]
+        or [each for each in inputs if each in known]
+        or inputs
     )
 
 

@@ -22,20 +22,9 @@ class Unsupported(NamedTuple):
 def unsupported(plan: Plan) -> list[Unsupported]:
     """All such parts, in the order of the plan's fields; empty if the plan can be run."""
     return [
-        *_datasets(plan),
         *(each for process in plan.processes for each in _process(process)),
         *_playback(plan),
     ]
-
-
-def _datasets(plan: Plan) -> Iterator[Unsupported]:
-    for each in plan.datasets or (plan.dataset,):
-        if each.publish_tf:
-            yield Unsupported("dataset.publish_tf", "playing recorded transforms")
-        if each.publish_tf_static:
-            yield Unsupported("dataset.publish_tf_static", "publishing recorded static transforms")
-        if each.real_time:
-            yield Unsupported("dataset.real_time", "loading in real time")
 
 
 def _process(process: ProcessPlan) -> Iterator[Unsupported]:
@@ -47,7 +36,5 @@ def _process(process: ProcessPlan) -> Iterator[Unsupported]:
 
 
 def _playback(plan: Plan) -> Iterator[Unsupported]:
-    if plan.playback_mode not in {"looping", "sweeping"}:
-        yield Unsupported("playback_mode", f"the playback mode {plan.playback_mode!r}")
     if plan.harness.kind != "r2bspec":
         yield Unsupported("harness.kind", f"the harness {plan.harness.kind!r}")

@@ -46,6 +46,8 @@ def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> None:
 def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
     """Read rows of type `dtype` from an ``.npy`` file; pickles are refused.
 
+    Fields that the rows lack at their end, because an older version wrote them, are -1.
+
     Raises:
         RecordError: the file is missing, truncated, has something after its end, or holds
             anything but one-dimensional rows of `dtype`.
@@ -59,9 +61,25 @@ def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
     except (OSError, ValueError, EOFError, MemoryError) as error:
         # NumPy says ValueError for a truncated file and for one that is no array at all.
         raise RecordError(f"{path} is damaged: {error}", hint=_HINT) from error
+    if whole and rows.ndim == 1 and rows.dtype != dtype:
+        rows = _extended(rows, dtype)
     if not whole or rows.ndim != 1 or rows.dtype != dtype:
         raise RecordError(f"{path} is damaged: it does not hold {path.stem} rows", hint=_HINT)
     return rows
+
+
+def _extended(rows: Rows, dtype: np.dtype[np.void]) -> Rows:
+    """Rows with all fields of a type, if they have the first ones of it; else as they are."""
+    names = rows.dtype.names or ()
+    wanted = dtype.names or ()
+    if not names or wanted[: len(names)] != names:
+        return rows
+    if any(rows.dtype[name] != dtype[name] for name in names):
+        return rows
+    extended = np.full(rows.size, -1, dtype)
+    for name in names:
+        extended[name] = rows[name]
+    return extended
 
 
 _HINT = "The run folder was cut short or changed after the run; run the benchmark again."

@@ -26,9 +26,12 @@ PLAYBACK_FIELDS = (
     ("due_ns", "<i8"),
     ("published_ns", "<i8"),
     ("done_ns", "<i8"),
+    ("inputs", "<i8"),
 )
 """One row per step: the unique header stamp (system clock) that all inputs of the step carry, when
-publishing was due, when it began, and when the last input of the step was handed over."""
+publishing was due, when it began, when the last input of the step was handed over, and of which
+inputs of the plan the step has messages: bit k stands for input k; -1 for all of them. In a
+timeline a step begins, and is due, with the first of its messages."""
 
 MONITOR_FIELDS = (
     ("stamp_ns", "<i8"),
@@ -69,13 +72,19 @@ SegmentKind = Literal["warm_up", "probe", "sustained", "iteration", "confirmatio
 
 
 class Segment(msgspec.Struct, frozen=True, kw_only=True):
-    """One stretch of playing at one rate.
+    """One stretch of playing at one rate; a rate of 0 is that of the recording, or of the source.
 
     `id` names its folder below ``samples/``. `steps` is how many steps were asked for. The
     sending window runs from the first due time to `ended_ns`, the end of the last period.
     `complete` is False if playing was cut short. `played_before` is how many steps the graph had
     been given before the first one of this segment. `rerun_of` is the id of the disturbed iteration
     in whose place it was played, or empty.
+
+    Attributes:
+        live: whether nothing was played, because the graph has a source of its own. The window is
+            then that in which messages were received, and `steps` is 0.
+        clock_offset_ns: in a live segment, the system clock minus CLOCK_MONOTONIC; None if that
+            changed by more than a millisecond.
     """
 
     id: str
@@ -88,6 +97,8 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     complete: bool
     played_before: int = 0
     rerun_of: str = ""
+    live: bool = False
+    clock_offset_ns: int | None = None
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):

@@ -6,8 +6,8 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from r2bspec.measure.model import RateMetrics
-from r2bspec.measure.units import show_range
+from r2bspec.measure.model import MonitorMetrics, RateMetrics
+from r2bspec.measure.units import at_rate, show_range
 from r2bspec.report.reported import Reported
 from r2bspec.report.wording import peak_text
 
@@ -48,11 +48,22 @@ def _entries(
         if value is None:
             continue
         entry: dict[str, Any] = {
-            "name": f"{name}: {monitor} {metric} at {rate.offered_hz:g} Hz",
+            "name": f"{name}: {monitor} {metric} {_at(rate)}",
             "unit": shown,
             "value": value * factor,
-            "extra": f"{len(rate.iterations)} iterations, {seen.missed} of {seen.expected} missed",
+            "extra": f"{len(rate.iterations)} iterations, {_missed(seen)}",
         }
         if metric in spread:
             entry["range"] = show_range(spread[metric].low, spread[metric].high, unit)
         yield entry
+
+
+def _at(rate: RateMetrics) -> str:
+    """The rate in the name of a series, which must stay what it is from run to run."""
+    return f"at {rate.offered_hz:g} Hz" if rate.offered_hz else at_rate(0.0, rate.pace)
+
+
+def _missed(seen: MonitorMetrics) -> str:
+    if seen.sent is None:
+        return f"{seen.received} received"
+    return f"{seen.missed} of {seen.expected} missed"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from r2bspec.measure.matching import match, ratio_of
+from r2bspec.measure.asked import asked_and_seen
 from r2bspec.measure.resources import MACHINE, spaced
 from r2bspec.record.model import Segment
 from r2bspec.record.store import Run
@@ -58,8 +58,7 @@ def messages(run: Run, monitor: str) -> Iterator[Message]:
     """Every expected answer of every segment, in the order of playing."""
     (plan,) = (each for each in run.plan.monitors if each.name == monitor)
     for segment in run.record.segments:
-        playback, rows = run.playback(segment), run.monitor(segment, monitor)
-        matched = match(playback, rows, plan.match, ratio_of(plan, segment.played_before))
+        playback, rows, matched = asked_and_seen(run, segment, plan)
         for step, row in zip(matched.asked.tolist(), matched.first_row.tolist(), strict=True):
             yield Message(
                 segment=segment,

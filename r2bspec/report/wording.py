@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from r2bspec.measure.units import show
+from r2bspec.measure.model import RunMetrics
+from r2bspec.measure.units import at_rate, show
 from r2bspec.record.model import SearchRecord
 from r2bspec.report.model import Result
 from r2bspec.slo.model import DisturbedIteration, OverallOutcome, RequirementVerdict, Verdict
@@ -131,6 +132,11 @@ def _of_pairs(result: Result) -> tuple[str, ...]:
     return result.pairs.notes if result.pairs is not None else ()
 
 
+def own_pace(metrics: RunMetrics) -> str:
+    """Who said how fast messages come, where that was no rate; empty where it was one."""
+    return next((rate.pace for rate in metrics.rates if not rate.offered_hz), "")
+
+
 def notes(result: Result) -> Iterator[str]:
     """What a reader must know to trust the numbers, a sentence each."""
     if result.status != "complete":
@@ -138,7 +144,8 @@ def notes(result: Result) -> Iterator[str]:
     if result.metrics.incomplete:
         yield f"Cut short, and in no number: {', '.join(result.metrics.incomplete)}"
     for one in result.verdict.unusable:
-        yield f"Nothing can be judged at {show(one.offered_hz, 'Hz')}: {one.reason}"
+        where = f" {at_rate(one.offered_hz)}" if one.offered_hz else ""
+        yield f"Nothing can be judged{where}: {one.reason}"
     for silence in result.silences:
         yield f"{silence.topic} fell silent in {silence.segment}. {silence.reason}"
     for difference in result.differences:
@@ -147,6 +154,7 @@ def notes(result: Result) -> Iterator[str]:
     yield from (f"{each[:1].upper()}{each[1:]}" for each in _of_pairs(result))
     yield from disturbed_texts(result.verdict.disturbed)
     yield from result.left_out
+    yield from _unknown(result)
     yield from _odd_messages(result)
     for process in result.processes:
         if process.exit_code not in {0, None}:
@@ -162,7 +170,8 @@ def disturbed_texts(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
         found = [one for one in disturbed if one.rate_hz == rate_hz]
         told = [_disturbed_text(one) for one in found[:_TOLD]]
         more = f"; and {len(found) - _TOLD} more, in result.json" if len(found) > _TOLD else ""
-        yield f"The machine disturbed, at {show(rate_hz, 'Hz')}: {'; '.join(told)}{more}"
+        at = f", {at_rate(rate_hz)}" if rate_hz else ""
+        yield f"The machine disturbed{at}: {'; '.join(told)}{more}"
 
 
 def _disturbed_text(one: DisturbedIteration) -> str:
@@ -170,11 +179,29 @@ def _disturbed_text(one: DisturbedIteration) -> str:
     return f"{one.segment} ({', '.join(one.reasons)}{again})"
 
 
+def _unknown(result: Result) -> Iterator[str]:
+    """What nobody can know of a live run."""
+    live = [rate for rate in result.metrics.rates if rate.pace == "source"]
+    if not live:
+        return
+    yield (
+        "The graph has its own source: what that sent is not seen, so that nobody knows what was "
+        "missed"
+    )
+    for rate in live:
+        for name, seen in rate.pooled.monitors.items():
+            if seen.received and seen.latency.n < seen.received:
+                yield (
+                    f"{name}: the latency of {show(seen.received - seen.latency.n, 'count')} "
+                    "messages is unknown, for they carry no time of this machine's clock"
+                )
+
+
 def _odd_messages(result: Result) -> Iterator[str]:
     """Messages that arrived otherwise than once, in order, and in answer to an input."""
     for rate in result.metrics.rates:
         for name, seen in rate.pooled.monitors.items():
-            where = f"{name} at {show(rate.offered_hz, 'Hz')}"
+            where = f"{name} {at_rate(rate.offered_hz, rate.pace)}"
             if not seen.received:
                 yield f"{where} received nothing"
             if seen.expected != seen.sent:
@@ -183,7 +210,7 @@ def _odd_messages(result: Result) -> Iterator[str]:
             odd = {
                 "came twice or more": seen.duplicates,
                 "were overtaken": seen.reordered,
-                "answer no input": seen.unmatched - seen.overdue,
+                "answer no input": (seen.unmatched or 0) - (seen.overdue or 0),
                 "answer an earlier stretch, which had been given up": seen.overdue,
                 "came before the input that they are counted for": seen.early,
             }

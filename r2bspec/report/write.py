@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from r2bspec.measure.units import rate_name
 from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
 from r2bspec.record.files import write_whole
 from r2bspec.report.errors import ReportError, ReportUsageError
@@ -84,7 +85,7 @@ def _contents(asked: Asked, reported: Reported) -> Iterator[tuple[str, bytes]]:
         for monitor in rate.pooled.monitors:
             one = replace(reported, monitor=monitor, rate_hz=rate.offered_hz)
             path = asked.path.replace("{monitor}", monitor)
-            yield path.replace("{rate}", f"{rate.offered_hz:g}Hz"), render(one)
+            yield path.replace("{rate}", rate_name(rate.offered_hz, rate.pace)), render(one)
 
 
 def _put(path: str, content: bytes) -> None:

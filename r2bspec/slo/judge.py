@@ -145,5 +145,6 @@ def _overall(
     if record.status == "incomplete":
         return "incomplete", record.reason or "The run was cut short."
     if spoiled:
-        return "invalid", f"At {show(spoiled[0].offered_hz, 'Hz')}: {spoiled[0].reason}"
+        rate_hz, why = spoiled[0].offered_hz, spoiled[0].reason
+        return "invalid", f"At {show(rate_hz, 'Hz')}: {why}" if rate_hz else why
     return outcome_of(requirements, terms.inconclusive)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
 
 import msgspec
 
-from r2bspec.measure.catalogue import MetricInfo, resolve
+from r2bspec.measure.catalogue import MetricInfo, known_live, resolve
 from r2bspec.measure.errors import MetricError
-from r2bspec.measure.samples import RunSamples, SegmentSamples
+from r2bspec.measure.samples import MonitorSamples, RunSamples, SegmentSamples
 from r2bspec.measure.units import show
 from r2bspec.slo.methods.mean import judge_mean
 from r2bspec.slo.methods.observation import judge_observation
@@ -23,6 +24,9 @@ from r2bspec.slo.question import Answer, Question, verdict, windows_of
 from r2bspec.slo.schedule import REMEDY, Schedule
 from r2bspec.spec.model import Objective
 from r2bspec.spec.requirement import Requirement
+
+OWN_RATE: Final = 0.0
+"""Stands for the rate of what has one of its own: a recording, or the source of a live graph."""
 
 
 def judge_requirement(
@@ -81,10 +85,13 @@ def rate_of(objective: Objective, samples: RunSamples) -> float | None:
     """The offered rate that an objective speaks of.
 
     Returns:
-        None if it speaks of none, or of a peak that the search has not found.
+        None if it speaks of none, or of a peak that the search has not found; 0 where the
+        recording, or the graph's own source, says how fast messages come.
     """
     if objective.at is not None:
         return objective.at.hz
+    if samples.own_rate and not objective.at_peak:
+        return OWN_RATE
     search = samples.record.search
     return search.holds_hz if objective.at_peak and search is not None else None
 
@@ -97,7 +104,7 @@ def _limit(
         return math.nan
     if not bound.of_offered:
         return bound.value
-    if at_hz is None:
+    if not at_hz:
         return math.nan
     # Of a monitor with a ratio as many outputs are offered as the steps let expect.
     return bound.value * at_hz * (per_step if info.scope == "monitor" else 1.0)
@@ -119,7 +126,11 @@ def iterations_at(
 
 def _answer(question: Question, samples: RunSamples) -> Answer:
     bound = question.requirement.bound
-    if bound is not None and bound.of_offered and question.at_hz is None:
+    if samples.mode == "live" and not known_live(question.info):
+        return _nothing(
+            f"Nobody knows {question.info.name} of a live run: what its source sent is not seen."
+        )
+    if bound is not None and bound.of_offered and not question.at_hz:
         return _nothing("The objective names no rate that 'of offered' could mean.")
     if bound is not None and bound.of_baseline:
         return _nothing(
@@ -134,8 +145,9 @@ def _answer(question: Question, samples: RunSamples) -> Answer:
     if question.at_hz is None:
         return _nothing(f"The objective does not say at which rate {question.info.name} is meant.")
     if not question.iterations:
+        at = f" at {show(question.at_hz, 'Hz')}" if question.at_hz else ""
         return _nothing(
-            f"No complete iteration was played at {show(question.at_hz, 'Hz')}.",
+            f"No complete iteration was played{at}.",
             "Run the spec that states this objective, to its end.",
         )
     silent = _silence(question)
@@ -164,7 +176,12 @@ def _silence(question: Question) -> Answer | None:
         return None
     seen = [one.monitors[question.monitor] for one in question.iterations]
     if any(one.answered for one in seen):
-        return None
+        return _unstamped(question, seen)
+    if seen[0].live:
+        count = len(seen)
+        reason = f"Monitor '{question.monitor}' received nothing in {show(count, 'count')} "
+        reason += "iterations." if count > 1 else "iteration."
+        return Answer(outcome="fail", method="none", reason=reason)
     received, sent = sum(one.received for one in seen), sum(one.sent for one in seen)
     if not received:
         reason = f"Monitor '{question.monitor}' received nothing for {show(sent, 'count')} inputs."
@@ -174,6 +191,17 @@ def _silence(question: Question) -> Answer | None:
             "carries the stamp of an input: match them by order, or keep the stamp in the graph."
         )
     return Answer(outcome="fail", method="none", reason=reason, n=sent)
+
+
+def _unstamped(question: Question, seen: Sequence[MonitorSamples]) -> Answer | None:
+    """That a live latency is unknown, if in an iteration it is."""
+    wanted = question.info.family == "latency" and seen[0].live
+    if wanted and any(one.received and not one.times["latency"].size for one in seen):
+        return _nothing(
+            f"What monitor '{question.monitor}' received carries no time of this machine's clock.",
+            "Let the source stamp its messages with the system time.",
+        )
+    return None
 
 
 def _nothing(reason: str, settle: str = "") -> Answer:

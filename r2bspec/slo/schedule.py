@@ -12,6 +12,9 @@ machine in ten iterations does not spoil them:
 Half a period is where a publication comes closer to its successor's time than to its own. 1 % is
 the share of messages that a p99 objective turns on. 5 ms is what a busy but usable machine may
 take to wake a process; at rates above 100 Hz half a period would be finer than that.
+
+A timeline has no one rate. There the mean rate at which its steps are due stands for the offered
+one, and its period for that between two steps. A live run plays nothing, and misses no schedule.
 """
 
 from __future__ import annotations
@@ -38,18 +41,21 @@ def off_schedule(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str
     """Why the iterations at a rate are unusable, in one sentence; empty if they are not.
 
     Args:
-        offered_hz: the rate that was asked for.
+        offered_hz: the rate that was asked for; 0 for that of the recording.
         iterations: all complete iterations at it, at least one.
     """
     played = pool_playback([one.playback for one in iterations])
+    if played.live:
+        return ""
+    planned_hz = offered_hz or played.planned_hz
     # One publication has no rate: it is neither early nor late.
-    if played.sent > len(iterations) and played.rate_hz < LEAST_RATE * offered_hz:
+    if played.sent > len(iterations) and played.rate_hz < LEAST_RATE * planned_hz:
         return (
-            f"The playback reached only {show(played.rate_hz, 'Hz')} of the offered "
-            f"{show(offered_hz, 'Hz')}."
+            f"The playback reached only {show(played.rate_hz, 'Hz')} of the "
+            f"{'offered' if offered_hz else 'recorded'} {show(planned_hz, 'Hz')}."
         )
     late_s = percentile(played.lateness, LATE_QUANTILE)
-    allowed_s = max(LATE_PERIODS / offered_hz, LATE_FLOOR_S)
+    allowed_s = max(LATE_PERIODS / planned_hz, LATE_FLOOR_S) if planned_hz else LATE_FLOOR_S
     if late_s is not None and late_s > allowed_s:
         return (
             f"More than 1 % of the publications began over {show(allowed_s, 's')} after they "

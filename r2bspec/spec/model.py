@@ -304,6 +304,7 @@ class Monitor(_Value, frozen=True, kw_only=True):
     """A topic that is watched. `match` says how its messages find the input they answer.
 
     Attributes:
+        answers: the inputs that it answers; empty for those from which a way to it is known.
         label: how reports call it; its name if empty.
         taps: whether the topics on the way to it are watched, too, to tell where time goes.
         parameters: of the component that watches, where the harness has such.
@@ -312,6 +313,7 @@ class Monitor(_Value, frozen=True, kw_only=True):
     topic: str
     format: str
     match: Literal["stamp", "order"] = "stamp"
+    answers: tuple[str, ...] = ()
     ratio: Ratio = Ratio()
     qos: QoS | None = None
     label: str = ""

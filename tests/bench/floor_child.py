@@ -45,11 +45,13 @@ def _without_early_stamps() -> None:
     from r2bspec.harness import player
 
     class Late(player.Player):
-        def _stamp_next(self, _due_ns: int) -> int:
+        def _stamp(self, held: Any, event: Any, due_ns: int, epoch_ns: int) -> int:
+            self._late = (held, event, due_ns, epoch_ns)
             return 0
 
-        def _publish_next(self, _stamp_ns: int, due_ns: int) -> None:
-            super()._publish_next(super()._stamp_next(due_ns), due_ns)
+        def _publish(self, held: Any, event: Any) -> tuple[int, int]:
+            super()._stamp(*self._late)
+            return super()._publish(held, event)
 
     player.__dict__["Player"] = Late
 

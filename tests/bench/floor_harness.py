@@ -26,6 +26,7 @@ from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.search import Outcome, PeakSearch
 from r2bspec.harness import protocol
 from r2bspec.harness.buffers import largest_message_bytes
+from r2bspec.harness.schedule import Cyclic
 from r2bspec.plan.model import InputPlan, MonitorPlan, Plan
 from r2bspec.record.model import Probe
 from r2bspec.record.store import RunFolder
@@ -158,12 +159,13 @@ def floor(
             protocol.ConfigurePlayer(
                 inputs=(InputPlan(topic=TOPIC, type=TYPE, source=TOPIC, bag_topic="", qos=QoS()),),
                 buffer_dir=str(buffers),
-                steps=tuple((number,) for number in range(COPIES)),
                 rows=str(rows / PLAYBACK_ROWS),
             ),
             protocol.Ready,
             60.0,
         )
+        schedule = Cyclic(steps=tuple((number,) for number in range(COPIES)))
+        children.ask(player, protocol.Follow(schedule=schedule), protocol.Ready, 60.0)
         pids = [player.pid]
         if not together:
             monitor = starter.start("monitor", program)

@@ -117,6 +117,20 @@ RUN_PAGES = (
         "run.",
     ),
     error_page(
+        "R2B658",
+        "a monitor that no step of the timeline concerns",
+        "In a timeline a step has messages of the inputs that were recorded under one stamp, and "
+        "it counts for the monitors that answer all of these. A graph that joins inputs of "
+        "different rates answers one of them: write under 'monitors.NAME.answers' which.",
+    ),
+    error_page(
+        "R2B659",
+        "a timeline of which nobody knows the times",
+        "What a preprocessor made is played when the message of its stamp was recorded. If the "
+        "preprocessor writes stamps of its own, that is not known: write 'record_timeline: true', "
+        "to play its messages at the times at which they come out of it.",
+    ),
+    error_page(
         "R2B650",
         "a run folder cannot be read",
         "A file of it is missing or damaged, or was written by another version. Files of a run "

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
-from r2bspec.measure.units import show
+from r2bspec.measure.units import at_rate, show
 from r2bspec.report.compare.model import ADVICE, Comparison, Line, Outcome
 from r2bspec.report.formats.markdown import code, escaped, folded, table
 
@@ -100,7 +100,7 @@ def _bounds(line: Line) -> str:
 
 def _metric(line: Line) -> str:
     name = f"{line.monitor}.{line.metric}" if line.monitor else line.metric
-    return f"{name} at {show(line.offered_hz, 'Hz')}" if line.offered_hz is not None else name
+    return f"{name} {at_rate(line.offered_hz)}" if line.offered_hz is not None else name
 
 
 def _title(one: Comparison) -> str:

@@ -131,7 +131,7 @@ def _of_monitor(
 def _latency(seen: MonitorMetrics, part: str) -> float | None:
     """A part of the latency; None if the percentile is a message that never came."""
     q = quantile(part)
-    if q is not None and seen.expected and rank(q, seen.expected) > seen.answered:
+    if q is not None and seen.expected and rank(q, seen.expected) > (seen.answered or 0):
         return None
     value: float | None = getattr(seen.latency, part)
     return value

@@ -10,6 +10,7 @@ import json
 from typing import Any
 
 from r2bspec.measure.model import RateMetrics
+from r2bspec.measure.units import rate_name
 from r2bspec.report.reported import Reported
 
 _MEASURES = (
@@ -28,7 +29,9 @@ def render(reported: Reported) -> bytes:
     found: dict[str, Any] = {}
     for rate in result.metrics.rates:
         for monitor in rate.pooled.monitors:
-            found[f"{result.name}/{monitor}@{rate.offered_hz:g}Hz"] = _measures(rate, monitor)
+            found[f"{result.name}/{monitor}@{rate_name(rate.offered_hz, rate.pace)}"] = _measures(
+                rate, monitor
+            )
     search = result.metrics.search
     if search is not None and search.holds_hz is not None:
         peak = {"value": search.holds_hz, "lower_value": search.holds_hz}

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from r2bspec.diagnostics.model import Span
-from r2bspec.measure.units import show
+from r2bspec.measure.units import at_rate
 from r2bspec.report.places import Places, read_places
 from r2bspec.report.reported import Reported
 from r2bspec.report.wording import requirement_text, sentences, several_monitors
@@ -46,7 +46,7 @@ def _lines(reported: Reported) -> Iterator[str]:
     told.sort(key=lambda one: one.level in _LESS)
     for one in told[:MOST]:
         text = requirement_text(one, name_monitor=several)
-        at = f" at {show(one.at_hz, 'Hz')}" if one.at_hz is not None else ""
+        at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
         said = "\n".join(sentences(one))
         command = _LESS.get(one.level, _COMMANDS[one.outcome])
         place = _place(one, places, file)

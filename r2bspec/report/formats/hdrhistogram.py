@@ -33,7 +33,8 @@ def render(reported: Reported) -> bytes:
     return "\n".join([*_lines(np.sort(values) * 1e3, lost), ""]).encode()
 
 
-def _values(reported: Reported) -> tuple[NDArray[np.float64], int]:
+def _values(reported: Reported) -> tuple[NDArray[np.float64], int | None]:
+    """The latencies, and how many messages are lost; None where nobody knows."""
     samples = reported.samples
     found = [
         (rate, monitor)
@@ -49,10 +50,11 @@ def _values(reported: Reported) -> tuple[NDArray[np.float64], int]:
         )
     ((rate, monitor),) = found
     seen = [one.monitors[monitor] for one in samples.iterations[rate]]
-    return np.concatenate([one.times["latency"] for one in seen]), sum(one.missed for one in seen)
+    lost = None if seen[0].live else sum(one.missed for one in seen)
+    return np.concatenate([one.times["latency"] for one in seen]), lost
 
 
-def _lines(values: NDArray[np.float64], lost: int) -> Iterator[str]:
+def _lines(values: NDArray[np.float64], lost: int | None) -> Iterator[str]:
     n = int(values.size)
     yield "       Value     Percentile TotalCount 1/(1-Percentile)"
     yield ""
@@ -66,7 +68,8 @@ def _lines(values: NDArray[np.float64], lost: int) -> Iterator[str]:
     largest = float(values[-1]) if n else 0.0
     yield f"#[Mean    = {mean:12.6f}, StdDeviation   = {deviation:12.6f}]"
     yield f"#[Max     = {largest:12.6f}, Total count    = {n:12d}]"
-    yield f"#[Lost    = {lost:12d}]"
+    if lost is not None:
+        yield f"#[Lost    = {lost:12d}]"
 
 
 def _shares(n: int) -> Iterator[float]:

@@ -13,7 +13,7 @@ import io
 from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics.quote import printable
-from r2bspec.measure.units import show
+from r2bspec.measure.units import at_rate, show
 from r2bspec.report.reported import Reported
 from r2bspec.report.wording import (
     bounds_text,
@@ -80,7 +80,7 @@ def _case(one: RequirementVerdict, name: str, *, several: bool, lenient: bool) -
     from junitparser import Error, Failure, Skipped, TestCase
 
     text = requirement_text(one, name_monitor=several)
-    at = f" at {show(one.at_hz, 'Hz')}" if one.at_hz is not None else ""
+    at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
     case = TestCase(printable(f"{text}{at}"), printable(f"{name}.{one.objective}"))
     reason = printable(" ".join(sentences(one)))
     if one.outcome == "pass" or one.level != "error":

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 
 from r2bspec.measure.model import RunMetrics
-from r2bspec.measure.units import show
+from r2bspec.measure.units import show, show_rate
 from r2bspec.report.reported import Reported
 from r2bspec.report.wording import (
     OUTCOME_WORDS,
@@ -18,6 +18,7 @@ from r2bspec.report.wording import (
     comparison,
     estimate_text,
     notes,
+    own_pace,
     peak_text,
     requirement_text,
     sentences,
@@ -48,14 +49,14 @@ def _lines(reported: Reported) -> Iterator[str]:
         yield from (f"{escaped(each)}  " for each in compared)
         yield ""
     if verdict.requirements:
-        yield from _requirements(verdict)
+        yield from _requirements(verdict, own_pace(result.metrics))
     yield from (f"> {escaped(note)}  " for note in notes(result))
     yield ""
     yield from folded("Measured", _measured(result.metrics))
     yield from folded("Where and with what", _provenance(reported))
 
 
-def _requirements(verdict: Verdict) -> Iterator[str]:
+def _requirements(verdict: Verdict, pace: str) -> Iterator[str]:
     several = several_monitors(verdict)
     ordered = sorted(verdict.requirements, key=lambda one: _ORDER.index(one.outcome))
     yield from table(
@@ -64,7 +65,7 @@ def _requirements(verdict: Verdict) -> Iterator[str]:
             (
                 verdict_word(one),
                 f"{escaped(one.objective)}: {code(requirement_text(one, name_monitor=several))}",
-                show(one.at_hz, "Hz") if one.at_hz is not None else "",
+                show_rate(one.at_hz, pace) if one.at_hz is not None else "",
                 escaped(estimate_text(one)),
                 escaped(bounds_text(one)),
                 show(one.limit, one.unit) if one.limit is not None else "",
@@ -93,7 +94,7 @@ def _measured(metrics: RunMetrics) -> Iterator[str]:
             ("offered", "throughput", "p50", "p90", "p99", "max", "sent", "missed"),
             [
                 (
-                    show(rate.offered_hz, "Hz"),
+                    show_rate(rate.offered_hz, rate.pace),
                     show(seen.throughput_hz, "Hz"),
                     *(
                         show(getattr(seen.latency, part), "s")

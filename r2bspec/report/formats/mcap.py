@@ -96,6 +96,8 @@ def _clock_offset_ns(run: Run) -> int:
         rows = run.playback(segment)
         if rows.size:
             return int(np.median(rows["stamp_ns"] - rows["published_ns"]))
+        if segment.clock_offset_ns is not None:
+            return segment.clock_offset_ns
     return 0
 
 

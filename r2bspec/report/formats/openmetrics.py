@@ -9,8 +9,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from r2bspec.measure.catalogue import quantile
-from r2bspec.measure.model import Distribution, MonitorMetrics, RateMetrics
+from r2bspec.measure.model import Distribution, RateMetrics
+from r2bspec.measure.units import rate_name
 from r2bspec.report.reported import Reported
+from r2bspec.report.wording import own_pace
 from r2bspec.slo.model import EXIT_CODES
 
 _SUMMARIES = {
@@ -114,13 +116,14 @@ def _states(name: str, about: str, labels: Labels, outcome: str) -> _Family:
 def _requirements(reported: Reported) -> _Family:
     name = "r2bspec_requirement"
     family = _Family(name, "stateset", "How each requirement was judged.")
+    pace = own_pace(reported.result.metrics)
     for one in reported.result.verdict.requirements:
         labels = {
             "benchmark": reported.result.name,
             "objective": one.objective,
             "requirement": one.text.strip(),
             "monitor": one.monitor or "",
-            "offered_hz": _rate(one.at_hz) if one.at_hz is not None else "",
+            "offered_hz": _rate(one.at_hz, pace) if one.at_hz is not None else "",
         }
         for each in _OUTCOMES:
             family.samples.append(("", {**labels, name: each}, int(each == one.outcome)))
@@ -155,29 +158,34 @@ def _ratios(reported: Reported) -> _Family:
 
 def _of_monitors(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Family]:
     seen = [
-        ({**named, "offered_hz": _rate(rate.offered_hz), "monitor": monitor}, metrics)
+        ({**named, "offered_hz": _rate(rate.offered_hz, rate.pace), "monitor": monitor}, metrics)
         for rate in rates
         for monitor, metrics in rate.pooled.monitors.items()
     ]
     for key, about in _SUMMARIES.items():
         family = _Family(f"r2bspec_{key}_seconds", "summary", about, "seconds")
         for labels, metrics in seen:
-            family.samples += _summary(getattr(metrics, key), labels)
+            times = getattr(metrics, key)
+            # Of a live run, in which nobody knows what was sent, some times are unknown.
+            if times.n or metrics.sent is not None:
+                family.samples += _summary(times, labels)
         yield family
     gauge = _Family("r2bspec_throughput_hertz", "gauge", "Outputs per second.", "hertz")
     gauge.samples += [("", labels, metrics.throughput_hz) for labels, metrics in seen]
     yield gauge
     gauge = _Family("r2bspec_drop_ratio", "gauge", "Missed of sent.", "ratio")
-    gauge.samples += [("", labels, _known(metrics)) for labels, metrics in seen if metrics.expected]
+    gauge.samples += [
+        ("", labels, metrics.drop_rate) for labels, metrics in seen if metrics.drop_rate is not None
+    ]
     yield gauge
     for key, about in _COUNTS.items():
         gauge = _Family(f"r2bspec_{key}_messages", "gauge", about, "messages")
-        gauge.samples += [("", labels, getattr(metrics, key)) for labels, metrics in seen]
+        gauge.samples += [
+            ("", labels, count)
+            for labels, metrics in seen
+            if (count := getattr(metrics, key)) is not None
+        ]
         yield gauge
-
-
-def _known(metrics: MonitorMetrics) -> float:
-    return metrics.missed / metrics.expected
 
 
 def _summary(times: Distribution, labels: Labels) -> Iterator[tuple[str, Labels, float]]:
@@ -195,7 +203,7 @@ def _of_processes(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Fa
     for rate in rates:
         machine = {"": rate.pooled.machine} if rate.pooled.machine is not None else {}
         for process, use in {**rate.pooled.processes, **machine}.items():
-            labels = {**named, "offered_hz": _rate(rate.offered_hz), "process": process}
+            labels = {**named, "offered_hz": _rate(rate.offered_hz, rate.pace), "process": process}
             if use.cpu_mean is not None:
                 cpu.samples.append(("", labels, use.cpu_mean))
             if use.memory_max_bytes is not None:
@@ -204,8 +212,8 @@ def _of_processes(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Fa
     yield memory
 
 
-def _rate(rate_hz: float) -> str:
-    return f"{rate_hz:g}"
+def _rate(rate_hz: float, pace: str = "") -> str:
+    return f"{rate_hz:g}" if rate_hz else rate_name(0.0, pace)
 
 
 def _escaped(text: str) -> str:

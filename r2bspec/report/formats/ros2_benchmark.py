@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.interop.ros2_benchmark import BASIC, METADATA, MODES, RESOURCE
+from r2bspec.measure.asked import asked_and_seen
 from r2bspec.measure.latency import arrivals
-from r2bspec.measure.matching import match, ratio_of
 from r2bspec.measure.resources import MACHINE
 from r2bspec.plan.model import MonitorPlan
 from r2bspec.record.model import Segment
@@ -42,6 +42,9 @@ def render(reported: Reported) -> bytes:
     content: dict[str, Any] = {}
     content |= _level(run, loads, _at_peak(run, rates))
     for rate_hz, segments in sorted(rates.items()):
+        if not rate_hz:
+            # What has a rate of its own is played at no other: its figures are those above.
+            continue
         content[f"{float(rate_hz)}fps"] = _level(run, loads, segments)
     content["custom"] = dict(reported.result.labels)
     content["metadata"] = {
@@ -82,8 +85,8 @@ def _figures(seen: Sequence[_Seen]) -> dict[str, float]:
         "RECEIVED_DURATION": _mean([each.duration for each in seen]),
         "MEAN_PLAYBACK_FRAME_RATE": _mean([each.playback_hz for each in seen]),
         "MEAN_FRAME_RATE": _mean([each.rate_hz for each in seen]),
-        "NUM_MISSED_FRAMES": _mean([float(each.missed) for each in seen]),
-        "NUM_FRAMES_SENT": _mean([float(each.sent) for each in seen]),
+        "NUM_MISSED_FRAMES": _mean([each.missed for each in seen]),
+        "NUM_FRAMES_SENT": _mean([each.sent for each in seen]),
         "FIRST_SENT_RECEIVED_LATENCY": _mean([each.first_to_first for each in seen]),
         "LAST_SENT_RECEIVED_LATENCY": _mean([each.last_to_last for each in seen]),
     }
@@ -108,9 +111,13 @@ def _figures(seen: Sequence[_Seen]) -> dict[str, float]:
 class _Seen:
     """One iteration at one monitor, in milliseconds and frames per second."""
 
-    def __init__(self, sent: NDArray[np.int64], arrived: NDArray[np.int64], missed: int) -> None:
-        self.sent = int(sent.size)
-        self.missed = missed
+    def __init__(
+        self, sent: NDArray[np.int64] | None, arrived: NDArray[np.int64], missed: int
+    ) -> None:
+        """`sent` is None where nobody knows what was."""
+        self.sent = None if sent is None else float(sent.size)
+        self.missed = None if sent is None else float(missed)
+        sent = np.empty(0, np.int64) if sent is None else sent
         self.latency: NDArray[np.float64] = np.empty(0)
         self.jitter = np.abs(np.diff(arrived, 2)) / 1e6 if arrived.size > 2 else np.empty(0)
         self.duration = float(arrived[-1] - arrived[0]) / 1e6 if arrived.size > 1 else None
@@ -122,9 +129,11 @@ class _Seen:
 
     @classmethod
     def of(cls, run: Run, segment: Segment, plan: MonitorPlan) -> _Seen:
-        playback, monitor = run.playback(segment), run.monitor(segment, plan.name)
-        matched = match(playback, monitor, plan.match, ratio_of(plan, segment.played_before))
-        seen = cls(playback["published_ns"], arrivals(monitor, matched), matched.missed)
+        playback, monitor, matched = asked_and_seen(run, segment, plan)
+        if segment.live:
+            seen = cls(None, np.sort(monitor["received_ns"]), 0)
+        else:
+            seen = cls(playback["published_ns"], arrivals(monitor, matched), matched.missed)
         answered = matched.answered
         received = monitor["received_ns"][matched.first_row[answered]]
         seen.latency = (received - playback["published_ns"][matched.asked[answered]]) / 1e6

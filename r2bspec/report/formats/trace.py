@@ -11,7 +11,8 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from r2bspec.measure.units import show
+from r2bspec.measure.model import pace_of
+from r2bspec.measure.units import show_rate
 from r2bspec.record.store import Run
 from r2bspec.report.reported import Reported
 from r2bspec.report.timeline import loads, messages, phases
@@ -38,7 +39,7 @@ def render(reported: Reported) -> bytes:
 
 
 def _events(run: Run) -> Iterator[dict[str, Any]]:
-    zero = _first_ns(run)
+    zero, pace = _first_ns(run), pace_of(run.plan.playback_mode)
 
     def at(time_ns: int) -> float:
         return round((time_ns - zero) / 1e3, 3)
@@ -54,7 +55,8 @@ def _events(run: Run) -> Iterator[dict[str, Any]]:
         }  # fmt: skip
     for each in run.record.segments:
         yield {
-            "ph": "X", "pid": _RUN, "tid": 2, "name": f"{each.kind} {show(each.rate_hz, 'Hz')}",
+            "ph": "X", "pid": _RUN, "tid": 2,
+            "name": f"{each.kind} {show_rate(each.rate_hz, pace)}",
             "cat": "segment", "ts": at(each.began_ns),
             "dur": round((each.ended_ns - each.began_ns) / 1e3, 3),
             "args": {"id": each.id, "rate_hz": each.rate_hz, "complete": each.complete},

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from r2bspec.measure.model import pace_of
 from r2bspec.measure.samples import RunSamples
-from r2bspec.measure.units import show
+from r2bspec.measure.units import show_rate
 from r2bspec.report.html.canvas import Chart, Sketch, colour, draw
 
 _MOST_POINTS = 300
@@ -36,7 +37,7 @@ def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSample
                 if not values.size:
                     continue
                 ranks = np.unique(np.linspace(1, values.size, _MOST_POINTS).astype(np.int64))
-                label = f"{show(rate, 'Hz')}, {who}"
+                label = f"{show_rate(rate, pace_of(run.mode))}, {who}"
                 (line,) = axes.step(
                     values[ranks - 1] * 1e3,
                     ranks / total * 100,

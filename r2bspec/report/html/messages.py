@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from r2bspec.diagnostics.quote import printable
-from r2bspec.measure.units import show
+from r2bspec.measure.model import pace_of
+from r2bspec.measure.units import show_rate
 from r2bspec.record.store import Run
 from r2bspec.report.html.canvas import OUTCOME_COLOURS, Chart, Sketch, colour, draw
 from r2bspec.report.html.steps import iterations_at, runs_of, steps_of, thinned
@@ -76,7 +77,7 @@ def _row(
     parts = [steps_of(run, segment, monitor) for segment in iterations_at(run, rate)]
     values = np.concatenate(parts) if parts else np.empty(0)
     kept = thinned(values, _MOST_POINTS)
-    label = show(rate, "Hz")
+    label = show_rate(rate, pace_of(run.plan.playback_mode))
     (line,) = axes.plot(
         kept + 1, values[kept] * 1e3, ".", color=colour(number), markersize=3, label=label
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from r2bspec.measure.model import RunMetrics
-from r2bspec.measure.units import show
+from r2bspec.measure.units import show, show_rate
 from r2bspec.report.html.canvas import Chart
 from r2bspec.report.html.numbers import Numbers, pointer
 from r2bspec.report.html.svg import PALETTE
@@ -110,6 +110,7 @@ def _context(reported: Reported) -> dict[str, Any]:
         "has_samples": reported.run is not None,
         "number": Numbers(msgspec.to_builtins(result)),
         "show": show,
+        "show_rate": show_rate,
         "facts": {key: _plain(value) for key, value in result.machine.items()},
         "dataset": {key: _plain(value) for key, value in result.dataset.items()},
         "palette": PALETTE,
@@ -140,7 +141,7 @@ def _plain(value: object) -> str:
 def _charts(reported: Reported, monitors: list[str]) -> dict[str, list[Chart]]:
     metrics = reported.result.metrics
     found: dict[str, list[Chart]] = {"latency": [], "offered": [], "loads": [], "baseline": []}
-    if metrics.rates:
+    if any(rate.offered_hz for rate in metrics.rates):
         from r2bspec.report.html.offered import offered_chart
 
         verdict = reported.result.verdict
@@ -192,10 +193,10 @@ def _graph(reported: Reported) -> Drawing | None:
 def _told(metrics: RunMetrics) -> dict[str, list[str]]:
     """What the drawing says at the player and at each monitor."""
     rates = metrics.rates[-_SHOWN_RATES:]
-    told = {"player": [f"plays {show(rate.offered_hz, 'Hz')}" for rate in rates]}
+    told = {"player": [f"plays {show_rate(rate.offered_hz, rate.pace)}" for rate in rates]}
     for name in dict.fromkeys(name for rate in rates for name in rate.pooled.monitors):
         told[f"monitor {name}"] = [
-            f"{show(rate.offered_hz, 'Hz')}: {show(seen.throughput_hz, 'Hz')}, "
+            f"{show_rate(rate.offered_hz, rate.pace)}: {show(seen.throughput_hz, 'Hz')}, "
             f"p99 {show(seen.latency.p99, 's')}"
             for rate in rates
             if (seen := rate.pooled.monitors[name])

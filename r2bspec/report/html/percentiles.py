@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from r2bspec.diagnostics.quote import printable
 from r2bspec.measure.catalogue import quantile
+from r2bspec.measure.model import pace_of
 from r2bspec.measure.samples import RunSamples, SegmentSamples
-from r2bspec.measure.units import show
+from r2bspec.measure.units import at_rate, show, show_rate
 from r2bspec.report.html.canvas import (
     OUTCOME_COLOURS,
     Chart,
@@ -36,8 +37,8 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
     rates = sorted(samples.iterations)
     description = (
         f"Latency of {monitor} by percentile, one curve for each of "
-        f"{', '.join(show(rate, 'Hz') for rate in rates)}. The horizontal axis is logarithmic in "
-        "the share of messages that take longer."
+        f"{', '.join(show_rate(rate, pace_of(samples.mode)) for rate in rates)}. The horizontal "
+        "axis is logarithmic in the share of messages that take longer."
     )
 
     def paint(sketch: Sketch) -> None:
@@ -49,7 +50,8 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
             if values.size:
                 largest = max(largest, float(values[-1]))
                 median.append(float(np.median(values)))
-                _curve(sketch, axes, number, rate, values, lost)
+                label = show_rate(rate, pace_of(samples.mode))
+                _curve(sketch, axes, number, label, values, lost)
         for one in verdict.requirements:
             if one.monitor == monitor and one.at_hz in rates:
                 _limit(axes, one, rates.index(one.at_hz))
@@ -76,7 +78,7 @@ def _pooled(
 
 
 def _curve(
-    sketch: Sketch, axes: Axes, number: int, rate: float, values: NDArray[np.float64], lost: int
+    sketch: Sketch, axes: Axes, number: int, label: str, values: NDArray[np.float64], lost: int
 ) -> None:
     """A step for each rank k of n: the value at or below which a share of k/n lies."""
     n = values.size + lost
@@ -84,7 +86,6 @@ def _curve(
     over = np.maximum(n - ranks, 0.6)  # the largest of all would lie at infinity
     x = np.concatenate(([1.0], n / over))
     y = np.concatenate(([values[0]], values[ranks - 1])) * 1e3
-    label = show(rate, "Hz")
     (line,) = axes.step(
         x, y, where="pre", color=colour(number), linestyle=line_style(number), label=label
     )
@@ -120,7 +121,7 @@ def _limit(axes: Axes, one: RequirementVerdict, number: int) -> None:
     above = not one.lost and one.estimate is not None and one.limit > one.estimate
     axes.hlines(one.limit * 1e3, x / 1.6, x * 1.6, color=ink, linewidth=2.4)
     axes.annotate(
-        printable(f"{part} limit {show(one.limit, one.unit)} at {show(one.at_hz, 'Hz')}"),
+        printable(f"{part} limit {show(one.limit, one.unit)} {at_rate(one.at_hz or 0.0)}"),
         (x, one.limit * 1e3),
         # On the side of the bar that the curve is not on.
         xytext=(0, 3 if above else -4),

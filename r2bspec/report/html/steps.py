@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.matching import match, ratio_of
+from r2bspec.measure.asked import asked_and_seen
 from r2bspec.record.model import Segment
 from r2bspec.record.store import Run
 
@@ -18,8 +18,7 @@ Steps = NDArray[np.float64]
 def steps_of(run: Run, segment: Segment, monitor: str) -> Steps:
     """The expected answers of one segment, as one monitor saw them."""
     (plan,) = (each for each in run.plan.monitors if each.name == monitor)
-    playback, rows = run.playback(segment), run.monitor(segment, monitor)
-    matched = match(playback, rows, plan.match, ratio_of(plan, segment.played_before))
+    playback, rows, matched = asked_and_seen(run, segment, plan)
     found = np.full(matched.asked.size, np.nan)
     answered = matched.answered
     received = rows["received_ns"][matched.first_row[answered]]

@@ -18,6 +18,7 @@ from r2bspec.report.terminal.load import floor_section, load_section
 from r2bspec.report.terminal.monitors import monitor_sections
 from r2bspec.report.terminal.notes import header, notes_section, overall, search_section
 from r2bspec.report.terminal.verdicts import verdict_section
+from r2bspec.report.wording import own_pace
 from r2bspec.slo.model import Verdict
 
 _LEAST_WIDTH = 60
@@ -79,7 +80,7 @@ def print_report(result: Result, folder: Path | None, console: Console) -> None:
     width = max(console.width, _LEAST_WIDTH)
     sections = (
         header(result),
-        verdict_section(result.verdict, width),
+        verdict_section(result.verdict, width, own_pace(result.metrics)),
         *monitor_sections(result.metrics, width),
         *hop_sections(result.metrics),
         load_section(result.metrics, width),

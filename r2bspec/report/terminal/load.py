@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Group, RenderableType
 
 from r2bspec.measure.model import RateMetrics, RunMetrics, UseMetrics
-from r2bspec.measure.units import show, significant
+from r2bspec.measure.units import show, show_rate, significant
 from r2bspec.record.model import FloorRecord
 from r2bspec.report.terminal.style import heading, table
 
@@ -40,7 +40,7 @@ def floor_section(floor: tuple[FloorRecord, ...]) -> RenderableType | None:
         made.add_row(
             each.topic,
             show(float(each.bytes), "B"),
-            show(each.rate_hz, "Hz"),
+            show_rate(each.rate_hz, "recording"),
             *(_ns(value) for value in (each.latency_p50_ns, each.latency_p99_ns)),
             f"{each.received} of {each.sent}",
         )
@@ -52,7 +52,7 @@ def _ns(value: int | None) -> str:
 
 
 def _table(rates: tuple[RateMetrics, ...]) -> RenderableType:
-    made = table(["process", *(show(rate.offered_hz, "Hz") for rate in rates), "memory"])
+    made = table(["process", *(show_rate(rate.offered_hz, rate.pace) for rate in rates), "memory"])
     names = dict.fromkeys(name for rate in rates for name in rate.pooled.processes)
     for name in names:
         uses = [rate.pooled.processes.get(name) for rate in rates]
@@ -60,8 +60,9 @@ def _table(rates: tuple[RateMetrics, ...]) -> RenderableType:
     machine = [rate.pooled.machine for rate in rates]
     if any(machine):
         made.add_row("whole machine", *map(_cpu, machine), _memory(machine))
-    made.add_row(_PLAYED, *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), "")
-    made.add_row(_LATE, *map(_lateness, rates), "")
+    if any(rate.pooled.playback.sent is not None for rate in rates):
+        made.add_row(_PLAYED, *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), "")
+        made.add_row(_LATE, *map(_lateness, rates), "")
     return made
 
 

@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from r2bspec.measure.model import MonitorMetrics, RateMetrics, RunMetrics
-from r2bspec.measure.units import show, show_range
+from r2bspec.measure.units import show, show_range, show_rate
 from r2bspec.report.terminal.style import QUIET, heading, table
 
 
@@ -33,13 +33,22 @@ _COLUMNS = (
     _Column("jitter p99", "s", lambda seen: seen.jitter.p99, "jitter.p99", 110),
     _Column("sent", "count", lambda seen: seen.sent),
     _Column("missed", "count", lambda seen: seen.missed),
+    _Column("received", "count", lambda seen: seen.received),
 )
+
+_PLAYED, _LIVE = ("sent", "missed"), ("received",)
+"""Columns where something is played, and where nothing is: nobody knows then what was sent."""
 
 
 def monitor_sections(metrics: RunMetrics, width: int) -> Iterator[RenderableType]:
     """A table for each monitor of the run."""
     names = dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)
-    columns = [column for column in _COLUMNS if column.least_width <= width]
+    live = any(rate.pace == "source" for rate in metrics.rates)
+    columns = [
+        column
+        for column in _COLUMNS
+        if column.least_width <= width and column.name not in (_PLAYED if live else _LIVE)
+    ]
     for name in names:
         yield _section(name, metrics.rates, columns)
 
@@ -49,7 +58,7 @@ def _section(name: str, rates: tuple[RateMetrics, ...], columns: list[_Column]) 
     for rate in rates:
         seen = rate.pooled.monitors[name]
         made.add_row(
-            show(rate.offered_hz, "Hz"),
+            show_rate(rate.offered_hz, rate.pace),
             *(show(column.value(seen), column.unit) for column in columns),
         )
         if len(rate.iterations) > 1:

@@ -10,7 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from r2bspec.measure.units import show
+from r2bspec.measure.units import at_rate
 from r2bspec.report.terminal.style import QUIET, heading, verdict_text
 from r2bspec.report.wording import (
     bounds_text,
@@ -35,8 +35,14 @@ class _Line:
     bounds: str
 
 
-def verdict_section(verdict: Verdict, width: int) -> RenderableType | None:
-    """Every requirement, by objective; None if there are none."""
+def verdict_section(verdict: Verdict, width: int, pace: str = "") -> RenderableType | None:
+    """Every requirement, by objective; None if there are none.
+
+    Args:
+        verdict: to show.
+        width: of the terminal.
+        pace: who said how fast messages came, where no rate was asked for.
+    """
     if not verdict.requirements:
         return None
     lines = _lines(verdict)
@@ -47,7 +53,7 @@ def verdict_section(verdict: Verdict, width: int) -> RenderableType | None:
     ):
         if parts:
             parts.append("")
-        parts.append(heading(name, f"at {show(at_hz, 'Hz')}" if at_hz is not None else ""))
+        parts.append(heading(name, at_rate(at_hz, pace) if at_hz or pace else ""))
         for line in group:
             parts += _requirement(line, widths)
     return Group(*parts)

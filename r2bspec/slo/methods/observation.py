@@ -127,5 +127,8 @@ def _what(question: Question, seen: float, n: int) -> str:
             of = f"{n} iteration{'s' if n > 1 else ''}"
         return f"The {extreme} in {of} is {show(seen, info.unit)}"
     if info.name in _ADDED:
+        if question.iterations[0].live:
+            count = len(question.iterations)
+            return f"{show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"
         return f"{show(seen, 'count')} in {show(n, 'count')} steps"
     return f"{info.name} is {show(seen, info.unit)}"

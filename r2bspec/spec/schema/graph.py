@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.spec.schema import names
-from r2bspec.spec.schema.build import Schema, choice, integer, named, record, text, truth
+from r2bspec.spec.schema.build import Schema, choice, integer, listing, named, record, text, truth
 from r2bspec.spec.schema.node import nodes
 from r2bspec.spec.schema.parameters import values
 from r2bspec.spec.schema.qos import qos
@@ -45,6 +45,13 @@ MONITORS: Schema = named(
                 "by order for types that have none.",
                 ["stamp", "order"],
                 "stamp",
+            ),
+            "answers": listing(
+                "With mode timeline and inputs of different rates: the inputs that its messages "
+                "answer. Only steps that have messages of all of them count for it; without this, "
+                "all inputs from which a way leads to it.",
+                text("A playback input.", form=names.TOPIC, examples=["image"]),
+                examples=[["image"]],
             ),
             "ratio": record(
                 "How many outputs answer how many inputs.",

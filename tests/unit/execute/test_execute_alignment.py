@@ -18,6 +18,7 @@ def recorded(topic: str, *stamps_ns: int, header: bool = True) -> BufferIndex:
         has_header=header,
         stamps_ns=stamps_ns,
         sizes=(100,) * len(stamps_ns),
+        times_ns=stamps_ns,
     )
 
 

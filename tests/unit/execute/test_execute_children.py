@@ -30,6 +30,7 @@ from r2bspec.execute.errors import (
 from r2bspec.harness import protocol
 from r2bspec.harness.protocol import RUN_ID_VARIABLE
 from r2bspec.harness.reaping import members
+from r2bspec.harness.schedule import Cyclic
 
 HANG_S = 60.0
 """Guards against hanging only; nothing that passes takes so long."""
@@ -161,9 +162,7 @@ def test_a_command_that_a_stopped_child_does_not_take_blocks_nobody(
     monkeypatch.setattr(child_module, "_SEND_S", 0.3)
     child = stage.start(ANSWERS)
     os.kill(child.pid, signal.SIGSTOP)
-    large = protocol.ConfigurePlayer(
-        inputs=(), buffer_dir="", steps=tuple((n,) for n in range(300_000)), rows=""
-    )
+    large = protocol.Follow(schedule=Cyclic(steps=tuple((n,) for n in range(300_000))))
     with pytest.raises(RunError, match="did not answer"):
         stage.children.ask(child, large, protocol.Ready, 0.2)
 

@@ -11,6 +11,7 @@ import pytest
 
 from r2bspec.execute.floor import floor_record, measure_floor
 from r2bspec.harness import protocol
+from r2bspec.harness.schedule import Cyclic
 from r2bspec.plan.model import InputPlan
 from r2bspec.record.arrays import MONITOR, PLAYBACK
 from r2bspec.record.model import FloorRecord, RunRecord
@@ -104,7 +105,9 @@ def measured(children: Any, qos: QoS, folder: Path) -> tuple[FloorRecord, ...]:
             qos=qos,
         ),
     )
-    return measure_floor(children, child, child, inputs, folder, "playback", 10.0)
+    return measure_floor(
+        children, child, child, inputs, folder, "playback", 10.0, Cyclic(steps=((0,),))
+    )
 
 
 def test_an_input_that_somebody_reads_already_is_not_played(tmp_path: Path) -> None:

@@ -14,6 +14,13 @@ import pytest
 
 from r2bspec.harness import protocol
 from r2bspec.harness.channel import Channel, ChannelClosedError
+from r2bspec.harness.schedule import (
+    Cyclic,
+    CyclicTransform,
+    Timeline,
+    TimelineMessage,
+    TimelineStep,
+)
 from r2bspec.plan.model import InputPlan, MonitorPlan, NodePlan
 from r2bspec.spec.model import QoS
 
@@ -42,7 +49,20 @@ ENDPOINT = protocol.Endpoint(
 COMMANDS: list[protocol.Command] = [
     protocol.ConfigureLoader(sources={"/a": "x/msg/Y"}, recorded={}, buffer_dir="/somewhere"),
     protocol.ConfigurePlayer(
-        inputs=(INPUT, INPUT), buffer_dir="/b", steps=((0, 1), (2, 3)), rows="/rows"
+        inputs=(INPUT, INPUT), buffer_dir="/b", rows="/rows", transforms=("/tf",)
+    ),
+    protocol.Follow(
+        schedule=Cyclic(steps=((0, 1), (2, 3)), transforms=(CyclicTransform(0.5, 7, -1),))
+    ),
+    protocol.Follow(
+        schedule=Timeline(
+            steps=(TimelineStep(5, 1),),
+            messages=(TimelineMessage(0, 0, 0, 3),),
+            origin_ns=5,
+            period_ns=10,
+            stamp_period_ns=20,
+            inputs=1,
+        )
     ),
     protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
@@ -67,6 +87,7 @@ REPLIES: list[protocol.Reply] = [
         undeclared=(("/r2b/relay", "tpyo"),),
         parameters={"/r2b/relay": ("typo",)},
     ),
+    protocol.Ready(headers={"/a": True}),
     protocol.Matched(counts={"/a": 0, "/b": 2}),
     protocol.Discovered(writers={"/a": (ENDPOINT,)}, readers={"/a": ()}),
     protocol.Surveyed(nodes=("/r2b/relay",), services=()),
@@ -153,7 +174,7 @@ def test_a_command_larger_than_the_sockets_buffer_arrives_whole(
 ) -> None:
     channel, controller = ends
     steps = tuple((number, number + 1) for number in range(100_000))
-    sent = protocol.ConfigurePlayer(inputs=(INPUT, INPUT), buffer_dir="/b", steps=steps, rows="/r")
+    sent = protocol.Follow(schedule=Cyclic(steps=steps))
     thread = threading.Thread(target=controller.sendall, args=(protocol.encode(sent),))
     thread.start()
     assert channel.receive() == sent

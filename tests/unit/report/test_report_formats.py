@@ -189,10 +189,12 @@ def test_a_trace_has_every_message_begun_and_ended(tmp_path: Path, simulation: S
     assert begun.keys() == ended.keys()
     assert all(begun[key]["ts"] <= ended[key]["ts"] for key in begun)
     sent = sum(
-        seen.sent for rate in source.result.metrics.rates for seen in rate.pooled.monitors.values()
+        seen.sent or 0
+        for rate in source.result.metrics.rates
+        for seen in rate.pooled.monitors.values()
     )
     missed = sum(
-        seen.missed
+        seen.missed or 0
         for rate in source.result.metrics.rates
         for seen in rate.pooled.monitors.values()
     )

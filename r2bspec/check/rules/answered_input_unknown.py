@@ -1,0 +1,66 @@
+"""Monitors that answer inputs which are none, or of which they need not speak."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.check.context import Context
+from r2bspec.check.example import example
+from r2bspec.check.finding import Finding
+from r2bspec.check.rule import Rule
+from r2bspec.diagnostics import did_you_mean
+from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.build import harness_topic
+
+
+def _find(context: Context) -> Iterator[Finding]:
+    spec, namespace = context.spec, context.wiring.namespace
+    inputs = {harness_topic(name, namespace): name for name in spec.playback.inputs}
+    for name, monitor in spec.monitors.items():
+        path = ("monitors", name, "answers")
+        if monitor.answers and spec.playback.mode != "timeline":
+            yield Finding(
+                message=f"'answers' has no use with 'mode: {spec.playback.mode}'",
+                path=path,
+                key=True,
+                help="remove it: each step has messages of all inputs",
+                severity=Severity.WARNING,
+            )
+            continue
+        for index, answered in enumerate(monitor.answers):
+            if harness_topic(answered, namespace) not in inputs:
+                close = did_you_mean(answered, tuple(inputs.values()))
+                yield Finding(
+                    message=f"monitor {name} answers {quote(answered)}, which is no playback input",
+                    path=(*path, index),
+                    help=f"did you mean {quote(close)}?"
+                    if close
+                    else f"inputs are {', '.join(inputs.values())}",
+                )
+
+
+RULE = Rule(
+    code="R2B414",
+    title="a monitor that answers what is no input",
+    severity=Severity.ERROR,
+    why="In a timeline only those steps count for a monitor that have messages of all inputs which "
+    "it answers.",
+    failing=example(
+        playback="""
+            mode: timeline
+            inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}
+        """,
+        monitors="{output: {topic: output, format: sensor_msgs/msg/Image, answers: [camera]}}",
+        benchmark="{duration: 5 s}",
+    ),
+    passing=example(
+        playback="""
+            mode: timeline
+            inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}
+        """,
+        monitors="{output: {topic: output, format: sensor_msgs/msg/Image, answers: [image]}}",
+        benchmark="{duration: 5 s}",
+    ),
+    find=_find,
+)

@@ -1,0 +1,251 @@
+"""What is played when: schedules as values, made by the controller and followed by the player.
+
+A schedule is one round of steps, repeated for as long as it takes. A step is what is played under
+one header stamp. There are two kinds:
+
+`Cyclic` has no times of its own: all messages of a step are due together, one step after the
+other, at whatever rate is asked for, and a step is stamped with the time of its publication.
+
+`Timeline` has those of a recording: each message is due at its own time. A step is due when the
+first of its messages is. All stamps of a round are those of the recording, shifted by one
+constant, so that they stay consistent with each other; the next round shifts them on by the
+recorded length of a round, so that no stamp is played twice.
+
+Transforms are played along with both. They belong to no step and are not counted as such.
+"""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import msgspec
+
+NO_STEP = -1
+"""The step of a transform, which belongs to none."""
+
+ALL_INPUTS = -1
+"""The set of inputs, as bits, that contains every one."""
+
+
+class Event(NamedTuple):
+    """Something to be published at one time.
+
+    Attributes:
+        offset_ns: when it is due, after the first step of the play.
+        step: its number in the play, or `NO_STEP`.
+        messages: (input, position in the input's buffer) of each message; the inputs are numbered
+            in the order of the plan, the transforms coming after the last one.
+        inputs: of which inputs the whole step has messages, as bits.
+        stamp_ns: the stamp of the step, after the time of the first step of the play; None to
+            stamp it with the time of its publication.
+        origin_ns: of transforms, the recorded time that becomes `stamp_ns`: what their stamps are
+            after the one, they are to be after the other.
+        opens: whether the step begins with it.
+        closes: whether the step ends with it.
+    """
+
+    offset_ns: int
+    step: int
+    messages: tuple[tuple[int, int], ...]
+    inputs: int = ALL_INPUTS
+    stamp_ns: int | None = None
+    origin_ns: int = 0
+    opens: bool = True
+    closes: bool = True
+
+
+class CyclicTransform(msgspec.Struct, frozen=True, array_like=True):
+    """Recorded transforms between two steps.
+
+    Attributes:
+        at: when they are due, in steps from the beginning of the round.
+        position: of the message in its buffer.
+        origin_ns: the recorded time that corresponds to `at`, on the clock of header stamps.
+    """
+
+    at: float
+    position: int
+    origin_ns: int
+
+
+class Cyclic(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
+    """Steps without times: ``steps[i][k]`` is the position in input k of the message of step i."""
+
+    steps: tuple[tuple[int, ...], ...]
+    transforms: tuple[CyclicTransform, ...] = ()
+
+    def span_ns(self, rate_hz: float, steps: int) -> int:
+        """How long so many steps take, up to when the one after them would be due."""
+        return round(steps * 1e9 / rate_hz)
+
+    def steps_within(self, rate_hz: float, duration_ns: int) -> int:
+        """How many steps are due within a time."""
+        return round(duration_ns / 1e9 * rate_hz)
+
+    def wanted(self) -> list[set[int]]:
+        """The positions that are played, for each input and then for the transforms."""
+        columns = [set(column) for column in zip(*self.steps, strict=True)]
+        return [*columns, {each.position for each in self.transforms}]
+
+    def events(self, rate_hz: float, steps: int, first: int = 0) -> Iterator[Event]:
+        """What to publish, in the order in which it is due.
+
+        Args:
+            rate_hz: steps per second.
+            steps: how many.
+            first: the step of the round to begin with.
+        """
+        period_ns = 1e9 / rate_hz
+        length = len(self.steps)
+        columns = range(len(self.steps[0]))
+        starts = [each.at for each in self.transforms]
+        for step in range(steps):
+            place = (first + step) % length
+            # From the first due time, not from the last: rounding must not add up.
+            yield Event(
+                round(step * period_ns), step, tuple(zip(columns, self.steps[place], strict=True))
+            )
+            for each in self.transforms[
+                bisect.bisect_left(starts, place) : bisect.bisect_left(starts, place + 1)
+            ]:
+                offset_ns = round((step + each.at - place) * period_ns)
+                messages = ((len(columns), each.position),)
+                yield Event(offset_ns, NO_STEP, messages, origin_ns=each.origin_ns)
+
+
+class TimelineStep(msgspec.Struct, frozen=True, array_like=True):
+    """A step of a recording: its recorded stamp, unique in the round, and its inputs as bits."""
+
+    stamp_ns: int
+    inputs: int
+
+
+class TimelineMessage(msgspec.Struct, frozen=True, array_like=True):
+    """A message of a recording: when it is due in a round, and what it is.
+
+    `step` is the number of its step in the round, or `NO_STEP` for transforms.
+    """
+
+    offset_ns: int
+    step: int
+    input: int
+    position: int
+
+
+class Timeline(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"):
+    """Steps with the times of a recording.
+
+    Attributes:
+        steps: in the order of their first messages, which are due at ascending times from 0.
+        messages: in the order in which they are due.
+        origin_ns: the recorded stamp that becomes the time at which the play begins.
+        period_ns: how long a round takes to play; longer than any offset.
+        stamp_period_ns: how long a round was in the recording.
+        inputs: how many inputs there are.
+        shift_transforms: whether the stamps of transforms are shifted like all others.
+    """
+
+    steps: tuple[TimelineStep, ...]
+    messages: tuple[TimelineMessage, ...]
+    origin_ns: int
+    period_ns: int
+    stamp_period_ns: int
+    inputs: int
+    shift_transforms: bool = True
+
+    def due_offsets_ns(self) -> list[int]:
+        """When each step of a round is due, after its beginning."""
+        found: dict[int, int] = {}
+        for each in self.messages:
+            if each.step != NO_STEP:
+                found.setdefault(each.step, each.offset_ns)
+        return [found[step] for step in range(len(self.steps))]
+
+    def span_ns(self, rate_hz: float, steps: int) -> int:
+        """How long so many steps take, up to when the one after them would be due."""
+        del rate_hz
+        rounds, rest = divmod(steps, len(self.steps))
+        return rounds * self.period_ns + (self.due_offsets_ns()[rest] if rest else 0)
+
+    def steps_within(self, rate_hz: float, duration_ns: int) -> int:
+        """How many steps are due within a time."""
+        del rate_hz
+        rounds, rest_ns = divmod(duration_ns, self.period_ns)
+        return rounds * len(self.steps) + bisect.bisect_left(self.due_offsets_ns(), rest_ns)
+
+    def wanted(self) -> list[set[int]]:
+        """The positions that are played, for each input and then for the transforms."""
+        columns: list[set[int]] = [set() for _ in range(self.inputs + 1)]
+        for each in self.messages:
+            columns[each.input].add(each.position)
+        return columns
+
+    def earliest_stamp_ns(self) -> int:
+        """The first stamp of a play, after the time at which it begins; usually negative or 0."""
+        return min(each.stamp_ns for each in self.steps) - self.origin_ns
+
+    def events(self, rate_hz: float, steps: int, first: int = 0) -> Iterator[Event]:
+        """What to publish, in the order in which it is due.
+
+        A play begins where the recording does, so that each is like every other.
+
+        Args:
+            rate_hz: has no effect: the recording has its own times.
+            steps: how many; the last message ends the last of them.
+            first: has no effect.
+        """
+        del rate_hz, first
+        sizes = [0] * len(self.steps)
+        for each in self.messages:
+            if each.step != NO_STEP:
+                sizes[each.step] += 1
+        left: dict[int, int] = {}
+        closed = 0
+        for turn in itertools.count():
+            base, begin_ns = turn * len(self.steps), turn * self.period_ns
+            stamps_ns = turn * self.stamp_period_ns - self.origin_ns
+            for each in self.messages:
+                if closed == steps:
+                    return
+                played = ((each.input, each.position),)
+                offset_ns = begin_ns + each.offset_ns
+                if each.step == NO_STEP:
+                    yield Event(offset_ns, NO_STEP, played, stamp_ns=stamps_ns)
+                    continue
+                number = base + each.step
+                if number >= steps:
+                    continue
+                opens = number not in left
+                left[number] = left.get(number, sizes[each.step]) - 1
+                closes = left[number] == 0
+                closed += closes
+                step = self.steps[each.step]
+                stamp_ns = step.stamp_ns + stamps_ns
+                yield Event(offset_ns, number, played, step.inputs, stamp_ns, 0, opens, closes)
+
+
+Schedule = Cyclic | Timeline
+
+
+def bits(inputs: int) -> int:
+    """The set of the first so many inputs, as bits."""
+    return (1 << inputs) - 1
+
+
+def round_length_ns(times_ns: list[int]) -> int:
+    """How long a round is, from its first time to the first one of the next round.
+
+    The recording does not say. The pause between two rounds is taken to be the mean pause
+    between two times: (t_last - t_first) n / (n - 1).
+
+    Args:
+        times_ns: ascending; at least one.
+    """
+    span_ns = times_ns[-1] - times_ns[0]
+    if not span_ns:
+        return 1_000_000_000
+    return math.ceil(span_ns * len(times_ns) / (len(times_ns) - 1))

@@ -1,0 +1,72 @@
+"""Stamps inside serialised transforms.
+
+A tf2_msgs/TFMessage is one sequence of geometry_msgs/TransformStamped: a header (stamp and frame),
+the child's frame, and a transform of seven float64. In CDR (OMG DDS-XTypes 1.3, section 7.4) the
+sequence begins with a uint32 count; a string is a uint32 length, its terminating zero included, and
+its bytes; and each primitive lies at a multiple of its own size, counted from the end of the four
+bytes of encapsulation::
+
+    count | { int32 sec, uint32 nanosec, string frame, string child, 7 x float64 } ...
+"""
+
+from __future__ import annotations
+
+import struct
+
+TF = "/tf"
+TF_STATIC = "/tf_static"
+TF_TYPE = "tf2_msgs/msg/TFMessage"
+
+_HEAD = 4
+_FLOATS = 7 * 8
+_SECOND_NS = 1_000_000_000
+
+
+class StampedTransforms:
+    """One serialised TFMessage in memory, whose stamps can be shifted again and again.
+
+    Raises:
+        ValueError: the bytes are no TFMessage.
+    """
+
+    def __init__(self, message: bytearray) -> None:
+        order = "<" if len(message) > 1 and message[1] & 1 else ">"
+        self._stamp = struct.Struct(f"{order}iI")
+        self._message = message
+        try:
+            self._offsets = _stamp_offsets(message, struct.Struct(f"{order}I"))
+            self.stamps_ns = tuple(map(self._read, self._offsets))
+        except struct.error as error:
+            raise ValueError("a message on /tf is cut short") from error
+
+    def shift(self, by_ns: int) -> None:
+        """Write the stamps that the message had at first, so much later, in place."""
+        for offset, stamp_ns in zip(self._offsets, self.stamps_ns, strict=True):
+            self._stamp.pack_into(self._message, offset, *divmod(stamp_ns + by_ns, _SECOND_NS))
+
+    def _read(self, offset: int) -> int:
+        seconds, nanoseconds = self._stamp.unpack_from(self._message, offset)
+        return int(seconds) * _SECOND_NS + int(nanoseconds)
+
+
+def _stamp_offsets(message: bytearray, length: struct.Struct) -> list[int]:
+    """Where the stamp of each transform begins."""
+    (count,) = length.unpack_from(message, _HEAD)
+    place = length.size
+    offsets = []
+    for _ in range(count):
+        place = _aligned(place, 4)
+        offsets.append(_HEAD + place)
+        place += 8
+        for _frame in range(2):
+            place = _aligned(place, 4)
+            (size,) = length.unpack_from(message, _HEAD + place)
+            place += length.size + size
+        place = _aligned(place, 8) + _FLOATS
+        if _HEAD + place > len(message):
+            raise ValueError("a message on /tf is cut short")
+    return offsets
+
+
+def _aligned(place: int, size: int) -> int:
+    return -(-place // size) * size
