@@ -1,0 +1,153 @@
+"""Promise: of a live graph is reported what is seen of it, and nothing else is made up."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_runs import IMAGE, STRING, Bench, Finished, relay_node
+from ros_runs import nothing_left as nothing_left
+
+NODES = """
+from std_msgs.msg import String
+
+
+class Source(Node):
+    def __init__(self, **kwargs):
+        super().__init__("source", **kwargs)
+        self.image = self.create_publisher(Image, "image", 10)
+        self.old = self.create_publisher(Image, "old", 10)
+        self.text = self.create_publisher(String, "text", 10)
+        self.create_timer(0.05, self.tick)
+
+    def tick(self):
+        message = Image()
+        self.old.publish(message)
+        message.header.stamp = self.get_clock().now().to_msg()
+        self.image.publish(message)
+        self.text.publish(String(data="x"))
+"""
+
+SPEC: dict[str, Any] = {
+    "r2bspec": 1,
+    "name": "live",
+    "playback": {"mode": "live"},
+    "graph": {
+        "nodes": {
+            "source": {"python": "./nodes.py:Source"},
+            "relay": relay_node(20.0, remappings={"input": "image"}),
+        }
+    },
+    "monitors": {
+        "image": {"topic": "image", "format": IMAGE},
+        "out": {"topic": "output", "format": IMAGE},
+        "old": {"topic": "old", "format": IMAGE},
+        "text": {"topic": "text", "format": STRING, "match": "order"},
+    },
+    "benchmark": {
+        "duration": "700 ms",
+        "iterations": 2,
+        "warm_up": "100 ms",
+        "start_timeout": "60 s",
+    },
+    "slos": {
+        "seen": {"require": ["received > 1", "out.latency.p50 < 100 s"]},
+        "unknown": {"require": ["old.latency.p50 < 100 s"]},
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    found = Bench(tmp_path_factory.mktemp("live"))
+    found.write_node("nodes.py", NODES)
+    return found
+
+
+@pytest.fixture(scope="module")
+def done(bench: Bench) -> Finished:
+    return bench.run(SPEC)
+
+
+@pytest.fixture(scope="module")
+def pooled(done: Finished) -> Any:
+    (rate,) = done.result()["metrics"]["rates"]
+    assert rate["pace"] == "source"
+    return rate["pooled"]
+
+
+def test_the_run_is_complete_without_loader_and_player(done: Finished) -> None:
+    assert done.status == 3, done.stderr
+    record = done.run().record
+    assert record.status == "complete"
+    assert {each.name for each in record.processes} == {"monitor", "source", "relay"}
+    assert [each.kind for each in record.segments][-2:] == ["iteration", "iteration"]
+
+
+def test_each_segment_has_what_was_received_in_its_time_and_the_offset_of_the_clocks(
+    done: Finished,
+) -> None:
+    run = done.run()
+    for segment in run.record.segments:
+        assert segment.live
+        assert segment.steps == run.playback(segment).size == 0
+        assert segment.clock_offset_ns is not None
+        for monitor in run.plan.monitors:
+            received = run.monitor(segment, monitor.name)["received_ns"]
+            assert np.all((segment.began_ns <= received) & (received < segment.ended_ns))
+
+
+def test_latency_is_counted_from_the_stamp_of_the_source(pooled: Any) -> None:
+    monitors = pooled["monitors"]
+    assert monitors["image"]["latency"]["n"] == monitors["image"]["received"]
+    # The relay takes 20 ms for each, whatever the machine does.
+    assert monitors["out"]["latency"]["min"] > 0.02
+    assert monitors["image"]["latency"]["min"] < monitors["out"]["latency"]["min"]
+
+
+@pytest.mark.parametrize("name", ["old", "text"])
+def test_without_a_time_of_this_machine_there_is_no_latency(pooled: Any, name: str) -> None:
+    seen = pooled["monitors"][name]
+    assert seen["received"] > 2
+    assert seen["latency"]["n"] == 0
+    assert seen["latency"]["p50"] is None
+    assert seen["interval"]["n"] > 0
+    assert seen["throughput_hz"] > 0
+
+
+def test_what_nobody_knows_has_no_value(pooled: Any) -> None:
+    assert pooled["playback"]["sent"] is pooled["playback"]["rate_hz"] is None
+    for seen in pooled["monitors"].values():
+        for name in ("sent", "answered", "missed", "drop_rate", "duplicates", "unmatched"):
+            assert seen[name] is None
+
+
+def test_what_is_unknown_never_passes(done: Finished) -> None:
+    outcomes = {
+        (one["text"], one["monitor"]): one["outcome"]
+        for one in done.result()["verdict"]["requirements"]
+    }
+    assert outcomes["old.latency.p50 < 100 s", "old"] == "inconclusive"
+    assert {
+        outcome for (text, _), outcome in outcomes.items() if text != "old.latency.p50 < 100 s"
+    } == {"pass"}
+
+
+def test_the_report_says_live_and_what_nobody_knows(done: Finished) -> None:
+    assert "live" in done.stdout
+    assert " 0 Hz" not in done.stdout
+    assert "nobody knows what was missed" in " ".join(done.stdout.split())
+
+
+def test_requirements_on_something_unknown_are_refused(bench: Bench) -> None:
+    spec = copy.deepcopy(SPEC)
+    required = ["out.drop_rate <= 5 %", "out.missed == 0", "sent > 1", "text.latency.p50 < 1 s"]
+    spec["slos"] = {"unknown": {"require": required}}
+    refused = bench.run(spec)
+    assert refused.status == 2
+    assert refused.stderr.count("error[R2B526]") == len(required)
