@@ -17,7 +17,13 @@ from r2bspec.execute.differences import suspicions
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.external import wait_for_external
 from r2bspec.execute.floor import measure_floor, usual_rate_hz
-from r2bspec.execute.graph import Launcher, explain, readers_wanted, wait_until_matched
+from r2bspec.execute.graph import (
+    Launcher,
+    explain,
+    listeners,
+    readers_wanted,
+    wait_until_matched,
+)
 from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
 from r2bspec.execute.probes import wait_for_probe
 from r2bspec.execute.progress import Progress
@@ -194,7 +200,7 @@ class Batch:
         if player is not None:
             wanted[player] = {
                 each.topic: readers_wanted(plan, each.topic, PHASE) for each in plan.inputs
-            }
+            } | listeners(self._launcher, buffered_transforms(self._buffer_dir))
         wait_until_matched(children, self._launcher, wanted, plan, PHASE)
 
     def _get_ready(self, monitor: Child) -> None:

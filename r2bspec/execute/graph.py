@@ -242,6 +242,16 @@ def explain(
     return otherwise(said, hint=hint)
 
 
+def listeners(launcher: Launcher, topics: Iterable[str]) -> dict[str, int]:
+    """How many readers each topic has among the Python nodes that have been started."""
+    return {
+        topic: sum(
+            name == topic and does == "subscribes" for _, name, _, does in launcher.endpoints
+        )
+        for topic in topics
+    }
+
+
 def readers_wanted(plan: Plan, topic: str, phase: str) -> int:
     """How many readers a topic of the harness must find: those planned, and at least one."""
     planned = (each for each in plan.topics if each.name == topic and each.phase == phase)

@@ -14,7 +14,13 @@ from typing import Final
 from r2bspec.execute.children import Child, Children
 from r2bspec.execute.differences import suspicions
 from r2bspec.execute.errors import NoOutputError
-from r2bspec.execute.graph import Launcher, explain, readers_wanted, wait_until_matched
+from r2bspec.execute.graph import (
+    Launcher,
+    explain,
+    listeners,
+    readers_wanted,
+    wait_until_matched,
+)
 from r2bspec.execute.silence.facts import Facts
 from r2bspec.execute.silence.observe import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
 from r2bspec.harness import protocol
@@ -77,7 +83,7 @@ def preprocess(
         for topic in sources
         if read.get(topic) or topic not in {*played, TF}
     }
-    wanted |= dict.fromkeys(recorded, 1)
+    wanted |= dict.fromkeys(recorded, 1) | listeners(launcher, transforms)
     between = _readers_between(zip(nodes, others, strict=True), launcher, recorded)
     wait_until_matched(children, launcher, {loader: wanted} | between, plan, _PHASE)
     load = protocol.Load(

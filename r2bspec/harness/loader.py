@@ -21,7 +21,7 @@ from r2bspec.harness.monitor import discover, survey
 from r2bspec.harness.patience import Patience
 from r2bspec.harness.recording import Recording
 from r2bspec.harness.repertoire import TF_QOS, publish_static
-from r2bspec.harness.transforms import TF
+from r2bspec.harness.transforms import TF, TF_STATIC
 from r2bspec.spec.model import QoS
 
 _IN_FLIGHT = 4
@@ -98,6 +98,7 @@ class Loader:
 
     def _matches(self) -> dict[str, int]:
         counts = {topic: writer.matches() for topic, writer in self._writers.items()}
+        counts |= {TF_STATIC: self._static.matches()} if self._static else {}
         counts |= dict.fromkeys(self._waiting, 0)
         counts |= {each.topic: each.reader.matches() for each in self._recordings}
         return counts
@@ -112,6 +113,8 @@ class Loader:
         published = dict.fromkeys(self._writers, 0)
         turns_ns: dict[str, dict[int, int]] = {each.topic: {} for each in sources}
         in_flight: dict[int, None] = {}
+        if self._static is not None:
+            self._static.wait_until_heard()
         patience = Patience(patience_ns)
         begin_ns = time.monotonic_ns()
         for each in sources:

@@ -67,11 +67,7 @@ class Player:
                     self._follow(schedule)
                     self._channel.send(protocol.Ready())
                 case protocol.CountMatches():
-                    counts = {
-                        topic: writer.matches()
-                        for topic, writer in zip(self._topics, self._writers, strict=True)
-                    }
-                    self._channel.send(protocol.Matched(counts=counts))
+                    self._channel.send(protocol.Matched(counts=self._matches()))
                 case protocol.Play(rate_hz=rate_hz, steps=steps):
                     self._channel.send(protocol.Played(steps=self._play(rate_hz, steps)))
                 case protocol.Shutdown():
@@ -79,6 +75,12 @@ class Player:
                 case _:
                     # A Stop that crossed with the end of playing.
                     continue
+
+    def _matches(self) -> dict[str, int]:
+        topics = [*self._topics, *(TF for _ in self._transforms)]
+        writers = [*self._writers, *self._transforms]
+        counts = {topic: writer.matches() for topic, writer in zip(topics, writers, strict=True)}
+        return counts | ({TF_STATIC: self._static.matches()} if self._static else {})
 
     def _follow(self, schedule: Cyclic | Timeline) -> None:
         self._schedule = schedule
@@ -98,6 +100,8 @@ class Player:
         """Publish `steps` steps; fewer if a command arrives. Returns how many were published."""
         if self._repertoire is None:
             return 0
+        if self._static is not None:
+            self._static.wait_until_heard()
         begin_ns = time.monotonic_ns() + _LEAD_NS
         epoch_ns = self._epoch(begin_ns)
         rows = _StepRows(self._rows)

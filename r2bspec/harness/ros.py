@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation as _implementation
 from rclpy.node import Node
 from rclpy.qos import (
@@ -161,6 +162,10 @@ class RawWriter:
         """
         made = rcl.publication(self._handle, message)
         return made or functools.partial(self._handle.publish_raw, message)
+
+    def wait_until_heard(self, timeout_s: float = 2.0) -> None:
+        """Wait until all readers that are matched have got everything, but not for ever."""
+        self._publisher.wait_for_all_acked(Duration(seconds=timeout_s))
 
     def matches(self) -> int:
         """How many readers this writer is matched with."""

@@ -1,0 +1,85 @@
+"""Bags with transforms, and the environment in which tests can play them."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from ros_runs import IMAGE, START_NS, image
+
+TF_TYPE = "tf2_msgs/msg/TFMessage"
+MS = 1_000_000
+_STAND_IN = Path(__file__).with_name("without_tf2")
+
+
+@cache
+def _store() -> Any:
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def transforms(*found: tuple[str, str, int], big_endian: bool = False) -> bytes:
+    """A serialised TFMessage of (frame, child, stamp in ns)."""
+    types = _store().types
+    made = []
+    for number, (frame, child, stamp_ns) in enumerate(found):
+        stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
+        header = types["std_msgs/msg/Header"](stamp, frame)
+        translation = types["geometry_msgs/msg/Vector3"](1.0 + number, 2.0, 3.0)
+        rotation = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        transform = types["geometry_msgs/msg/Transform"](translation, rotation)
+        made.append(types["geometry_msgs/msg/TransformStamped"](header, child, transform))
+    message = types[TF_TYPE](made)
+    return bytes(_store().serialize_cdr(message, TF_TYPE, little_endian=not big_endian))
+
+
+def read_transforms(data: bytes) -> list[tuple[str, str, int]]:
+    """What `transforms` was given."""
+    message = _store().deserialize_cdr(data, TF_TYPE)
+    return [
+        (
+            each.header.frame_id,
+            each.child_frame_id,
+            each.header.stamp.sec * 10**9 + each.header.stamp.nanosec,
+        )
+        for each in message.transforms
+    ]
+
+
+def write_transform_bag(
+    folder: Path,
+    images_ms: Sequence[int],
+    tf_ms: Sequence[int],
+    static: Sequence[tuple[str, str]],
+) -> Path:
+    """A bag of images, of /tf with two transforms a message, and of /tf_static, one a message.
+
+    The second transform of a message is stamped 2 ms before the first.
+    """
+    with Writer(folder, version=9) as writer:
+        camera = writer.add_connection("/camera", IMAGE, typestore=_store())
+        tf = writer.add_connection("/tf", TF_TYPE, typestore=_store())
+        latched = writer.add_connection("/tf_static", TF_TYPE, typestore=_store())
+        rows = [(START_NS + at * MS, camera, image(at, START_NS + at * MS)) for at in images_ms]
+        for at in tf_ms:
+            stamp_ns = START_NS + at * MS
+            pair = ("map", "odom", stamp_ns), ("odom", "base", stamp_ns - 2 * MS)
+            rows.append((stamp_ns, tf, transforms(*pair)))
+        for number, (frame, child) in enumerate(static):
+            rows.append((START_NS + number, latched, transforms((frame, child, START_NS))))
+        for time_ns, connection, data in sorted(rows, key=lambda row: row[0]):
+            writer.write(connection, time_ns, data)
+    return folder
+
+
+def with_tf2() -> dict[str, str]:
+    """Changes to the environment in which tf2_msgs can be imported."""
+    if importlib.util.find_spec("tf2_msgs") is not None:
+        return {}
+    return {"PYTHONPATH": os.pathsep.join([str(_STAND_IN), os.environ.get("PYTHONPATH", "")])}
