@@ -1,0 +1,183 @@
+"""From buffers to a timeline: steps are messages of one stamp, at the times of their recording."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from r2bspec.execute.errors import RunError
+from r2bspec.execute.timeline import make_timeline
+from r2bspec.execute.transforms import place_transforms
+from r2bspec.harness.buffers import BufferIndex
+from r2bspec.harness.schedule import NO_STEP, Timeline
+from r2bspec.plan.model import InputPlan, TimelinePlan
+from r2bspec.spec.model import QoS
+
+PLAN = TimelinePlan(speed=1.0, recorded=False, shift_tf=True)
+T = 1_000_000
+"""When the recording begins."""
+
+
+def index(*times: int, stamps: tuple[int, ...] | None = None, header: bool = True) -> BufferIndex:
+    """Messages recorded at times after the beginning; stamped then, unless it is said when."""
+    times_ns = tuple(T + each for each in times)
+    stamps_ns = times_ns if stamps is None else tuple(T + each for each in stamps)
+    return BufferIndex(
+        topic="/topic",
+        type="sensor_msgs/msg/Image",
+        has_header=header,
+        stamps_ns=stamps_ns,
+        sizes=(9,) * len(times),
+        times_ns=times_ns,
+    )
+
+
+def played(name: str = "in", **changes: Any) -> InputPlan:
+    fields = {"bag_topic": "/bag"} | changes
+    return InputPlan(topic=f"/{name}", type="x/msg/Y", source=f"/{name}_raw", qos=QoS(), **fields)
+
+
+def made(*inputs: tuple[InputPlan, BufferIndex], plan: TimelinePlan = PLAN, **more: Any) -> Timeline:
+    return make_timeline(inputs, more.pop("sources", ()), plan, **more)[0]
+
+
+def due(timeline: Timeline) -> list[tuple[int, int, int, int]]:
+    return [(m.offset_ns, m.step, m.input, m.position) for m in timeline.messages]
+
+
+def test_messages_of_one_stamp_are_one_step_each_at_its_own_time() -> None:
+    camera = played("camera"), index(10, 110, stamps=(0, 100))
+    info = played("info"), index(13, 112, stamps=(0, 100))
+    imu = played("imu"), index(12, 60)
+    timeline = made(camera, info, imu)
+    assert due(timeline) == [
+        (0, 0, 0, 0),
+        (2, 1, 2, 0),
+        (3, 0, 1, 0),
+        (50, 2, 2, 1),
+        (100, 3, 0, 1),
+        (102, 3, 1, 1),
+    ]
+    assert [each.inputs for each in timeline.steps] == [0b011, 0b100, 0b100, 0b011]
+
+
+def test_no_message_is_stamped_later_than_it_is_played() -> None:
+    old, fresh = index(40, 140, stamps=(0, 100)), index(50, 150, stamps=(48, 148))
+    timeline = made((played("old"), old), (played("fresh"), fresh))
+    offsets = timeline.due_offsets_ns()
+    ages = [
+        offset - (step.stamp_ns - timeline.origin_ns)
+        for offset, step in zip(offsets, timeline.steps, strict=True)
+    ]
+    assert min(ages) == 0
+    # How old one message is compared with another stays what it was.
+    assert ages == [38, 0, 38, 0]
+
+
+def test_an_input_that_is_translated_is_played_and_stamped_later() -> None:
+    pair = index(0, 100)
+    timeline = made((played("a"), pair), (played("b", later_ns=20), pair))
+    assert due(timeline) == [(0, 0, 0, 0), (20, 1, 1, 0), (100, 2, 0, 1), (120, 3, 1, 1)]
+    assert [each.stamp_ns - T for each in timeline.steps] == [0, 20, 100, 120]
+
+
+@pytest.mark.parametrize(("speed", "offset_ns"), [(0.5, 200), (2.0, 50)])
+def test_speed_changes_the_times_of_play_and_no_stamp(speed: float, offset_ns: int) -> None:
+    plan = TimelinePlan(speed=speed, recorded=False, shift_tf=True)
+    timeline = made((played(), index(0, 100)), plan=plan)
+    assert timeline.messages[1].offset_ns == offset_ns
+    assert timeline.steps[1].stamp_ns - timeline.steps[0].stamp_ns == 100
+    assert timeline.period_ns == round(timeline.stamp_period_ns / speed)
+
+
+def test_what_has_no_header_is_a_step_by_itself_at_its_time() -> None:
+    bare = index(0, 50, header=False)
+    timeline = made((played("a"), index(0, 100)), (played("b"), bare))
+    assert [each.inputs for each in timeline.steps] == [0b01, 0b10, 0b10, 0b01]
+
+
+@given(st.lists(st.integers(0, 50), min_size=1, max_size=40), st.booleans())
+def test_every_message_is_played_once_and_every_stamp_is_unique(
+    stamps: list[int], header: bool
+) -> None:
+    times = tuple(range(0, 10 * len(stamps), 10))
+    buffered = index(*times, stamps=tuple(stamps), header=header)
+    timeline = made((played("a"), buffered), (played("b"), buffered))
+    assert sorted((m.input, m.position) for m in timeline.messages) == [
+        (column, position) for column in (0, 1) for position in range(len(stamps))
+    ]
+    found = [each.stamp_ns for each in timeline.steps]
+    assert len(set(found)) == len(found)
+    assert timeline.stamp_period_ns > max(found) - min(found)
+    assert timeline.period_ns > timeline.messages[-1].offset_ns
+
+
+def test_what_a_preprocessor_made_is_played_when_the_last_of_its_stamp_was_recorded() -> None:
+    left, right = index(0, 100), index(5, 108, stamps=(0, 100))
+    out = index(900, 901, 902, stamps=(0, 100, 555))
+    pair = played("out", bag_topic=""), out
+    timeline, unknown = make_timeline([pair], [left, right], PLAN)
+    assert due(timeline) == [(0, 0, 0, 0), (103, 1, 0, 1)]
+    assert unknown == {"/topic": 1}
+
+
+def test_a_recorded_timeline_is_that_of_what_came_out() -> None:
+    plan = TimelinePlan(speed=1.0, recorded=True, shift_tf=True)
+    out = index(900, 907, stamps=(0, 100))
+    timeline = made((played("out", bag_topic=""), out), plan=plan)
+    assert [each.offset_ns for each in timeline.messages] == [0, 7]
+    assert [each.stamp_ns - T for each in timeline.steps] == [0, 100]
+
+
+def test_stamps_that_nothing_recorded_has_are_refused() -> None:
+    pair = played("out", bag_topic=""), index(900, stamps=(5,))
+    with pytest.raises(RunError, match="none of the 1 messages on /out_raw") as raised:
+        make_timeline([pair], [index(0)], PLAN)
+    assert raised.value.code == "R2B659"
+    assert "record_timeline" in raised.value.hint
+
+
+def test_an_input_without_messages_is_refused() -> None:
+    with pytest.raises(RunError, match="no message was buffered for /in_raw"):
+        make_timeline([(played(), index())], [], PLAN)
+
+
+def test_a_buffer_keeps_the_first_messages_of_each_input() -> None:
+    timeline = made((played("a"), index(0, 10, 20)), (played("b"), index(5, 15)), buffer=2)
+    assert [(m.input, m.position) for m in timeline.messages] == [(0, 0), (1, 0), (0, 1), (1, 1)]
+
+
+def test_transforms_belong_to_no_step_and_old_ones_come_at_the_beginning() -> None:
+    second = 10**9
+    transforms = index(-2 * second, -5, 40, 100 * second, header=False)
+    timeline = made((played(), index(0, 100)), transforms=transforms)
+    assert due(timeline) == [
+        (0, NO_STEP, 1, 1),
+        (0, 0, 0, 0),
+        (40, NO_STEP, 1, 2),
+        (100, 1, 0, 1),
+    ]
+
+
+def test_while_looping_transforms_lie_where_they_lay_between_the_steps() -> None:
+    images = index(10, 110, 210, stamps=(0, 100, 200))
+    transforms = index(0, 35, 110, 310, 311, header=False)
+    placed = place_transforms(transforms, [(0,), (1,), (2,)], [images])
+    assert [(each.at, each.position) for each in placed] == [(0.25, 1), (1.0, 2)]
+    # Each step is stamped 10 ns before it was recorded, and so are the transforms around it.
+    assert [each.origin_ns - T for each in placed] == [25, 100]
+
+
+def test_while_sweeping_transforms_come_back_in_reverse() -> None:
+    images = index(0, 100, 200)
+    transforms = index(25, 125, header=False)
+    placed = place_transforms(transforms, [(0,), (1,), (2,), (1,)], [images])
+    assert [(each.at, each.position) for each in placed] == [
+        (0.25, 0),
+        (1.25, 1),
+        (2.75, 1),
+        (3.75, 0),
+    ]
