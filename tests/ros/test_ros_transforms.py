@@ -187,10 +187,7 @@ def test_while_looping_transforms_lie_between_the_steps_that_they_lay_between(
     (segment,) = (each for each in run.record.segments if each.kind == "iteration")
     steps_ns = run.playback(segment)["stamp_ns"]
     found = np.array([value[0][2] for kind, value in notes(bench.folder / "graph") if kind == "tf"])
-    between = [
-        int(np.count_nonzero((found >= a) & (found < b)))
-        for a, b in pairwise(steps_ns)
-    ]
+    between = [int(np.count_nonzero((found >= a) & (found < b))) for a, b in pairwise(steps_ns)]
     recorded = [sum(at <= time < at + 100 for time in TF) for at in IMAGES]
     # A late step may take a transform over its edge; over whole rounds none is lost or added.
     rounds = len(between) // len(IMAGES)

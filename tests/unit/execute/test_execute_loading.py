@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from r2bspec.data.digest import hash_files
@@ -12,9 +13,15 @@ from r2bspec.execute.buffering import buffer_bags
 from r2bspec.execute.dataset import obtain
 from r2bspec.execute.errors import DatasetMismatchError
 from r2bspec.execute.progress import Silent
-from r2bspec.harness.buffers import read_index, read_messages
+from r2bspec.harness.buffers import (
+    buffered_transforms,
+    read_index,
+    read_messages,
+    read_stamps,
+)
 from r2bspec.plan.model import BagTopicPlan, DatasetPlan
 from ros_runs import IMAGE, START_NS, STRING, image, text, write_bag
+from transform_bags import read_transforms, write_transform_bag
 
 MS = 1_000_000
 
@@ -88,6 +95,44 @@ def test_several_bags_share_one_clock(tmp_path: Path, bag: Path, buffers: Path) 
     ]
     counts = buffer_bags([bag, later], plans, buffers, Silent())
     assert counts == {"/left": 3, "/right": 2}
+
+
+def test_messages_of_one_topic_in_several_bags_are_merged_by_time(
+    tmp_path: Path, buffers: Path
+) -> None:
+    parts = {"first": (0, 40, 80), "second": (20, 60, 100)}
+    bags = [write_bag(tmp_path / name, {"/left": times}) for name, times in parts.items()]
+    plans = [dataset(topic("/left", "/image")) for _ in bags]
+    assert buffer_bags(bags, plans, buffers, Silent()) == {"/image": 6}
+    index = read_index(buffers, "/image")
+    assert index.times_ns == tuple(START_NS + ms * MS for ms in (0, 20, 40, 60, 80, 100))
+    assert index.stamps_ns == index.times_ns
+
+
+def test_transforms_are_buffered_where_they_are_asked_for(tmp_path: Path, buffers: Path) -> None:
+    bag = write_transform_bag(
+        tmp_path / "moving", (0, 100), (5, 50, 95), (("base", "camera"), ("arm", "camera"))
+    )
+    asked = dataset(topic("/camera", "/image"), start_ms=40)
+    plan = msgspec.structs.replace(asked, publish_tf=True, publish_tf_static=True)
+    counts = buffer_bags([bag], [plan], buffers, Silent())
+    assert counts == {"/image": 1, "/tf": 2, "/tf_static": 1}
+    assert buffered_transforms(buffers) == ("/tf", "/tf_static")
+    (static,) = read_messages(buffers, "/tf_static", {0}).values()
+    # Static transforms come from the whole bag: they were published once, at its beginning.
+    assert read_transforms(bytes(static)) == [("arm", "camera", START_NS)]
+
+
+def test_what_only_ros_knows_to_have_a_header_is_left_open_until_it_says_so(
+    bag: Path, buffers: Path
+) -> None:
+    plan = dataset(topic("/left", "/image", "own_msgs/msg/Picture"))
+    buffer_bags([bag], [plan], buffers, Silent())
+    index = read_index(buffers, "/image")
+    assert index.has_header is None
+    known = read_stamps(buffers, index)
+    assert known.has_header
+    assert known.stamps_ns == tuple(START_NS + ms * MS for ms in (0, 33, 66, 99))
 
 
 def test_a_bag_is_found_beside_the_spec_and_hashed(tmp_path: Path, bag: Path) -> None:

@@ -40,7 +40,9 @@ def played(name: str = "in", **changes: Any) -> InputPlan:
     return InputPlan(topic=f"/{name}", type="x/msg/Y", source=f"/{name}_raw", qos=QoS(), **fields)
 
 
-def made(*inputs: tuple[InputPlan, BufferIndex], plan: TimelinePlan = PLAN, **more: Any) -> Timeline:
+def made(
+    *inputs: tuple[InputPlan, BufferIndex], plan: TimelinePlan = PLAN, **more: Any
+) -> Timeline:
     return make_timeline(inputs, more.pop("sources", ()), plan, **more)[0]
 
 

@@ -156,3 +156,16 @@ class TestBrokenFolders:
     def test_a_run_without_resources_has_none(self, folder: Path) -> None:
         (folder / "resources.npy").unlink()
         assert open_run(folder).resources().size == 0
+
+
+def test_playback_of_an_older_version_has_all_inputs_in_each_step(tmp_path: Path) -> None:
+    run = SIMULATION.write(tmp_path / "run")
+    first = run.record.segments[0]
+    rows = run.playback(first)
+    older = rows[["stamp_ns", "due_ns", "published_ns", "done_ns"]]
+    packed = np.array(older.tolist(), dtype=[(name, "<i8") for name in older.dtype.names or ()])
+    np.save(tmp_path / "run" / "samples" / first.id / "playback.npy", packed)
+    found = run.playback(first)
+    assert found.dtype == PLAYBACK
+    assert np.array_equal(found["due_ns"], rows["due_ns"])
+    assert np.all(found["inputs"] == -1)
