@@ -21,7 +21,7 @@ from r2bspec.slo.methods.sustained import judge_sustained
 from r2bspec.slo.methods.windows import judge_windows
 from r2bspec.slo.model import RequirementVerdict
 from r2bspec.slo.question import Answer, Question, verdict, windows_of
-from r2bspec.slo.schedule import REMEDY, Schedule
+from r2bspec.slo.schedule import REMEDY, REMEDY_OF_TIMELINE, Schedule
 from r2bspec.spec.model import Objective
 from r2bspec.spec.requirement import Requirement
 
@@ -76,7 +76,10 @@ def judge_requirement(
         judged = verdict(question, _answer(question, samples))
         if missed := schedule.missed(info.statistic, at_hz):
             judged = msgspec.structs.replace(
-                judged, outcome="inconclusive", reason=missed, settle=REMEDY
+                judged,
+                outcome="inconclusive",
+                reason=missed,
+                settle=REMEDY if at_hz else REMEDY_OF_TIMELINE,
             )
         yield judged
 

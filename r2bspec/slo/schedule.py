@@ -35,6 +35,7 @@ LATE_PERIODS = 0.5
 LATE_FLOOR_S = 0.005
 
 REMEDY = "Run again on a quieter or faster machine, or offer a lower rate."
+REMEDY_OF_TIMELINE = "Run again on a quieter or faster machine, or play the recording slower."
 
 
 def off_schedule(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str:
