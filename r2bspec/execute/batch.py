@@ -24,6 +24,7 @@ from r2bspec.execute.graph import (
     readers_wanted,
     wait_until_matched,
 )
+from r2bspec.execute.meeting import wait_until_met
 from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
 from r2bspec.execute.probes import wait_for_probe
 from r2bspec.execute.progress import Progress
@@ -202,6 +203,12 @@ class Batch:
                 each.topic: readers_wanted(plan, each.topic, PHASE) for each in plan.inputs
             } | listeners(self._launcher, buffered_transforms(self._buffer_dir))
         wait_until_matched(children, self._launcher, wanted, plan, PHASE)
+        ends = [(each.topic, each.type, "publishes") for each in plan.inputs]
+        ends += [
+            (each.topic, each.type, "subscribes")
+            for each in (*plan.monitors, *tap_watches(plan.monitors))
+        ]
+        wait_until_met(children, self._launcher, ends)
 
     def _get_ready(self, monitor: Child) -> None:
         """What the spec says must be so, and be done, before anything is played."""

@@ -8,7 +8,7 @@ every planned endpoint is matched; what is missing when time is up is named.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,7 @@ class Launcher:
     Attributes:
         endpoints: what the Python nodes really turned out to have, as `protocol.Ready` tells it.
         differences: what they did not take of the plan. None of it has ended the run so far.
+        hosts: the processes of Python nodes, with the full names of these.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class Launcher:
         self.endpoints: list[tuple[str, str, str, str]] = []
         self.differences: list[Difference] = []
         self._made: set[str] = set()
+        self.hosts: dict[Child, frozenset[str]] = {}
 
     def start(self, plan: ProcessPlan) -> Child:
         """Start one process; a harness process then waits to be configured.
@@ -106,8 +108,15 @@ class Launcher:
             refuse_undeclared(ready)
             self.endpoints += ready.endpoints
             self.differences += unmatched_remappings(ready)
-            self._made |= {node.name for node in plan.nodes}
+            self.hosts[child] = frozenset(node.name for node in plan.nodes)
+            self._made |= self.hosts[child]
         return children
+
+    def ends_of(self, host: Child) -> Iterator[tuple[str, str, str]]:
+        """The endpoints of the nodes of a host: topic, type, ``publishes`` or ``subscribes``."""
+        for node, topic, kind, does in self.endpoints:
+            if node in self.hosts[host]:
+                yield topic, kind, does
 
     def endpoints_in(self, plan: Plan, phase: str) -> list[tuple[str, str, str, str]]:
         """What the Python nodes of a phase have."""

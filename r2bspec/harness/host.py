@@ -204,7 +204,9 @@ class Host:
         with contextlib.suppress(ChannelClosedError):
             while not isinstance(command := self._channel.receive(), protocol.Shutdown):
                 if isinstance(command, protocol.CountMatches):
-                    self._channel.send(protocol.Matched(counts=self._matches()))
+                    self._channel.send(
+                        protocol.Matched(counts=self._matches(), heard=self._heard())
+                    )
         # Not the context: a callback that is under way may still want to publish.
         self._executor.shutdown()
 
@@ -215,4 +217,15 @@ class Host:
             for publisher in list(node.publishers):
                 count = publisher.get_subscription_count()
                 counts[publisher.topic_name] = min(counts.get(publisher.topic_name, count), count)
+        return counts
+
+    def _heard(self) -> dict[str, int]:
+        """How many writers the readers of each topic have, the least where there are several."""
+        counts: dict[str, int] = {}
+        for node in self._nodes:
+            for subscription in list(node.subscriptions):
+                with subscription.handle:
+                    count = subscription.handle.get_publisher_count()
+                topic = subscription.topic_name
+                counts[topic] = min(counts.get(topic, count), count)
         return counts

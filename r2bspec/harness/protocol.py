@@ -187,9 +187,14 @@ class Ready(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Matched(_Message, frozen=True, kw_only=True, tag=True):
-    """How many endpoints of others each topic is matched with."""
+    """How many endpoints of others each topic is matched with.
+
+    Of a host, `counts` are the readers of what its nodes write, and `heard` the writers of what
+    they read.
+    """
 
     counts: dict[str, int]
+    heard: dict[str, int] = {}
 
 
 class Endpoint(msgspec.Struct, frozen=True, kw_only=True):
