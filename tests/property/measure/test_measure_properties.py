@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.measure.latency import arrivals, intervals, jitter, latencies
-from r2bspec.measure.matching import match
+from r2bspec.measure.matching import Ratio, match
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.throughput import silence, throughput
 from r2bspec.measure.units import show
@@ -103,3 +103,19 @@ def test_every_value_can_be_shown(value: float, unit: str) -> None:
     text = show(value, unit)
     assert text
     assert "e+" not in text
+
+
+@given(
+    traffic(),
+    st.builds(Ratio, st.integers(1, 5), st.integers(1, 4), st.integers(0, 20)),
+)
+def test_matching_by_a_ratio_conserves_counts(rows: tuple[Rows, Rows], ratio: Ratio) -> None:
+    playback, monitor = rows
+    found = match(playback, monitor, "order", ratio)
+    answered = int(np.count_nonzero(found.answered))
+    assert found.asked.size == answered + found.missed
+    assert monitor.size == answered + found.duplicates + found.unmatched
+    # A group ends with each step whose number in the whole run is a multiple of its inputs.
+    numbers = ratio.before + found.asked + 1
+    assert not (numbers % ratio.inputs).any()
+    assert abs(found.asked.size / ratio.outputs - playback.size / ratio.inputs) < 1
