@@ -194,7 +194,9 @@ class Batch:
             plan.start_timeout_ns / 1e9,
         )
         children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
-        wait_for_external(plan, children, monitor)
+        if plan.external:
+            self._launcher.expect_others()
+            wait_for_external(plan, children, monitor)
         watched = [each.topic for each in plan.monitors]
         watched += [each.topic for each in all_taps(plan.monitors)]
         wanted = {monitor: dict.fromkeys(watched, 1)}

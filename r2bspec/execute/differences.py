@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import msgspec
 
@@ -62,7 +62,9 @@ def unmatched_remappings(ready: protocol.Ready) -> Iterator[Difference]:
 
 
 def differences_of(
-    breaks: Iterable[Break], launched: Iterable[Difference]
+    breaks: Iterable[Break],
+    launched: Iterable[Difference],
+    is_final: Callable[[Break], bool] = lambda _: True,
 ) -> tuple[Difference, ...]:
     """What is wrong, causes before consequences.
 
@@ -73,6 +75,7 @@ def differences_of(
         breaks: where the way of messages ends. What a node does with its messages is its own
             affair, and no difference.
         launched: what the nodes did not take of the plan when they were made.
+        is_final: whether a break is there to stay; others are no differences.
     """
     breaks = [each for each in breaks if each.kind != "swallowed"]
     missing = {each.topic for each in breaks}
@@ -93,7 +96,7 @@ def differences_of(
                 name=each.topic,
             )
             for each in breaks
-            if each.topic not in explained
+            if each.topic not in explained and is_final(each)
         ),
     )
 

@@ -23,7 +23,6 @@ from r2bspec.execute.errors import GraphDiffersError, NotReadyError, RunError
 from r2bspec.execute.machine import interpreter
 from r2bspec.execute.placing import place
 from r2bspec.execute.programs import resolve_argv, resolve_words
-from r2bspec.execute.silence.facts import HARNESS
 from r2bspec.execute.silence.observe import Observer, breaks_of, told
 from r2bspec.execute.silence.walk import Break
 from r2bspec.execute.steps import wait_for_end
@@ -60,6 +59,7 @@ class Launcher:
         self.endpoints: list[tuple[str, str, str, str]] = []
         self.differences: list[Difference] = []
         self._made: set[str] = set()
+        self._opaque = False
         self.hosts: dict[Child, frozenset[str]] = {}
 
     def start(self, plan: ProcessPlan) -> Child:
@@ -88,6 +88,7 @@ class Launcher:
             GraphDiffersError: a node does not declare a parameter that the spec gives it.
         """
         plans = list(plans)
+        self._opaque |= any(plan.role != "host" for plan in plans)
         children = [self.start(plan) for plan in plans]
         hosts = [
             (child, plan)
@@ -123,9 +124,21 @@ class Launcher:
         nodes = {node.name for each in plan.processes if each.phase == phase for node in each.nodes}
         return [each for each in self.endpoints if each[0] in nodes]
 
-    def has_made(self, nodes: Iterable[str]) -> bool:
-        """Whether some nodes are all there, with every endpoint that they make at their start."""
-        return all(node in self._made or node in {"", *HARNESS} for node in nodes)
+    def expect_others(self) -> None:
+        """Take note that nodes take part which nobody starts, and nobody can look into."""
+        self._opaque = True
+
+    def is_final(self, found: Break) -> bool:
+        """Whether a break is there to stay, so that to wait longer or to try again is in vain.
+
+        What two ends show of themselves is. What an end lacks is, once the node has been made;
+        of a process that nobody can look into, it may still come.
+        """
+        if found.kind in {"types", "qos"}:
+            return True
+        if found.owner.startswith("/"):
+            return found.owner in self._made
+        return not self._opaque
 
     def do(self, step: AfterReadyPlan) -> None:
         """Do what the spec says once the graph stands, and wait until it is done.
@@ -208,7 +221,7 @@ def _not_ready(
     missing: dict[str, tuple[int, int]],
 ) -> RunError:
     """Say where the ways break."""
-    eyes = next(child for child in children if child.role in {"monitor", "loader"})
+    eyes = next(child for child in children if child.role in {"monitor", "harness", "loader"})
     facts = Observer(children, eyes, plan, phase, launcher.endpoints_in(plan, phase)).look()
     inputs = [topic for topic in missing if topic in facts.inputs]
     silent = [topic for topic in missing if topic not in facts.inputs]
@@ -245,8 +258,8 @@ def explain(
             try again might help.
         hint: for that error.
     """
-    differences = differences_of(breaks, launcher.differences)
-    if differences and launcher.has_made(each.owner for each in differences):
+    differences = differences_of(breaks, launcher.differences, launcher.is_final)
+    if differences:
         return GraphDiffersError(differences, said, differences[0].help or hint)
     return otherwise(said, hint=hint)
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from r2bspec.check.context import Context
 from r2bspec.check.example import example
 from r2bspec.check.finding import Finding
+from r2bspec.check.message_types import begins_with_header
 from r2bspec.check.rule import Rule
 from r2bspec.check.words import listed
 from r2bspec.diagnostics.model import Severity
@@ -19,17 +20,33 @@ def _find(context: Context) -> Iterator[Finding]:
     for each in phase.owned_by("monitor"):
         if not context.spec.monitors[each.monitor].taps:
             continue
+        path = ("monitors", each.monitor, "taps")
+        if not _any_stamp(context):
+            yield Finding(
+                message="taps find messages by their stamp, which no playback input carries",
+                path=path,
+                help="watch each topic with a monitor that matches by order",
+            )
+            continue
         shown = quote(context.shown(each.topic))
         way = phase.reached_from(played) & phase.leading_to(each.topic)
         if not way - played - {each.topic}:
             unknown = [node.key for node in (*phase.may_read, *phase.may_write)]
             yield Finding(
                 message=f"no topic is known between the inputs and {shown}",
-                path=("monitors", each.monitor, "taps"),
+                path=path,
                 help=f"say what {listed(unknown)} 'subscribes:' and 'publishes:'"
                 if unknown
                 else "one node alone has no hops to tell apart",
             )
+
+
+def _any_stamp(context: Context) -> bool:
+    inputs = context.spec.playback.inputs.values()
+    return not inputs or any(
+        each.timestamp == "header" and begins_with_header(each.format) is not False
+        for each in inputs
+    )
 
 
 RULE = Rule(

@@ -1,0 +1,94 @@
+"""What a run finds to be otherwise stands where validate would have found it."""
+
+from __future__ import annotations
+
+import pytest
+from check_specs import findings
+
+from r2bspec.check.differences import place_differences
+from r2bspec.diagnostics.model import Severity
+from r2bspec.record.model import Difference
+from r2bspec.spec.load import load_spec
+
+SPEC = """\
+r2bspec: 1
+name: placed
+data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: raw}}
+playback:
+  inputs:
+    image: {from: raw, format: sensor_msgs/msg/Image}
+graph:
+  nodes:
+    first:
+      python: ./nodes.py:First
+      parameters:
+        - {size: 1}
+        - {rtae: 3}
+      remappings: {input: image, outptu: between}
+    second:
+      python: ./nodes.py:Second
+      subscribes: {left: sensor_msgs/msg/Image}
+      remappings: {left: between}
+monitors:
+  out: {topic: last, format: sensor_msgs/msg/Image}
+"""
+
+
+def difference(
+    code: str, part: str, owner: str, name: str, *, harmless: bool = False
+) -> Difference:
+    return Difference(
+        code=code,
+        message="it differs",
+        part=part,  # type: ignore[arg-type]
+        owner=owner,
+        name=name,
+        harmless=harmless,
+    )
+
+
+@pytest.mark.parametrize(
+    ("found", "line", "word"),
+    [
+        (difference("R2B211", "parameter", "/r2b/first", "rtae"), 13, "rtae"),
+        (difference("R2B204", "remapping", "/r2b/first", "outptu"), 14, "outptu"),
+        (difference("R2B208", "endpoint", "player", "/r2b/image"), 6, "image"),
+        (difference("R2B207", "endpoint", "", "/r2b/last"), 20, "last"),
+        (difference("R2B210", "endpoint", "monitor", "/r2b/last"), 20, "last"),
+        (difference("R2B216", "endpoint", "/r2b/second", "/r2b/between"), 18, "between"),
+        # A topic that is nowhere in the spec: the node that has it.
+        (difference("R2B207", "endpoint", "/r2b/first", "/r2b/unheard_of"), 9, "first"),
+    ],
+)
+def test_a_difference_is_placed_at_what_makes_it(found: Difference, line: int, word: str) -> None:
+    loaded = load_spec(SPEC, file="spec.r2b.yaml", environ={})
+    (placed,) = place_differences([found], loaded)
+    assert (placed.code, placed.severity) == (found.code, Severity.ERROR)
+    assert placed.span.line == line
+    text = SPEC.splitlines()[line - 1]
+    assert text[placed.span.column - 1 :].startswith(word)
+
+
+def test_what_did_no_harm_is_a_warning_and_all_are_sorted_by_place() -> None:
+    loaded = load_spec(SPEC, file="spec.r2b.yaml", environ={})
+    placed = place_differences(
+        [
+            difference("R2B207", "endpoint", "", "/r2b/last"),
+            difference("R2B204", "remapping", "/r2b/first", "outptu", harmless=True),
+        ],
+        loaded,
+    )
+    assert [(each.span.line, each.severity) for each in placed] == [
+        (14, Severity.WARNING),
+        (20, Severity.ERROR),
+    ]
+
+
+def test_taps_of_messages_without_a_stamp_find_nothing() -> None:
+    text = SPEC.replace(
+        "format: sensor_msgs/msg/Image}\ngraph", "format: std_msgs/msg/String}\ngraph"
+    )
+    text = text.replace("topic: last, format: sensor_msgs/msg/Image", "topic: last, taps: true, "
+                        "format: std_msgs/msg/String, match: order")  # fmt: skip
+    said = [each.message for each in findings(text, offline=True) if each.code == "R2B412"]
+    assert said == ["taps find messages by their stamp, which no playback input carries"]
