@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 from data_bags import chatter, write_bag
 
-from r2bspec.cli.data import command
+from r2bspec.cli.main import command
 from r2bspec.data.errors import DataError
 from r2bspec.errors import UsageError
 
@@ -20,7 +20,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def run(*arguments: str) -> Result:
-    result = CliRunner().invoke(command, arguments)
+    result = CliRunner().invoke(command, ["data", *arguments])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result
