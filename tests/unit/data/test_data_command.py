@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from data_bags import chatter, write_bag
 
+from data_bags import chatter, write_bag
 from r2bspec.cli.main import command
 from r2bspec.data.errors import DataError
 from r2bspec.errors import UsageError
