@@ -16,6 +16,7 @@ from r2bspec.execute.progress import Progress
 from r2bspec.execute.resources import ResourceSampler
 from r2bspec.execute.silence.falling import fell_silent
 from r2bspec.harness import protocol
+from r2bspec.harness.held import HeldReader
 from r2bspec.harness.rows import RowReader
 from r2bspec.harness.schedule import Cyclic, Schedule
 from r2bspec.measure.asked import asked_of
@@ -119,6 +120,7 @@ class Stage:
         self._player = player
         self._plans = monitors
         self._playback = RowReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        self._held = HeldReader(rows_dir)
         self._monitors = {
             plan.name: RowReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
             for plan in monitors
@@ -358,6 +360,7 @@ class Stage:
                 complete=complete,
                 played_before=observed.played_before,
                 rerun_of=rerun_of,
+                monitor_held_ns=self._held.between(began_ns, time.monotonic_ns()),
             ),
             observed,
             first,

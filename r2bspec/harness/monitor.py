@@ -20,11 +20,12 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from r2bspec.harness import protocol, ros
 from r2bspec.harness.channel import Channel, ChannelClosedError
 from r2bspec.harness.clocks import Clocks
+from r2bspec.harness.held import HeldWriter
 from r2bspec.harness.rows import RowWriter
 from r2bspec.harness.stamps import read_stamp
 from r2bspec.plan.model import MonitorPlan
 
-_IDLE_S = 0.5
+_IDLE_S = 0.05
 _DISCOVERY_POLL_S = 0.02
 
 
@@ -69,6 +70,7 @@ class Monitor:
             for plan in settings.monitors
         }
         self._topics = [plan.topic for plan in settings.monitors]
+        self._held = HeldWriter(Path(settings.rows_dir))
         self._watches: list[_Watch] = []
         self._watched: list[_Watch] = []
         self._rows_dir = Path(settings.rows_dir)
@@ -84,8 +86,9 @@ class Monitor:
         gc.disable()
         while True:
             timeout_s = _DISCOVERY_POLL_S if subscribing and self._waiting else _IDLE_S
+            began_ns = clocks.look()
             waiting = self._loop.wait(timeout_s)
-            clocks.look()
+            self._held.waited(began_ns, clocks.look(), timeout_s)
             for position in waiting:
                 self._watches[position].drain(clocks)
             if subscribing and self._waiting:

@@ -78,7 +78,8 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     sending window runs from the first due time to `ended_ns`, the end of the last period.
     `complete` is False if playing was cut short. `played_before` is how many steps the graph had
     been given before the first one of this segment. `rerun_of` is the id of the disturbed iteration
-    in whose place it was played, or empty.
+    in whose place it was played, or empty. For `monitor_held_ns` the process that watches had no
+    processor: what arrived meanwhile is there, but when it arrived is not known.
 
     Attributes:
         live: whether nothing was played, because the graph has a source of its own. The window is
@@ -99,6 +100,7 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     rerun_of: str = ""
     live: bool = False
     clock_offset_ns: int | None = None
+    monitor_held_ns: int = 0
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):

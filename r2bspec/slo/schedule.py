@@ -1,4 +1,4 @@
-"""Whether the playback kept its own schedule. Where it did not, the graph was not tested.
+"""Whether the harness did its part. Where it did not, the graph was not tested.
 
 A graph that is offered too little, or offered its load in bursts that nobody asked for, is neither
 slow nor fast: it was asked another question. What is measured at such a rate is unusable. The
@@ -8,6 +8,7 @@ machine in ten iterations does not spoil them:
     rate        less than 98 % of the offered rate was published
     lateness    more than 1 % of the publications began later than half a period after they were
                 due, or later than 5 ms where half a period is less than that
+    watching    for more than 1 % of the time the monitor had no processor, and stamped no arrival
 
 Half a period is where a publication comes closer to its successor's time than to its own. 1 % is
 the share of messages that a p99 objective turns on. 5 ms is what a busy but usable machine may
@@ -33,6 +34,7 @@ LEAST_RATE = 0.98
 LATE_QUANTILE = 0.99
 LATE_PERIODS = 0.5
 LATE_FLOOR_S = 0.005
+UNWATCHED = 0.01
 
 REMEDY = "Run again on a quieter or faster machine, or offer a lower rate."
 REMEDY_OF_TIMELINE = "Run again on a quieter or faster machine, or play the recording slower."
@@ -61,6 +63,12 @@ def off_schedule(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str
         return (
             f"More than 1 % of the publications began over {show(allowed_s, 's')} after they "
             f"were due (p99 {show(late_s, 's')})."
+        )
+    held_s = sum(one.segment.monitor_held_ns for one in iterations) / 1e9
+    if held_s > UNWATCHED * sum(one.playback.sent for one in iterations) / offered_hz:
+        return (
+            f"The monitor had no processor for {show(held_s, 's')}, so that it is not known when "
+            "messages arrived."
         )
     return ""
 

@@ -345,7 +345,9 @@ class Worker:
         wrong = []
         if "Traceback (most recent call last)" in said:
             wrong.append(f"a stack trace: {said[-1500:]}")
-        if not attempt.killed and status not in EXIT_CODES:
+        # A signal that comes before the program has begun, or when it has told its end, is not its.
+        silent = status in {-signal.SIGINT, -signal.SIGTERM} and (not said or "error[" in said)
+        if not attempt.killed and not silent and status not in EXIT_CODES:
             wrong.append(f"exit status {status}: {said[-500:]}")
         explained = re.search(r"error\[R2B\d{3}\]|^interrupted$", said, re.MULTILINE)
         explained = explained or re.search("INVALID", running.stdout())

@@ -45,6 +45,7 @@ class Played:
         twice: steps whose output arrives again, 1 ms later.
         strangers: messages that carry the stamp of no step.
         silent: monitors that received nothing.
+        held: how long the monitor had no processor, in seconds.
     """
 
     rate_hz: float
@@ -55,6 +56,7 @@ class Played:
     silent: tuple[str, ...] = ()
     kind: SegmentKind = "iteration"
     complete: bool = True
+    held: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,7 @@ class Simulation:
                     began_ns=start_ns,
                     ended_ns=ended_ns,
                     complete=played.complete,
+                    monitor_held_ns=round(played.held * 1e9),
                 )
             )
             start_ns = ended_ns + 500_000_000

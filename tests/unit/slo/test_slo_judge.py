@@ -396,6 +396,17 @@ class TestTheWhole:
         assert (verdict.exit_code == 4) != usable
         assert bool(verdict.unusable) != usable
 
+    @pytest.mark.parametrize(("held_s", "usable"), [(0.0, True), (0.09, True), (0.11, False)])
+    def test_a_monitor_that_had_no_processor_makes_a_run_invalid(
+        self, tmp_path: Path, held_s: float, usable: bool
+    ) -> None:
+        # Ten seconds, of which one in a hundred may be unwatched.
+        samples = samples_of(tmp_path, Played(30, latencies(300), held=held_s))
+        verdict = ask(samples, "latency.p50 < 60 ms")
+        assert (verdict.outcome == "pass") == usable
+        assert (verdict.exit_code == 4) != usable
+        assert usable or "no processor for 110 ms" in verdict.reason
+
     def test_a_rate_that_no_objective_uses_spoils_nothing(self, tmp_path: Path) -> None:
         late = Played(60, latencies(300), late=np.linspace(0, 1, 300))
         samples = samples_of(tmp_path, Played(30, latencies(300)), late)
