@@ -363,7 +363,7 @@ class Worker:
 
     def _left(self, attempt: Attempt) -> list[str]:
         deadline = time.monotonic() + GONE_S
-        while left := [*processes_left(self._bench), *segments_left()]:
+        while left := [*processes_left(self._bench), *segments_left(self._bench)]:
             if time.monotonic() > deadline:
                 return [f"left behind: {', '.join(left)}"]
             time.sleep(0.2)

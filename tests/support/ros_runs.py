@@ -217,7 +217,9 @@ _DISCOVERY = re.compile(r"fast\w+_port7[0-3]\d\d")
 
 _numbers = itertools.count(1)
 _benches: list[Bench] = []
-_seen_segments: set[str] = set()
+_seen_segments: dict[str, Bench] = {}
+"""By name, whose processes have used it."""
+
 _NODE_IMPORTS = "from rclpy.node import Node\nfrom sensor_msgs.msg import Image\n"
 
 
@@ -316,7 +318,7 @@ class Running:
 def note_segments(bench: Bench, before: set[str]) -> None:
     """Take note of the shared memory that is in use now, but for what was there before."""
     for each in bench.processes():
-        _seen_segments.update(_maps(each.pid) - before)
+        _seen_segments.update(dict.fromkeys(_maps(each.pid) - before, bench))
 
 
 def _belongs(process: psutil.Process, folder: Path, ids: set[str]) -> bool:
@@ -347,9 +349,13 @@ def _maps(pid: int) -> set[str]:
     return set()
 
 
-def segments_left() -> list[str]:
-    """Segments that a run of these tests has used, that are still there, and that nobody uses."""
-    there = [name for name in sorted(_seen_segments) if (_SHARED_MEMORY / name).exists()]
+def segments_left(bench: Bench | None = None) -> list[str]:
+    """Segments that a run of these tests has used, that are still there, and that nobody uses.
+
+    Of all benches, or of one.
+    """
+    seen = sorted(name for name, user in _seen_segments.items() if bench in {None, user})
+    there = [name for name in seen if (_SHARED_MEMORY / name).exists()]
     used = {name for each in psutil.process_iter() for name in _maps(each.pid)} if there else set()
     return [name for name in there if name not in used]
 

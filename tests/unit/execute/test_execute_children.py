@@ -98,8 +98,8 @@ def open_files() -> int:
 
 def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the waits short that politeness costs."""
-    for constant in ("_IN_TURN_S", "ASKED_S", "GRACE_S"):
-        monkeypatch.setattr(ending, constant, 0.3)
+    for constant, seconds in (("_IN_TURN_S", 0.1), ("ASKED_S", 0.4), ("GRACE_S", 0.3)):
+        monkeypatch.setattr(ending, constant, seconds)
     monkeypatch.setattr(children, "GRACE_S", 0.3)
 
 
@@ -342,13 +342,14 @@ def test_processes_end_one_after_another(stage: Stage) -> None:
 
 
 def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
-    stage: Stage, impatient: None
+    stage: Stage, impatient: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hangs = [stage.start("channel().send(protocol.Ready())\n" + SLEEPS, f"n{n}") for n in range(5)]
     polite = stage.start(ANSWERS, "polite")
     for child in hangs:
         stage.children.answer(child, protocol.Ready, HANG_S)
     stage.children.ask(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
+    monkeypatch.setattr(ending, "ASKED_S", 5.0)
     stage.children.end([*hangs, polite])
     assert polite.process.returncode == 0
     assert {child.process.returncode for child in hangs} == {-signal.SIGTERM}
