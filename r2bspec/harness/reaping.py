@@ -17,6 +17,10 @@ import psutil
 from r2bspec.harness.protocol import RUN_ID_VARIABLE
 from r2bspec.harness.segments import remove_dead_segments
 
+_SEGMENTS_S = 2.0
+_IDLE_LOOKS = 3
+"""For how long segments are removed at most, and how often none may be found in a row before."""
+
 
 def members(run_id: str, sessions: Iterable[int]) -> list[psutil.Process]:
     """Every living process of a run, the calling process excepted."""
@@ -90,8 +94,11 @@ def _runs(process: psutil.Process) -> bool:
 def clean_up(run_id: str, sessions: Iterable[int], *, grace_s: float, since_s: float) -> list[str]:
     """End the processes of a run, then remove the segments that they leave. Returns the killed."""
     killed = end_all(run_id, sessions, grace_s)
-    deadline = time.monotonic() + 1.0
-    # The kernel frees the locks of a killed process a moment after the process is gone.
-    while remove_dead_segments(since_s=since_s) and time.monotonic() < deadline:
-        time.sleep(0.05)
+    # The kernel frees the locks of a killed process a moment after the process is gone, and other
+    # runs that clean up at the same time hold some for a moment.
+    idle = 0
+    deadline = time.monotonic() + _SEGMENTS_S
+    while idle < _IDLE_LOOKS and time.monotonic() < deadline:
+        idle = 0 if remove_dead_segments(since_s=since_s) else idle + 1
+        time.sleep(0.03)
     return killed

@@ -92,7 +92,8 @@ def _is_free(lock: Path) -> bool:
 def _mapped(memory: Path, proc: Path) -> set[str]:
     """The names of segments that some process maps."""
     found: set[str] = set()
-    pattern = re.compile(rf"{re.escape(str(memory))}/(fast\S+)")
+    # A line that goes on with "(deleted)" is about an earlier segment of that name.
+    pattern = re.compile(rf"{re.escape(str(memory))}/(fast\S+)$", re.MULTILINE)
     for maps in proc.glob("[0-9]*/maps"):
         with contextlib.suppress(OSError):
             found.update(pattern.findall(maps.read_text(errors="replace")))

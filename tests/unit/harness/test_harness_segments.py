@@ -66,6 +66,16 @@ def test_a_segment_without_a_lock_is_removed_unless_it_is_mapped(memory: Path) -
     assert names(memory) == {"fastrtps_mapped", "sem.fastrtps_mapped_mutex"}
 
 
+def test_a_mapping_of_a_segment_that_is_gone_is_none_of_a_new_one_of_its_name(
+    memory: Path,
+) -> None:
+    make(memory, "fastrtps_port7411", lock=False)
+    with (memory / "fastrtps_port7411").open("r+b") as file, mmap.mmap(file.fileno(), 0):
+        (memory / "fastrtps_port7411").unlink()
+        make(memory, "fastrtps_port7411", lock=False)
+        assert remove_dead_segments(memory) == ["fastrtps_port7411"]
+
+
 def test_what_is_found_dead_is_what_is_removed_and_looking_changes_nothing(memory: Path) -> None:
     for name in ("fastrtps_a", "fastrtps_b", "fastdds_port7000"):
         make(memory, name)
