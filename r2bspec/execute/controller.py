@@ -306,9 +306,10 @@ class _Controller:
         self._children.pump(0.0)
         self._phase("confirm", "the run fails: starting a fresh batch to confirm that")
         self._children.end(list(self._children))
+        peak_hz = measuring.peak_hz
         measuring = self._bring_up(domain, partial(self._judge_fresh, verdict), confirms=True)
         failed = {each.method for each in verdict.requirements if each.outcome == "fail"}
-        measuring.measure_again(frozenset(failed), iterations)
+        measuring.measure_again(frozenset(failed), iterations, peak_hz)
 
     def _bring_up(
         self, domain: int, judge_so_far: Callable[[], Verdict], *, confirms: bool = False

@@ -40,6 +40,8 @@ _SEGMENT_MINIMUM = 8 << 20
 _SEGMENT_MAXIMUM = 4095 << 20
 """The middleware keeps the size in 32 bits."""
 
+# Processes that miss each other's first announcements meet at the next ones. By default there are
+# five of these in half a second, and then one every three seconds, for which every start waited.
 _PROFILE = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
@@ -51,6 +53,14 @@ _PROFILE = """\
       <rtps>
         <userTransports>{names}</userTransports>
         <useBuiltinTransports>false</useBuiltinTransports>
+        <builtin>
+          <discovery_config>
+            <initialAnnouncements>
+              <count>30</count>
+              <period><nanosec>100000000</nanosec></period>
+            </initialAnnouncements>
+          </discovery_config>
+        </builtin>
       </rtps>
     </participant>
   </profiles>

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import msgspec
+
 from r2bspec.execute.batch import Reporting
 from r2bspec.execute.budget import Budget
 from r2bspec.execute.iterations import Iterating
@@ -41,7 +43,6 @@ class Measuring:
         self._prober = Prober(plan, stage, reporting.note)
         self._judge_so_far = judge_so_far
         self._budget = budget
-        self._iterating = Iterating(plan, stage, judge_so_far, reporting.note, budget)
         self._search: PeakSearch | None = None
         self._sustained: list[Probe] = []
 
@@ -49,6 +50,11 @@ class Measuring:
     def search(self) -> SearchRecord | None:
         """What the search has found so far; None if there was none."""
         return self._search.record() if self._search else None
+
+    @property
+    def peak_hz(self) -> float | None:
+        """The highest rate that held in the search; None if none did, or there was no search."""
+        return self.search.holds_hz if self.search else None
 
     @property
     def sustained(self) -> tuple[Probe, ...]:
@@ -71,17 +77,22 @@ class Measuring:
         self._budget.begin()
         self._probe_peak()
         self._probe_sustained()
-        if not self._plan.play:
+        plan = self._at_rates_found(self.peak_hz)
+        if not plan.play:
             return self._judge_so_far(), 0
-        self._tell.phase("play", _playing(self._plan))
-        return self._iterating.play()
+        self._tell.phase("play", _playing(plan))
+        return self._iterating(plan).play()
 
-    def measure_again(self, failed: frozenset[Method], iterations: int) -> None:
+    def measure_again(
+        self, failed: frozenset[Method], iterations: int, peak_hz: float | None
+    ) -> None:
         """Measure what a failure rests on.
 
         Args:
             failed: how the requirements that failed were decided.
             iterations: how many there were when they failed.
+            peak_hz: the peak that was found then; what is played at the peak is played there,
+                unless this batch finds one of its own.
 
         Raises:
             RunError: a process died, failed, or does not answer.
@@ -90,9 +101,25 @@ class Measuring:
             self._probe_peak()
         if "sequential probe" in failed:
             self._probe_sustained()
-        if failed - {"search bracket", "sequential probe"} and self._plan.play:
-            self._tell.phase("play", _playing(self._plan))
-            self._iterating.play_so_many(iterations)
+        plan = self._at_rates_found(self.peak_hz or peak_hz)
+        if failed - {"search bracket", "sequential probe"} and plan.play:
+            self._tell.phase("play", _playing(plan))
+            self._iterating(plan).play_so_many(iterations)
+
+    def _iterating(self, plan: Plan) -> Iterating:
+        return Iterating(plan, self._stage, self._judge_so_far, self._tell.note, self._budget)
+
+    def _at_rates_found(self, peak_hz: float | None) -> Plan:
+        """The plan with what is to be played at the peak among its rates, where one was found."""
+        asked = self._plan.play_at_peak
+        if (
+            asked is None
+            or peak_hz is None
+            or any(each.rate_hz == peak_hz for each in self._plan.play)
+        ):
+            return self._plan
+        play = msgspec.structs.replace(asked, rate_hz=peak_hz)
+        return msgspec.structs.replace(self._plan, play=(*self._plan.play, play))
 
     def _probe_peak(self) -> None:
         wanted = self._plan.search

@@ -374,7 +374,9 @@ def read_samples(run: Run) -> RunSamples:
     again = [each for each in record.segments if each.kind == "confirmation"]
     second = _read_batch(
         run,
-        msgspec.structs.replace(record, search=fresh.search, sustained=fresh.sustained),
+        msgspec.structs.replace(
+            record, search=fresh.search or record.search, sustained=fresh.sustained
+        ),
         [each for each in again if each.id not in probed | probed_for],
         [each for each in again if each.id in probed_for],
         sampled,

@@ -57,6 +57,9 @@ def one_of_a_pair(plan: Plan) -> Plan:
         play=tuple(
             msgspec.structs.replace(each, iterations=1, max_iterations=0) for each in plan.play
         ),
+        play_at_peak=None
+        if plan.play_at_peak is None
+        else msgspec.structs.replace(plan.play_at_peak, iterations=1, max_iterations=0),
         search=plan.search if searched else None,
         phases=tuple(each for each in plan.phases if searched or each != "search"),
         gate=msgspec.structs.replace(plan.gate, confirm=False, time_budget_ns=0),
@@ -71,7 +74,8 @@ def _wants_peak(objective: Objective) -> bool:
 
 def pairs_of(plan: Plan) -> int:
     """How many pairs a plan asks for: as many as iterations, and one without any."""
-    return max((each.iterations for each in plan.play), default=1)
+    plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
+    return max((each.iterations for each in plays), default=1)
 
 
 def told(differences: list[Difference], most: int = 12) -> Iterator[str]:

@@ -59,6 +59,7 @@ def compile_plan(
     play = tuple(_play(spec))
     objectives = active_objectives(spec)
     sustained_hz = _sustained_hz(objectives)
+    play_at_peak = _play_at_peak(spec, objectives)
     return Plan(
         generator=f"r2bspec {__version__}",
         name=spec.name,
@@ -76,7 +77,7 @@ def compile_plan(
         buffer=spec.playback.buffer,
         inputs=plan_inputs(spec, wiring),
         monitors=plan_monitors(spec, wiring),
-        phases=tuple(_phases(spec, sustained_hz, play)),
+        phases=tuple(_phases(spec, sustained_hz, plays=bool(play or play_at_peak))),
         warm_up_ns=spec.benchmark.warm_up.ns,
         start_timeout_ns=spec.benchmark.start_timeout.ns,
         search=_search(spec),
@@ -93,6 +94,7 @@ def compile_plan(
         gate=_gate(spec),
         drain_timeout_ns=spec.benchmark.drain_timeout.ns,
         segment_bytes=0 if spec.segment is None else spec.segment.bytes,
+        play_at_peak=play_at_peak,
     )
 
 
@@ -220,12 +222,21 @@ def _play(spec: Spec) -> Iterator[PlayPlan]:
     if has_own_rate(spec):
         rates = [0.0]
     for rate_hz in rates:
-        yield PlayPlan(
-            rate_hz=rate_hz,
-            duration_ns=spec.benchmark.duration.ns,
-            iterations=spec.benchmark.iterations,
-            max_iterations=spec.benchmark.max_iterations,
-        )
+        yield _play_at(spec, rate_hz)
+
+
+def _play_at(spec: Spec, rate_hz: float) -> PlayPlan:
+    return PlayPlan(
+        rate_hz=rate_hz,
+        duration_ns=spec.benchmark.duration.ns,
+        iterations=spec.benchmark.iterations,
+        max_iterations=spec.benchmark.max_iterations,
+    )
+
+
+def _play_at_peak(spec: Spec, objectives: dict[str, Objective]) -> PlayPlan | None:
+    asked = any(each.at_peak for each in objectives.values())
+    return _play_at(spec, 0.0) if asked and spec.benchmark.search is not None else None
 
 
 def has_own_rate(spec: Spec) -> bool:
@@ -233,9 +244,7 @@ def has_own_rate(spec: Spec) -> bool:
     return spec.playback.mode in {"timeline", "live"}
 
 
-def _phases(
-    spec: Spec, sustained_hz: tuple[float, ...], play: tuple[PlayPlan, ...]
-) -> Iterator[str]:
+def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iterator[str]:
     if spec.setup:
         yield "setup"
     if not spec.live:
@@ -253,6 +262,6 @@ def _phases(
         yield "search"
     if sustained_hz:
         yield "sustained"
-    if play:
+    if plays:
         yield "play"
     yield "collect"

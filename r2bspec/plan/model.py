@@ -304,7 +304,9 @@ class Plan(_Value, frozen=True, kw_only=True):
 
     `phases` are those of setup, load, preprocess, start, ready, after_ready, warm_up, search,
     sustained, play and collect that happen, in this order. `sustained_hz` are the rates that an
-    objective requires to be sustained and that get one sequential probe each.
+    objective requires to be sustained and that get one sequential probe each. `play_at_peak` is
+    what is played at the rate that the search finds, where an objective speaks of it; its own rate
+    is 0.
     `largest_message_bytes` is over the bag topics that are used, and 0 if unknown.
 
     Attributes:
@@ -352,3 +354,4 @@ class Plan(_Value, frozen=True, kw_only=True):
     gate: GatePlan = GatePlan()
     drain_timeout_ns: int = 5 * 10**9
     segment_bytes: int = 0
+    play_at_peak: PlayPlan | None = None

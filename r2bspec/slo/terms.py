@@ -28,7 +28,8 @@ class Terms:
 
 def terms_of(plan: Plan) -> Terms:
     """The terms that a plan states."""
-    growing = [one for one in plan.play if one.max_iterations > one.iterations]
+    plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
+    growing = [one for one in plays if one.max_iterations > one.iterations]
     looks = Looks.planned(growing[0].iterations, growing[0].max_iterations) if growing else None
     return Terms(
         confidence=plan.gate.confidence,

@@ -215,5 +215,15 @@ def test_each_rate_is_played_once_and_sustained_rates_are_sorted() -> None:
     assert (full.search.min_hz, full.search.max_hz, full.search.precision) == (5.0, 60.0, 0.02)
 
 
+def test_an_objective_at_the_peak_has_something_played_there() -> None:
+    at_peak = {"at": "peak", "level": "info", "require": ["latency.p50 < 100 ms"]}
+    assert plan().play_at_peak is None
+    # At which rate only the search can tell.
+    assert plan(slos={"at_its_limit": at_peak}).play_at_peak == PlayPlan(
+        rate_hz=0.0, duration_ns=4_000_000_000, iterations=3
+    )
+    assert plan(slos={"at_its_limit": at_peak | {"level": "off"}}).play_at_peak is None
+
+
 def test_plan_values_are_no_dataclasses_in_disguise() -> None:
     assert not dataclasses.is_dataclass(plan())

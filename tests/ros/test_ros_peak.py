@@ -1,0 +1,62 @@
+"""A search that meets the end of its range, and what is played at the peak that it finds."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from r2bspec.record.model import SearchRecord
+from ros_runs import Bench, Finished, relay_spec
+
+ITERATIONS = 2
+
+SPEC = relay_spec(
+    benchmark={
+        "duration": "500 ms",
+        "iterations": ITERATIONS,
+        "warm_up": "100 ms",
+        "start_timeout": "60 s",
+        "search": {"min": "20 Hz", "max": "40 Hz", "precision": "10 %", "probe": "4 s"},
+        "gate": {"confirm": False},
+    },
+    slos={"at_its_limit": {"at": "peak", "level": "info", "require": ["received >= 0"]}},
+)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    return Bench(tmp_path_factory.mktemp("peak")).run(SPEC)
+
+
+@pytest.fixture(scope="module")
+def search(done: Finished) -> SearchRecord:
+    found = done.run().record.search
+    assert found is not None
+    if found.holds_hz is None:
+        pytest.skip("this machine is too loaded to relay 20 messages a second")
+    return found
+
+
+def test_what_holds_up_to_the_end_of_the_range_is_called_a_lower_bound(
+    done: Finished, search: SearchRecord
+) -> None:
+    words = " ".join(done.stdout.split())
+    if search.upper_hz is None:
+        assert search.limited_by in {"range", "player"}
+        assert f"at least {search.holds_hz:.4g} Hz" in words
+    else:
+        assert "between" in words
+    assert "95 % confidence" in words
+
+
+def test_the_iterations_are_played_at_the_peak_and_judged(
+    done: Finished, search: SearchRecord
+) -> None:
+    assert search.holds_hz is not None
+    played = [each for each in done.run().record.segments if each.kind == "iteration"]
+    assert len(played) == ITERATIONS
+    assert all(math.isclose(each.rate_hz, search.holds_hz) for each in played)
+    (requirement,) = done.result()["verdict"]["requirements"]
+    assert requirement["at_hz"] == search.holds_hz
+    assert requirement["n"] > 0
