@@ -3,9 +3,9 @@
     python tests/bench/overhead.py [--runs 3]
 
 The work is that of the reference tool's default: a graph that passes 1280x720 images on, a search
-from 10 to 300 Hz, and 40 s of playing (here four rates, twice 5 s each; there five times 5 s at the
-rate found and 5 s at each of three rates), which it needs 169 s for, 129 s of them overhead. The
-time from the start of the command to its end is split by the events and segments of the record.
+from 10 to 300 Hz, and 40 s of playing (here twice 5 s at the rate found and at each of three rates;
+there five times 5 s at the rate found and 5 s at each of three), which it needs 169 s for, 129 s of
+them overhead. The time from the start of the command to its end is split by the events and segments of the record.
 
 Prints a Markdown table of the medians and the range of the runs. Asserts nothing.
 """
@@ -51,8 +51,10 @@ monitors:
 benchmark:
   duration: 5 s
   iterations: 2
-  rates: [10 Hz, 20 Hz, 30 Hz, 60 Hz]
+  rates: [10 Hz, 30 Hz, 60 Hz]
   search: {min: 10 Hz, max: 300 Hz}
+slos:
+  at_its_limit: {at: peak, level: info, require: [received >= 0]}
 """
 
 _ASKED_S = 40.0
@@ -128,7 +130,8 @@ def main() -> None:
     lines += [_line(text, [each.get(key, 0.0) for each in found]) for key, text in _NAMES.items()]
     whole = [sum(each.values()) for each in found]
     lines.append(_line("**in all**", whole))
-    lines.append(_line(f"**beyond the {_ASKED_S:g} s asked for**", [s - _ASKED_S for s in whole]))
+    beyond = [sum(each.values()) - each["asked"] for each in found]
+    lines.append(_line("**beyond the playing that was asked for**", beyond))
     lines.append(f"| the reference tool, beyond its 40 s | {_REFERENCE_S - _ASKED_S:g} s | |")
     sys.stdout.write("\n".join(lines) + "\n")
     sys.stdout.write(f"\n{asked.runs} runs; load average {os.getloadavg()[1]:.1f}; ")

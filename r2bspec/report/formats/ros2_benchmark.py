@@ -56,6 +56,8 @@ def render(reported: Reported) -> bytes:
 def _at_peak(run: Run, rates: dict[float, list[Segment]]) -> list[Segment]:
     search = run.record.search
     if search is not None and search.holds_hz is not None:
+        if search.holds_hz in rates:
+            return rates[search.holds_hz]
         named = {probe.segment for probe in search.probes if probe.rate_hz == search.holds_hz}
         probes = [each for each in run.record.segments if each.id in named]
         if probes:

@@ -216,7 +216,7 @@ def test_each_rate_is_played_once_and_sustained_rates_are_sorted() -> None:
 
 
 def test_an_objective_at_the_peak_has_something_played_there() -> None:
-    at_peak = {"at": "peak", "level": "info", "require": ["latency.p50 < 100 ms"]}
+    at_peak = {"at_peak": True, "level": "info", "require": ["latency.p50 < 100 ms"]}
     assert plan().play_at_peak is None
     # At which rate only the search can tell.
     assert plan(slos={"at_its_limit": at_peak}).play_at_peak == PlayPlan(
