@@ -5,7 +5,8 @@
 The work is that of the reference tool's default: a graph that passes 1280x720 images on, a search
 from 10 to 300 Hz, and 40 s of playing (here twice 5 s at the rate found and at each of three rates;
 there five times 5 s at the rate found and 5 s at each of three), which it needs 169 s for, 129 s of
-them overhead. The time from the start of the command to its end is split by the events and segments of the record.
+them overhead. The time from the start of the command to its end is split by the events and segments
+of the record.
 
 Prints a Markdown table of the medians and the range of the runs. Asserts nothing.
 """
