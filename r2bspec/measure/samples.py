@@ -154,6 +154,7 @@ class RunSamples:
         sustained: offered rate to the samples of its sequential probe.
         incomplete: ids of the iterations that were cut short; they are not among the samples.
         confirmation: the fresh batch that was played after a failure, as a run of its own.
+        peak_hz: the rate that counts as the peak: the highest one that held in the search.
     """
 
     record: RunRecord
@@ -163,6 +164,7 @@ class RunSamples:
     incomplete: tuple[str, ...]
     reruns: Mapping[str, SegmentSamples] = field(default_factory=dict)
     confirmation: RunSamples | None = None
+    peak_hz: float | None = None
     mode: str = "looping"
 
     @property
@@ -374,13 +376,14 @@ def read_samples(run: Run) -> RunSamples:
     again = [each for each in record.segments if each.kind == "confirmation"]
     second = _read_batch(
         run,
-        msgspec.structs.replace(
-            record, search=fresh.search or record.search, sustained=fresh.sustained
-        ),
+        msgspec.structs.replace(record, search=fresh.search, sustained=fresh.sustained),
         [each for each in again if each.id not in probed | probed_for],
         [each for each in again if each.id in probed_for],
         sampled,
     )
+    if second.peak_hz is None:
+        # What is played at the peak is then played where the first batch found it.
+        second = replace(second, peak_hz=first.peak_hz)
     return replace(first, confirmation=_calibrated(second, slower_by(record.floor, fresh.floor)))
 
 
@@ -403,6 +406,7 @@ def _read_batch(
                 found.setdefault(segment.rate_hz, []).append(samples)
     return RunSamples(
         record=record,
+        peak_hz=record.search.holds_hz if record.search else None,
         monitors=tuple(monitor.name for monitor in run.plan.monitors),
         iterations={rate: tuple(played) for rate, played in found.items()},
         sustained={

@@ -95,8 +95,7 @@ def rate_of(objective: Objective, samples: RunSamples) -> float | None:
         return objective.at.hz
     if samples.own_rate and not objective.at_peak:
         return OWN_RATE
-    search = samples.record.search
-    return search.holds_hz if objective.at_peak and search is not None else None
+    return samples.peak_hz if objective.at_peak else None
 
 
 def _limit(

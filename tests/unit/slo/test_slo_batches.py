@@ -105,6 +105,20 @@ class TestSearches:
     def test_the_first_search_does_not_confirm_itself(self, tmp_path: Path) -> None:
         assert result_of(self.run(tmp_path, None)).verdict.outcome == "inconclusive"
 
+    def test_what_is_played_at_the_peak_is_confirmed_where_it_was_found(
+        self, tmp_path: Path
+    ) -> None:
+        at_peak = msgspec.structs.replace(REQUIRED["slo"], at=None, at_peak=True)
+        run = Simulation(
+            segments=[Played(80, SLOW)] * 2 + [Played(80, SLOW, kind="confirmation")] * 2,
+            objectives={"at_its_limit": at_peak},
+            search=search(80, 82, "probe-001"),
+            confirmation=NOTHING,
+        ).write(tmp_path)
+        verdict = result_of(run).verdict
+        assert verdict.outcome == "fail"
+        assert "confirmed it" in verdict.reason
+
     def test_its_probes_are_no_iterations(self, tmp_path: Path) -> None:
         samples = read_samples(self.run(tmp_path, search(81, 83, "confirmation-002")))
         assert samples.confirmation is not None
