@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+FORMATS = ("text", "json", "markdown", "html", "csv", "github")
+
 _RESULT = click.Path(path_type=Path)
 
 
@@ -22,9 +24,7 @@ _RESULT = click.Path(path_type=Path)
     help="Differences within this many percent count as none.",
 )
 @click.option("--force", is_flag=True, help="Compare different plans, data or machines, too.")
-@click.option(
-    "--format", "output_format", type=click.Choice(["text", "json", "markdown"]), default="text"
-)
+@click.option("--format", "output_format", type=click.Choice(FORMATS), default="text")
 def command(
     base: Path, heads: tuple[Path, ...], margin: float, force: bool, output_format: str
 ) -> int:
@@ -34,16 +34,12 @@ def command(
     0 whatever comes out: stored results advise, and 'r2bspec run --against' gates.
     """
     from r2bspec.report.compare.decide import compare
-    from r2bspec.report.compare.show import to_json, to_markdown, to_text
+    from r2bspec.report.compare.formats import render
     from r2bspec.report.compare.subject import read_subject
 
     first = read_subject(base)
     found = [compare(first, read_subject(head), margin=margin / 100, force=force) for head in heads]
-    if output_format == "json":
-        content = to_json(found)
-    elif output_format == "markdown":
-        content = to_markdown(found).encode()
-    else:
-        content = to_text(found, shutil.get_terminal_size((100, 24)).columns).encode()
+    width = shutil.get_terminal_size((100, 24)).columns
+    content = render(found, output_format, width)
     click.echo(content, nl=False)
     return 0

@@ -37,15 +37,15 @@ def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
     buffer = io.StringIO()
     console = Console(file=buffer, width=max(width, 60), color_system=None, legacy_windows=False)
     for one in comparisons:
-        console.print(heading(_title(one), ""))
+        console.print(heading(title(one), ""))
         for difference in one.differences:
             console.print(f"  ! {difference}", markup=False, highlight=False)
         made = frame(["", "metric", "base", "head", "ratio", "bounds"])
         for line in one.lines:
-            cells = (_metric(line), *_numbers(line))
+            cells = (metric_text(line), *numbers(line))
             made.add_row(Text(WORDS[line.outcome]), *map(Text, cells))
         console.print(made)
-        console.print(_summary(one), highlight=False)
+        console.print(summary(one), highlight=False)
         console.print()
     console.print(Text(ADVICE, style=QUIET))
     return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())
@@ -57,9 +57,9 @@ def to_markdown(comparisons: Sequence[Comparison]) -> str:
 
 
 def _markdown(one: Comparison) -> Iterator[str]:
-    yield f"### {escaped(_title(one))}"
+    yield f"### {escaped(title(one))}"
     yield ""
-    yield escaped(_summary(one))
+    yield escaped(summary(one))
     yield ""
     yield from (f"> differs in {escaped(each)}  " for each in one.differences)
     yield ""
@@ -76,10 +76,11 @@ def _markdown(one: Comparison) -> Iterator[str]:
 
 
 def _row(line: Line) -> tuple[str, ...]:
-    return (WORDS[line.outcome], code(_metric(line)), *map(escaped, _numbers(line)))
+    return (WORDS[line.outcome], code(metric_text(line)), *map(escaped, numbers(line)))
 
 
-def _numbers(line: Line) -> tuple[str, str, str, str]:
+def numbers(line: Line) -> tuple[str, str, str, str]:
+    """Base, head, ratio and bounds as text."""
     return (
         show(line.base, line.unit),
         show(line.head, line.unit),
@@ -98,16 +99,19 @@ def _bounds(line: Line) -> str:
     return f"{show(line.lower, 'share', 4)} … {show(line.upper, 'share', 4)}"
 
 
-def _metric(line: Line) -> str:
+def metric_text(line: Line) -> str:
+    """The metric with its monitor and rate."""
     name = f"{line.monitor}.{line.metric}" if line.monitor else line.metric
     return f"{name} {at_rate(line.offered_hz)}" if line.offered_hz is not None else name
 
 
-def _title(one: Comparison) -> str:
+def title(one: Comparison) -> str:
+    """What is compared with what."""
     return f"{one.head.source} against {one.base.source}"
 
 
-def _summary(one: Comparison) -> str:
+def summary(one: Comparison) -> str:
+    """How many metrics came out how."""
     counts = {each: sum(line.outcome == each for line in one.lines) for each in _ORDER}
     said = [f"{count} {outcome}" for outcome, count in counts.items() if count]
     return f"{', '.join(said)}, at {show(one.confidence, 'share')} confidence."

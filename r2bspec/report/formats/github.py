@@ -40,7 +40,7 @@ def _lines(reported: Reported) -> Iterator[str]:
     file = str(spec_file) if spec_file is not None else ""
     kind = {"pass": "notice", "inconclusive": "warning"}.get(verdict.outcome, "error")
     title = f"{reported.result.name}: {verdict.outcome}"
-    yield _command(kind, title, verdict.reason, {"file": file} if file else {})
+    yield command(kind, title, verdict.reason, {"file": file} if file else {})
     several = several_monitors(verdict)
     told = [one for outcome in _COMMANDS for one in verdict.requirements if one.outcome == outcome]
     told.sort(key=lambda one: one.level in _LESS)
@@ -48,9 +48,9 @@ def _lines(reported: Reported) -> Iterator[str]:
         text = requirement_text(one, name_monitor=several)
         at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
         said = "\n".join(sentences(one))
-        command = _LESS.get(one.level, _COMMANDS[one.outcome])
+        shown = _LESS.get(one.level, _COMMANDS[one.outcome])
         place = _place(one, places, file)
-        yield _command(command, f"{one.objective}: {text}{at}", said, place)
+        yield command(shown, f"{one.objective}: {text}{at}", said, place)
     if len(told) > MOST:
         yield f"{len(told) - MOST} more requirements are not annotated; see the report"
 
@@ -68,7 +68,8 @@ def _place(one: RequirementVerdict, places: Places | None, file: str) -> dict[st
     return found
 
 
-def _command(kind: str, title: str, text: str, place: dict[str, str]) -> str:
+def command(kind: str, title: str, text: str, place: dict[str, str]) -> str:
+    """A workflow command, such as ``::warning title=..::..``."""
     properties = {**place, "title": title}
     shown = ",".join(f"{key}={_property(value)}" for key, value in properties.items())
     return f"::{kind} {shown}::{_data(text)}"

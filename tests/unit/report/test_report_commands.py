@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import click
+import numpy as np
 import pytest
 
 from r2bspec import api
@@ -20,6 +25,7 @@ from r2bspec.cli.run import command as run_verb
 from r2bspec.errors import R2bspecError
 from r2bspec.report.errors import IncomparableError, ReportUsageError, UnreadableResultError
 from report_runs import EMPTY, USUAL
+from run_simulation import Played
 
 
 def call(command: click.Command, *arguments: object) -> int:
@@ -64,6 +70,32 @@ def test_compare_prints_and_does_not_gate(run: Path, capfd: pytest.CaptureFixtur
         assert call(compare, run, run, run, "--format", form, "--margin", "3") == 0
     out = capfd.readouterr().out
     assert out.count("= same") > 10
+
+
+def test_compare_has_other_formats(
+    run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    slower = replace(USUAL, segments=[Played(30, np.linspace(0.2, 0.25, 300))] * 3)
+    other = slower.write(tmp_path / "<slower>").folder
+    found = {}
+    for form in ("csv", "html", "github", "json"):
+        assert call(compare, run, other, run, "--force", "--format", form) == 0
+        found[form] = capfd.readouterr().out
+    lines = [line for one in json.loads(found["json"]) for line in one["lines"]]
+    rows = list(csv.DictReader(io.StringIO(found["csv"])))
+    assert [row["outcome"] for row in rows] == [line["outcome"] for line in lines]
+    assert [row["ratio"] for row in rows] == [
+        "" if line["ratio"] is None else repr(line["ratio"]) for line in lines
+    ]
+    assert {"worse", "same"} <= {row["outcome"] for row in rows}
+    html = found["html"]
+    assert html.count("<tr class=") == len(lines)
+    assert "<slower>" not in html
+    assert "<script" not in html
+    body = html.partition("<main>")[2].partition("</main>")[0]
+    ET.fromstring(f"<m>{body}</m>")  # noqa: S314 - our own
+    assert found["github"].count("::warning") >= 2
+    assert "latency.p50 at 30 Hz: worse" in found["github"].replace("%3A", ":")
 
 
 def test_compare_refuses_with_a_way_out(run: Path, tmp_path: Path) -> None:
