@@ -27,12 +27,10 @@ from r2bspec.plan.comparable import one_of_a_pair
 from r2bspec.plan.model import Plan
 from r2bspec.record.pairs import PairRecord, PairsFolder, PairsRecord, Side
 from r2bspec.record.store import RunFolder, open_run
+from r2bspec.slo.confirmation import wants_confirmation
+from r2bspec.slo.model import Verdict
 from r2bspec.slo.pairs import what_disturbed, why_unusable
 from r2bspec.slo.statistics.paired import abba
-
-_MOST_IN_VAIN = 2
-"""Pairs in a row that were disturbed again when they were played again. A machine that is always
-busy is not going to calm down, and each pair would take twice as long."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +62,12 @@ class Comparing:
     differences: tuple[str, ...] = ()
 
 
-Fails = Callable[[], bool]
-"""Whether what has been played fails, so that fresh pairs have to confirm it."""
+Judge = Callable[[bool], Verdict]
+"""The verdict on the pairs that have been played; with True, on those that confirm a failure."""
 
 
 def run_pairs(
-    wanted: Comparing, folder: PairsFolder, progress: Progress, fails: Fails
+    wanted: Comparing, folder: PairsFolder, progress: Progress, judge: Judge
 ) -> PairsRecord:
     """Play all pairs and, if they fail, as many fresh ones that confirm it or do not.
 
@@ -79,7 +77,7 @@ def run_pairs(
         wanted: what is compared.
         folder: where all of it goes.
         progress: is told what happens.
-        fails: is asked once the pairs are played, with the folder as it then is.
+        judge: is asked once pairs are played, with the folder as it then is.
 
     Raises:
         RunError: a run failed twice in its place, or cannot be made here at all.
@@ -89,19 +87,25 @@ def run_pairs(
     folder.write_base_plan(wanted.base.plan)
     folder.write_spec(wanted.head.spec_text)
     with Interrupts() as interrupts:
-        return _Pairing(wanted, folder, progress, interrupts).play_all(fails)
+        return _Pairing(wanted, folder, progress, interrupts, judge).play_all()
 
 
 class _Pairing:
     """The state of one comparison."""
 
     def __init__(
-        self, wanted: Comparing, folder: PairsFolder, progress: Progress, interrupts: Interrupts
+        self,
+        wanted: Comparing,
+        folder: PairsFolder,
+        progress: Progress,
+        interrupts: Interrupts,
+        judge: Judge,
     ) -> None:
         self._wanted = wanted
         self._folder = folder
         self._progress = progress
         self._interrupts = interrupts
+        self._judge = judge
         self._began_s = time.monotonic()
         self._plans: dict[Side, Plan] = {
             "base": one_of_a_pair(wanted.base.plan),
@@ -110,21 +114,18 @@ class _Pairing:
         self._pairs: list[PairRecord] = []
         self._notes: list[str] = []
         self._planned = wanted.pairs
-        self._in_vain = 0
         self._started_at = _now()
         self._run_id = secrets.token_hex(8)
 
-    def play_all(self, fails: Fails) -> PairsRecord:
+    def play_all(self) -> PairsRecord:
         """Play what is wanted, and keep the record, whatever happens."""
         reason = ""
         self._keep("R2B671: the comparison was killed")
         try:
-            self._play_batch(confirms=False)
-            if self._wanted.head.plan.gate.confirm:
-                self._keep("")
-                if fails():
-                    self._note("the pairs fail: fresh ones are played to confirm that")
-                    self._play_batch(confirms=True)
+            verdict = self._play_batch(confirms=False)
+            if self._wanted.head.plan.gate.confirm and wants_confirmation(verdict):
+                self._note("the pairs fail: fresh ones are played to confirm that")
+                self._play_batch(confirms=True)
         except R2bspecError as error:
             reason = f"{error.code}: {error}"
             raise
@@ -135,27 +136,35 @@ class _Pairing:
             record = self._keep(reason)
         return record
 
-    def _play_batch(self, *, confirms: bool) -> None:
+    def _play_batch(self, *, confirms: bool) -> Verdict:
+        """Play all pairs of a batch, and again those whose disturbance a verdict hangs on."""
         orders = abba(self._planned)
+        disturbed: list[PairRecord] = []
         for number in range(1, self._planned + 1):
             order: Literal["AB", "BA"] = "AB" if orders[2 * number - 2] == "A" else "BA"
             pair = self._play(number, order, confirms=confirms)
-            if pair.unusable or (pair.disturbed and self._in_vain < _MOST_IN_VAIN):
-                why = pair.unusable or f"the machine was disturbed ({pair.disturbed})"
-                self._note(f"pair {number} is played again: {why}")
-                self._see_to(self._play(number, order, confirms=confirms, again=True))
+            if pair.unusable:
+                self._play_again(pair, pair.unusable)
+            elif pair.disturbed:
+                disturbed.append(pair)
             if self._over_budget(number) and not confirms:
                 self._note(f"the time budget ends the comparison after {number} pairs")
                 self._planned = number
-                return
+                break
+        self._keep("")
+        verdict = self._judge(confirms)
+        if not any(one.weakened for one in verdict.requirements):
+            return verdict
+        for pair in disturbed:
+            self._play_again(pair, f"the machine was disturbed ({pair.disturbed})")
+        self._keep("")
+        return self._judge(confirms)
 
-    def _see_to(self, again: PairRecord) -> None:
-        """Take note of how it went to play a pair again."""
+    def _play_again(self, pair: PairRecord, why: str) -> None:
+        self._note(f"pair {pair.number} is played again: {why}")
+        again = self._play(pair.number, pair.order, confirms=pair.confirms, again=True)
         if again.unusable:
-            self._note(f"pair {again.number} is left out: {again.unusable}")
-        self._in_vain = self._in_vain + 1 if again.disturbed else 0
-        if self._in_vain == _MOST_IN_VAIN:
-            self._note("this machine stays disturbed: no more pairs are played again for that")
+            self._note(f"pair {pair.number} could not be judged again: {again.unusable}")
 
     def _play(
         self, number: int, order: Literal["AB", "BA"], *, confirms: bool, again: bool = False
@@ -177,7 +186,8 @@ class _Pairing:
                 unusable = f"the {side} failed: {error}"
                 break
             unusable = unusable or (found[0] and f"{side}: {found[0]}")
-            disturbed = disturbed or (found[1] and f"{side}: {found[1]}")
+            if found[1]:
+                disturbed += f"{'; ' if disturbed else ''}{side}: {found[1]}"
         pair = PairRecord(
             number=number,
             order=order,

@@ -46,6 +46,11 @@ class MergedRun(Run):
         run, own = self._part(segment)
         return run.monitor(own, name)
 
+    def tap(self, segment: Segment, topic: str) -> Rows:
+        """See `Run.tap`."""
+        run, own = self._part(segment)
+        return run.tap(own, topic)
+
     def resources(self) -> Rows:
         """See `Run.resources`; each run's processes follow those of the one before it."""
         found: list[Rows] = []
@@ -90,9 +95,15 @@ def merge(
     for number, record in enumerate(records, start=1):
         for one in record.segments:
             key = (one.kind, one.rate_hz)
-            counts[key] = counts.get(key, 0) + 1
+            # What was played again keeps the place of what it stands for.
+            counts[key] = counts.get(key, 0) + (not one.rerun_of)
             segments.append(
-                msgspec.structs.replace(one, id=_named(number, one.id), index=counts[key])
+                msgspec.structs.replace(
+                    one,
+                    id=_named(number, one.id),
+                    index=counts[key],
+                    rerun_of=_named(number, one.rerun_of) if one.rerun_of else "",
+                )
             )
     merged = msgspec.structs.replace(
         whole,
@@ -107,6 +118,9 @@ def merge(
         events=tuple(each for record in records for each in record.events),
         floor=records[0].floor if records else (),
         confirmation=None,
+        silences=tuple(each for record in records for each in record.silences),
+        differences=records[0].differences if records else (),
+        left_out=tuple(dict.fromkeys(each for record in records for each in record.left_out)),
     )
     return MergedRun(folder=folder, record=merged, plan=plan, parts=tuple(runs), spec=spec)
 
@@ -133,4 +147,6 @@ def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
         holds_hz=min(holds) if len(holds) == len(found) else None,
         fails_hz=max(fails) if len(fails) == len(found) else None,
         limited_by=next(each for each in order if each in limits),
+        precision=max(each.precision for each in found),
+        confidence=min(each.confidence for each in found),
     )

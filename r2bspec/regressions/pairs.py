@@ -17,7 +17,7 @@ from r2bspec.report.errors import IncomparableError
 from r2bspec.report.model import Result
 from r2bspec.report.pairs import judge_pairs_folder, read_batch
 from r2bspec.report.result import to_json
-from r2bspec.slo.confirmation import wants_confirmation
+from r2bspec.slo.model import Verdict
 from r2bspec.slo.pairs import judge_batch
 from r2bspec.slo.terms import terms_of
 
@@ -92,7 +92,12 @@ def compare(wanted: Comparing, output: Path, progress: Progress | None = None) -
     """
     folder = PairsFolder.create(output)
     try:
-        run_pairs(wanted, folder, progress or Silent(), lambda: _fails(folder.path))
+        run_pairs(
+            wanted,
+            folder,
+            progress or Silent(),
+            lambda confirms: _judge(folder.path, confirms=confirms),
+        )
     except R2bspecError:
         # What was measured before the failure is worth a result, marked as incomplete; should
         # that fail, too, the first failure is the one to tell.
@@ -102,10 +107,10 @@ def compare(wanted: Comparing, output: Path, progress: Progress | None = None) -
     return _write_result(folder)
 
 
-def _fails(path: Path) -> bool:
+def _judge(path: Path, *, confirms: bool) -> Verdict:
     pairs = open_pairs(path)
-    verdict = judge_batch(pairs.plan.objectives, read_batch(pairs), terms_of(pairs.plan))
-    return wants_confirmation(verdict)
+    batch = read_batch(pairs, confirms=confirms)
+    return judge_batch(pairs.plan.objectives, batch, terms_of(pairs.plan))
 
 
 def _write_result(folder: PairsFolder) -> Result:

@@ -11,9 +11,12 @@ from r2bspec.record.merged import MergedRun
 from r2bspec.record.pairs import PairRecord, Pairs, Side
 from r2bspec.report.model import PairsResult, Result
 from r2bspec.report.result import result_with
-from r2bspec.slo.pairs import Batch, Interleaved, judge_comparison
+from r2bspec.slo.pairs import Batch, Interleaved, in_best_light, judge_comparison
 from r2bspec.slo.terms import terms_of
 from r2bspec.spec.model import Objective
+
+_MOST = 3
+"""Disturbed pairs that a sentence names; ``pairs`` of the result has all of them."""
 
 
 @dataclass(frozen=True)
@@ -78,13 +81,21 @@ def read_batch(
     known = {} if read is None else read
     played, calm = pairs.played(confirms=confirms), pairs.calm(confirms=confirms)
     disturbed = [each for each in played if each.disturbed]
+    first = _interleaved(pairs, played, known)
     return Batch(
-        played=_interleaved(pairs, played, known),
+        played=first,
         planned=pairs.record.planned,
         calm=_interleaved(pairs, calm, known) if disturbed else None,
-        told="Disturbed by the machine: "
-        + ", ".join(f"pair {each.number} ({each.disturbed})" for each in disturbed),
+        best=in_best_light(first) if disturbed else None,
+        told=_disturbed_text(disturbed),
     )
+
+
+def _disturbed_text(disturbed: Sequence[PairRecord]) -> str:
+    """Which pairs the machine disturbed, as the beginning of a sentence; empty for none."""
+    named = [f"{each.number} ({each.disturbed})" for each in disturbed[:_MOST]]
+    more = f" and {len(disturbed) - _MOST} more" if len(disturbed) > _MOST else ""
+    return f"The machine disturbed pair {', '.join(named)}{more}" if disturbed else ""
 
 
 def _interleaved(

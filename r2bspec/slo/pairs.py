@@ -8,8 +8,10 @@ of all runs.
 Pairs that cannot be judged, because the playback missed its schedule, are played again once and
 dropped if that does not help. Fewer than half of the planned pairs decide nothing: the comparison
 is INVALID. What a disturbed machine may do is the same as to a single run
-(`r2bspec.slo.disturbance`): the pairs as they were first played decide, and a FAIL that those do
-not confirm which nothing disturbed becomes INCONCLUSIVE.
+(`r2bspec.slo.disturbance`): the pairs as they were first played decide. A FAIL becomes INCONCLUSIVE
+unless the pairs that nothing disturbed, those played again in their places among them, fail as
+well, or all pairs do with the head's disturbed iterations in their best light and the base as it
+was.
 
 A FAIL is confirmed by fresh pairs (`r2bspec.slo.confirmation`), as many as there were.
 """
@@ -25,7 +27,7 @@ from r2bspec.measure.samples import RunSamples
 from r2bspec.slo.against import Asked, answer_baseline, decided, value_of
 from r2bspec.slo.baseline import judge_pairs
 from r2bspec.slo.confirmation import CONFIRMING, confirm_run, wants_confirmation
-from r2bspec.slo.disturbance import find_disturbed, weaken
+from r2bspec.slo.disturbance import favoured, find_disturbed, weaken
 from r2bspec.slo.judge import judge
 from r2bspec.slo.model import EXIT_CODES, Outcome, RequirementVerdict, Verdict
 from r2bspec.slo.schedule import Schedule
@@ -51,6 +53,7 @@ class Batch:
     Attributes:
         played: each as it was first played in a way that can be judged.
         calm: those that nothing disturbed; None if nothing disturbed any.
+        best: all of them, the head's disturbed iterations in their best light; likewise.
         told: what disturbed which, for a reader.
         planned: how many pairs there were to be.
     """
@@ -58,6 +61,7 @@ class Batch:
     played: Interleaved
     planned: int
     calm: Interleaved | None = None
+    best: Interleaved | None = None
     told: str = ""
 
 
@@ -101,12 +105,13 @@ def judge_batch(objectives: Objectives, batch: Batch, terms: Terms) -> Verdict:
     """
     terms = replace(terms, looks=None)
     verdict = _judge(objectives, batch.played, terms)
-    if batch.calm is not None:
-        without = _judge(objectives, batch.calm, terms)
+    if batch.calm is not None and batch.best is not None:
+        calm = _judge(objectives, batch.calm, terms).requirements
+        best = _judge(objectives, batch.best, terms).requirements
         requirements = tuple(
             # All else rests on the iterations of the head, of which `judge` knows the same.
-            weaken(one, other, batch.told) if one.method == "paired t on logs" else one
-            for one, other in zip(verdict.requirements, without.requirements, strict=True)
+            weaken(one, other, batch.told, most) if one.method == "paired t on logs" else one
+            for one, other, most in zip(verdict.requirements, calm, best, strict=True)
         )
         if verdict.outcome in {"invalid", "incomplete"}:
             verdict = msgspec.structs.replace(verdict, requirements=requirements)
@@ -166,6 +171,11 @@ def _sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:
         notes=(*one.notes, f"Probed in {len(found)} runs of the head: {told}."),
         settle=one.settle if outcome == "inconclusive" else "",
     )
+
+
+def in_best_light(pairs: Interleaved) -> Interleaved:
+    """Pairs of which the head has all the benefit of the doubt; the base is as it was."""
+    return replace(pairs, head=[favoured(run, find_disturbed(run)) for run in pairs.head])
 
 
 def why_unusable(samples: RunSamples) -> str:

@@ -19,6 +19,10 @@ from r2bspec.spec.model import Objective
 from run_simulation import EPOCH_NS, Played, Simulation, objective
 
 RATE_HZ = 30.0
+
+_BUSY = {"busy_s": 1.5, "stolen_s": 0.5}
+"""A quarter of two cores was given to others."""
+
 STEPS = 30
 
 NO_REGRESSION = {
@@ -125,6 +129,7 @@ class Comparison:
                 segments=[Played(RATE_HZ, latencies(level_s))],
                 objectives=self.objectives,
                 start_ns=EPOCH_NS + before * 10 * 10**9,
+                surroundings=_BUSY if pair.disturbed else self.template.surroundings,
             )
             simulated.write(path / name)
         return pair

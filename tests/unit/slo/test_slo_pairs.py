@@ -93,15 +93,17 @@ def test_few_usable_pairs_are_no_comparison(tmp_path: Path) -> None:
 
 
 def test_a_disturbed_pair_weakens_a_failure_and_never_a_pass(tmp_path: Path) -> None:
-    spike = [0.026, 0.027, *SAME[2:]]
-    busy = {1: "head: other processes used 2 cores", 2: "head: other processes used 2 cores"}
+    spike = [*(1.06 * level for level in SAME[:5]), SAME[5]]
+    busy = dict.fromkeys(range(1, 6), "head: 25 % of the processor time was stolen")
     failing = objective("latency.p50 <= 102 % of baseline")
     comparison = Comparison(BASE, spike, disturbed=busy, objectives={"no_regression": failing})
     verdict = judged(comparison, tmp_path / "spike")
     assert ratio(verdict).outcome == "inconclusive"
-    slower = judged(Comparison(BASE, SLOWER, disturbed=busy), tmp_path / "slower")
+    assert ratio(verdict).weakened
+    two = {number: busy[number] for number in (1, 2)}
+    slower = judged(Comparison(BASE, SLOWER, disturbed=two), tmp_path / "slower")
     assert slower.outcome == "fail"
-    assert any("Disturbed by the machine" in note for note in ratio(slower).notes)
+    assert any("The machine disturbed pair 1" in note for note in ratio(slower).notes)
     passing = judged(Comparison(BASE, SAME, disturbed=busy), tmp_path / "same")
     assert passing.outcome == "pass"
     # What was played again in the place of a disturbed pair must not make a failure a pass.
@@ -109,6 +111,9 @@ def test_a_disturbed_pair_weakens_a_failure_and_never_a_pass(tmp_path: Path) -> 
     everywhere = dict.fromkeys(again, "busy")
     selected = judged(Comparison(BASE, SLOWER, disturbed=everywhere, again=again), tmp_path / "s")
     assert ratio(selected).outcome == "inconclusive"
+    # What no disturbance explains stays, also where everything was disturbed.
+    far = (np.array(SLOWER) * 10).tolist()
+    assert judged(Comparison(BASE, far, disturbed=everywhere), tmp_path / "f").outcome == "fail"
 
 
 def test_an_interrupted_comparison_is_incomplete(tmp_path: Path) -> None:
