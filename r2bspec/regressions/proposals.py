@@ -9,8 +9,8 @@ from r2bspec.check.context import Context
 from r2bspec.check.finding import Finding
 from r2bspec.check.margins import WIDEST, Narrow, limit_text, narrow_margins
 from r2bspec.check.place import place
+from r2bspec.check.rules.margin_below_noise import RULE
 from r2bspec.diagnostics.edits import apply_edits
-from r2bspec.diagnostics.model import Severity
 from r2bspec.record.noise import Calibration
 from r2bspec.spec.load import Loaded, load_spec
 from r2bspec.spec.model import Spec
@@ -57,7 +57,7 @@ def propose(loaded: Loaded, found: Calibration, text: str) -> tuple[str, list[st
             part=each.part,
             replacement=each.proposed,
         )
-        edit = place(finding, "R2B523", Severity.WARNING, loaded).edit
+        edit = place(finding, RULE.code, RULE.severity, loaded).edit
         if edit is not None and edit.span.file == loaded.file:
             edits.append(edit)
         else:
