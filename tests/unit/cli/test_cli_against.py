@@ -8,10 +8,8 @@ from pathlib import Path
 import click
 import pytest
 
-from r2bspec.cli.calibrate import command as calibrate
 from r2bspec.cli.chosen import Chosen, base_of
-from r2bspec.cli.history import command as history
-from r2bspec.cli.run import command as run
+from r2bspec.cli.main import command as r2bspec
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.environment import inherited
 from r2bspec.execute.errors import EnvironmentRefusedError
@@ -35,7 +33,7 @@ from r2bspec.regressions.reference import BadReferenceError, parse_references
 )
 def test_options_that_exclude_each_other_are_wrong_usage(arguments: tuple[str, ...]) -> None:
     with pytest.raises(click.UsageError):
-        run.main(["spec.r2b.yaml", *arguments], standalone_mode=False)
+        r2bspec.main(["run", "spec.r2b.yaml", *arguments], standalone_mode=False)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +42,7 @@ def test_options_that_exclude_each_other_are_wrong_usage(arguments: tuple[str, .
 )
 def test_calibrate_refuses_what_contradicts_itself(arguments: tuple[str, ...]) -> None:
     with pytest.raises(click.UsageError):
-        calibrate.main(["spec.r2b.yaml", *arguments], standalone_mode=False)
+        r2bspec.main(["calibrate", "spec.r2b.yaml", *arguments], standalone_mode=False)
 
 
 @pytest.mark.parametrize("text", ["nothing.r2b.yaml", "var:", "var:x", "set:=3", "HEAD~1", ""])
@@ -158,7 +156,7 @@ class TestHistory:
         return path
 
     def call(self, *arguments: object) -> int:
-        status: int = history.main([str(each) for each in arguments], standalone_mode=False)
+        status: int = r2bspec.main(["history", *map(str, arguments)], standalone_mode=False)
         return status
 
     def left(self, path: Path) -> list[str]:
