@@ -14,11 +14,11 @@ from r2bspec.record.pairs import open_pairs
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 
-# A ratio that any machine shows: the relay alone waits for six times as long.
+# The base waits for six times as long: nothing fails, so that nothing is played again for that.
 RELAY = relay_node()
 RELAY["parameters"] |= {"service_time_ms": "$(var ms)"}
 SPEC = relay_spec(
-    variables={"ms": 30.0},
+    variables={"ms": 5.0},
     graph={"nodes": {"relay": RELAY}},
     benchmark={
         "duration": "500 ms",
@@ -27,7 +27,7 @@ SPEC = relay_spec(
         "warm_up": "100 ms",
         "start_timeout": "60 s",
     },
-    slos={"no_regression": {"at": "10 Hz", "require": ["latency.p50 <= 150 % of baseline"]}},
+    slos={"no_regression": {"at": "10 Hz", "require": ["latency.p50 <= 100 % of baseline"]}},
 )
 
 
@@ -38,9 +38,8 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
 
 @pytest.fixture(scope="module")
 def compared(bench: Bench) -> Finished:
-    """A relay of 30 ms against one of 5 ms, two pairs; not confirmed, which takes as long again."""
-    spec = SPEC | {"benchmark": SPEC["benchmark"] | {"gate": {"confirm": False}}}
-    return bench.run(spec, "--against", "var:ms=5.0", "--pairs", "2")
+    """A relay of 5 ms against one of 30 ms, two pairs."""
+    return bench.run(SPEC, "--against", "var:ms=30.0", "--pairs", "2")
 
 
 def test_runs_are_interleaved_whole_and_fresh(compared: Finished) -> None:
@@ -55,7 +54,7 @@ def test_runs_are_interleaved_whole_and_fresh(compared: Finished) -> None:
             began.append(min(segment.began_ns for segment in run.record.segments))
             pids += [each.pid for each in run.record.processes]
             (relay,) = [each for each in run.plan.processes if each.name == "relay"]
-            wanted = {"base": 5.0, "head": 30.0}[side]
+            wanted = {"base": 30.0, "head": 5.0}[side]
             assert relay.nodes[0].parameters["service_time_ms"] == wanted
     assert began == sorted(began)
     assert len(set(pids)) == len(pids)
@@ -67,12 +66,12 @@ def test_the_verdict_says_what_it_rests_on(compared: Finished) -> None:
     if result["verdict"]["outcome"] == "invalid":
         pytest.skip("this machine is too loaded to play 10 messages a second on time")
     assert one["method"] == "paired t on logs"
-    # The relay waits: its base takes 5 ms or more, its head 30 ms or more.
-    assert one["compared"]["base"] > 0.005
-    assert one["compared"]["head"] > 0.030
-    assert one["outcome"] in {"fail", "inconclusive"}
-    assert "Compared with var:ms=5.0" in compared.stdout
-    assert "service_time_ms: 5.0 -> 30.0" in " ".join(compared.stdout.split())
+    # The relay waits, whatever else the machine does.
+    assert one["compared"]["base"] > 0.030
+    assert one["compared"]["head"] > 0.005
+    assert len(one["compared"]["head_values"]) == 2
+    assert "Compared with var:ms=30.0" in compared.stdout
+    assert "service_time_ms: 30.0 -> 5.0" in " ".join(compared.stdout.split())
 
 
 def test_judging_the_folder_again_gives_the_same_bytes(bench: Bench, compared: Finished) -> None:
