@@ -85,10 +85,12 @@ class Iterating:
         again = 0
         for one in wanted:
             play = next(each for each in self.plan.play if each.rate_hz == one.rate_hz)
-            what = f"{one.segment} was disturbed by the machine ({'; '.join(one.reasons)})"
-            if not self.budget.allows(f"{what}, and not played again", play.duration_ns / 1e9):
+            if not self.budget.allows(
+                f"no rerun of {one.segment}, which was disturbed", play.duration_ns / 1e9
+            ):
                 break
-            self.note(f"{what}; it is played again")
+            reasons = "; ".join(one.reasons)
+            self.note(f"{one.segment} was disturbed by the machine ({reasons}); it is played again")
             (index,) = (each.index for each in self.stage.segments if each.id == one.segment)
             self._play_once(play, index, f"iteration {index} again", rerun_of=one.segment)
             again += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 
@@ -17,6 +18,7 @@ from r2bspec.slo.statistics.binomial import (
 )
 from r2bspec.slo.statistics.effective import Flags, effective
 from r2bspec.slo.statistics.order import Ranked, percentile_interval
+from r2bspec.slo.statistics.serial import serial_inflation
 from r2bspec.slo.statistics.student import iterations_to_settle, mean_interval
 from r2bspec.slo.statistics.zero_failures import messages_needed, share_at_most
 
@@ -232,3 +234,34 @@ class TestMeanInterval:
         assert stats.t.ppf(0.95, m - 1) * 0.1 / np.sqrt(m) < 0.05
         assert stats.t.ppf(0.95, m - 2) * 0.1 / np.sqrt(m - 1) >= 0.05
         assert iterations_to_settle(1.0, 0.1, 1.0001, 0.95, most=200) is None
+
+
+class TestSerial:
+    def test_few_values_say_nothing(self) -> None:
+        assert serial_inflation([1.0, 2.0, 3.0, 4.0]) == 1.0
+
+    @pytest.mark.parametrize(
+        "values", [[1.0] * 10, [1.0, -1.0] * 10, [3.0, 1.0, 2.0, 5.0, 1.0, 4.0]]
+    )
+    def test_what_chance_explains_costs_nothing(self, values: list[float]) -> None:
+        assert serial_inflation(values) == 1.0
+
+    def test_a_climb_is_worth_a_few_values_only(self) -> None:
+        climb = [float(n) for n in range(20)]
+        f = serial_inflation(climb)
+        assert f == serial_inflation([1e3 * value + 7 for value in climb])
+        assert 1.0 <= 20 / f < 2.0
+
+    def test_the_known_correlation_is_found_in_many_values(self) -> None:
+        noise = np.random.default_rng(1).standard_normal(20_000)
+        values = [0.0]
+        for each in noise.tolist():
+            values.append(0.5 * values[-1] + each)
+        assert serial_inflation(values) == pytest.approx(3.0, rel=0.1)
+
+    def test_the_interval_is_that_of_so_many_values(self) -> None:
+        values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+        plain, wide = mean_interval(values, 0.95), mean_interval(values, 0.95, inflation=2.0)
+        half = stats.t.ppf(0.95, 6 / 2 - 1) * plain.deviation / math.sqrt(6 / 2)
+        assert wide.upper - wide.mean == pytest.approx(half)
+        assert mean_interval([1.0, 2.0], 0.95, inflation=50.0).upper < math.inf

@@ -1,0 +1,146 @@
+"""Playing iterations look by look, and disturbed ones again; what they measure is not examined."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import msgspec
+import pytest
+
+from r2bspec.execute.budget import Budget
+from r2bspec.execute.iterations import Iterating
+from r2bspec.plan.model import GatePlan, PlayPlan
+from r2bspec.record.model import Segment
+from r2bspec.slo.model import EXIT_CODES, DisturbedIteration, Outcome, RequirementVerdict, Verdict
+from run_simulation import Simulation
+
+PLAN = msgspec.structs.replace(
+    Simulation().plan(),
+    play=(PlayPlan(rate_hz=30.0, duration_ns=10**9, iterations=2, max_iterations=4),),
+    gate=GatePlan(),
+)
+
+
+@dataclass
+class Played:
+    """A stage that only remembers what was played on it."""
+
+    segments: list[Segment] = field(default_factory=list)
+
+    def play(
+        self,
+        kind: Any,
+        name: str,
+        rate_hz: float,
+        steps: int,
+        *,
+        index: int,
+        rerun_of: str,
+        **_: Any,
+    ) -> None:
+        self.segments.append(
+            Segment(
+                id=name,
+                kind=kind,
+                rate_hz=rate_hz,
+                index=index,
+                steps=steps,
+                began_ns=0,
+                ended_ns=1,
+                complete=True,
+                rerun_of=rerun_of,
+            )
+        )
+
+
+def found(
+    outcome: Outcome, *disturbed: DisturbedIteration, weakened: bool = False, at_hz: float = 30.0
+) -> Verdict:
+    one = RequirementVerdict(
+        objective="slo",
+        text="latency.p99 < 60 ms",
+        at_hz=at_hz,
+        metric="latency.p99",
+        monitor="out",
+        outcome=outcome,
+        method="exact binomial",
+        estimate=None,
+        lower=None,
+        upper=None,
+        limit=None,
+        unit="s",
+        n=1,
+        confidence=0.95,
+        over=None,
+        lost=False,
+        share=None,
+        rule_of_three=None,
+        reason="",
+        settle="",
+        weakened=weakened,
+    )
+    return Verdict(
+        outcome=outcome,
+        exit_code=EXIT_CODES[outcome],
+        reason="",
+        requirements=(one,),
+        unusable=(),
+        disturbed=disturbed,
+    )
+
+
+def busy(number: int, **known: str) -> DisturbedIteration:
+    return DisturbedIteration(
+        segment=f"rate-30Hz-{number:03d}", rate_hz=30.0, reasons=("stolen",), **known
+    )
+
+
+def iterate(verdicts: Sequence[Verdict], budget_ns: int = 0) -> tuple[list[str], Budget]:
+    """Play, told one verdict after the other; the names of what was played."""
+    stage, notes = Played(), list[str]()
+    said: Iterator[Verdict] = iter(verdicts)
+    budget = Budget(budget_ns, notes.append)
+    budget.begin()
+    Iterating(PLAN, cast("Any", stage), lambda: next(said), notes.append, budget).play()
+    # Every verdict was asked for: none is reached without a look.
+    assert next(said, None) is None
+    return [each.id.removeprefix("rate-30Hz-") for each in stage.segments], budget
+
+
+FIRST_LOOK = ["001", "002"]
+
+
+@pytest.mark.parametrize("outcome", ["pass", "fail"])
+def test_what_is_decided_is_not_played_again_however_disturbed(outcome: Outcome) -> None:
+    assert iterate([found(outcome, busy(1), busy(2))])[0] == FIRST_LOOK
+
+
+def test_what_is_open_is_played_on() -> None:
+    assert iterate([found("inconclusive"), found("pass")])[0] == [*FIRST_LOOK, "003", "004"]
+
+
+def test_what_a_failure_hangs_on_is_played_again_once() -> None:
+    hanging = found("inconclusive", busy(1), weakened=True)
+    again = busy(1, rerun="rate-30Hz-001-again")
+    assert iterate([hanging, found("fail", again)])[0] == [*FIRST_LOOK, "001-again"]
+    # The rerun was disturbed, too; the next look has nothing new to play again but its own.
+    open_ = found("inconclusive", again, busy(4), weakened=True)
+    done = found("inconclusive", again, busy(4, rerun="x"), weakened=True)
+    played, _ = iterate([hanging, done, open_, done])
+    assert played == [*FIRST_LOOK, "001-again", "003", "004", "004-again"]
+
+
+def test_other_rates_are_left_alone() -> None:
+    elsewhere = found("inconclusive", busy(1), weakened=True, at_hz=60.0)
+    assert iterate([elsewhere, elsewhere])[0] == [*FIRST_LOOK, "003", "004"]
+
+
+def test_the_budget_comes_first() -> None:
+    hanging = found("inconclusive", busy(1), busy(2), weakened=True)
+    played, budget = iterate([hanging], budget_ns=1)
+    assert played == FIRST_LOOK
+    rerun, look = budget.left_out
+    assert rerun.startswith("No rerun of rate-30Hz-001, which was disturbed: the time budget")
+    assert look.startswith("No more than 2 iterations: the time budget")
