@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -181,3 +182,21 @@ def test_a_baseline_is_drawn_beside_it(tmp_path: Path) -> None:
     page = page_of(USUAL, tmp_path, baseline=USUAL)
     assert "ecdf-0" in [one.get("id") for one in page.of("svg")]
     assert "Against the baseline" in page.text
+
+
+def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -> None:
+    crowded = {**USUAL.surroundings, "busy_s": 1.4}
+    page = page_of(replace(USUAL, surroundings=crowded), tmp_path)
+    assert "CPU, memory and pressure over the run" in page.text
+    # 1.4 cores were busy, and the processes of the run used 0.6 of one.
+    told = {path: value for path, value, _ in page.data if path.endswith("/foreign_cores")}
+    assert len(told) == 6
+    assert [float(value) for value in told.values()] == pytest.approx([0.8] * 6)
+    assert page.text.count("other processes used 0.8 cores") >= 6
+    assert "The machine disturbed, at 30 Hz: iteration-004" in page.text
+
+
+def test_where_nothing_is_known_of_the_surroundings_nothing_is_drawn(tmp_path: Path) -> None:
+    page = page_of(replace(USUAL, surroundings={}), tmp_path)
+    assert "CPU and memory over the run" in page.text
+    assert "pressure" not in page.text
