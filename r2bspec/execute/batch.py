@@ -18,6 +18,7 @@ from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.external import wait_for_external
 from r2bspec.execute.floor import measure_floor, usual_rate_hz
 from r2bspec.execute.graph import (
+    NODE_ROLES,
     Launcher,
     explain,
     listeners,
@@ -25,6 +26,7 @@ from r2bspec.execute.graph import (
     wait_until_matched,
 )
 from r2bspec.execute.meeting import wait_until_met
+from r2bspec.execute.parts import Parts
 from r2bspec.execute.playing import PLAYBACK_ROWS, Stage
 from r2bspec.execute.probes import wait_for_probe
 from r2bspec.execute.progress import Progress
@@ -93,6 +95,8 @@ class Batch:
         self._tell = reporting
         self._confirms = confirms
         self._schedule: Schedule = Cyclic(steps=())
+        processes = [each for each in plan.processes if each.phase == PHASE]
+        self._parts = Parts(launcher, processes)
         self._stage: Stage | None = None
         self.floor: tuple[FloorRecord, ...] = ()
         self.silences: tuple[SilenceRecord, ...] = ()
@@ -140,9 +144,8 @@ class Batch:
         A live run has no player.
         """
         plan, launcher = self._plan, self._launcher
-        processes = [each for each in plan.processes if each.phase == PHASE]
         player = self._start_player() if plan.inputs else None
-        monitor = launcher.start(next(each for each in processes if each.role == "monitor"))
+        monitor = self._parts.start("monitor")
         launcher.configure(
             monitor,
             protocol.ConfigureMonitor(
@@ -167,8 +170,7 @@ class Batch:
     def _start_player(self) -> Child:
         """The player, with everything that it will play in its memory."""
         plan, launcher = self._plan, self._launcher
-        processes = [each for each in plan.processes if each.phase == PHASE]
-        player = launcher.start(next(each for each in processes if each.role == "player"))
+        player = self._parts.start("player")
         ready = launcher.configure(
             player,
             protocol.ConfigurePlayer(
@@ -186,12 +188,9 @@ class Batch:
         """The nodes after the writers and before the readers; then wait until all are matched."""
         plan, children = self._plan, self._children
         self._launcher.start_nodes(
-            (
-                each
-                for each in plan.processes
-                if each.phase == PHASE and each.role in {"host", "command"}
-            ),
+            (each for each in plan.processes if each.phase == PHASE and each.role in NODE_ROLES),
             plan.start_timeout_ns / 1e9,
+            beside=self._parts.beside(),
         )
         children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
         if plan.external:

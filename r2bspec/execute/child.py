@@ -22,9 +22,13 @@ _LOG_TAIL_BYTES = 8192
 
 
 class Child:
-    """One process. A harness child has a control channel, a command process has none.
+    """One process, or a part of one that has a control channel of its own.
+
+    Programs that know nothing of r2bspec have no channel.
 
     Attributes:
+        parts: those of a harness process, by their roles. A part is started, watched and ended
+            with its process.
         inbox: what it has said and nobody has taken yet.
         ending: whether its end is no failure, because it was told to, or is meant to.
         answered: whether it has ever said anything.
@@ -47,6 +51,7 @@ class Child:
         self.inbox: deque[Any] = deque()
         self.ending = False
         self.answered = False
+        self.parts: dict[str, Child] = {}
         self._conceal = conceal
         self._pending = bytearray()
 

@@ -30,6 +30,9 @@ _POLL_S = 0.05
 _NOT_INSTALLED = "R2B62"
 """The family of codes for what is not there: to try the run again would not help."""
 
+_WITHOUT_CHANNEL = frozenset({"command", "container"})
+"""Roles of programs that know nothing of r2bspec."""
+
 _Answer = TypeVar("_Answer")
 
 
@@ -66,6 +69,11 @@ class Children:
     def __iter__(self) -> Iterator[Child]:
         return iter(list(self._living.values()))
 
+    def observer(self) -> Child:
+        """Who can be asked what discovery shows: the monitor or the loader, whichever is up."""
+        speakers = (each for child in self for each in (child, *child.parts.values()))
+        return next(each for each in speakers if each.role in {"monitor", "loader"})
+
     def start(
         self,
         name: str,
@@ -75,17 +83,24 @@ class Children:
         *,
         cwd: Path,
         log: Path,
+        parts: Iterable[str] = (),
     ) -> Child:
         """Start a process in a session of its own, with its output going to `log`.
+
+        It has a control channel, and one more for each of its `parts`, but for programs that know
+        nothing of r2bspec.
 
         Raises:
             NotInstalledError: there is no such program, or it may not be executed.
         """
         command = list(argv)
         self._logs.watch(log.parent)
-        ours, theirs = (None, None) if role == "command" else socket.socketpair()
-        if theirs is not None:
-            env = env | {protocol.CONTROL_FD_VARIABLE: str(theirs.fileno())}
+        named = () if role in _WITHOUT_CHANNEL else ("", *parts)
+        channels = {part: socket.socketpair() for part in named}
+        theirs = {part: pair[1] for part, pair in channels.items()}
+        env = env | {
+            protocol.control_variable(part): str(each.fileno()) for part, each in theirs.items()
+        }
         try:
             with log.open("ab") as output:
                 process = subprocess.Popen(
@@ -96,10 +111,10 @@ class Children:
                     stdout=output,
                     stderr=subprocess.STDOUT,
                     start_new_session=True,
-                    pass_fds=() if theirs is None else (theirs.fileno(),),
+                    pass_fds=[each.fileno() for each in theirs.values()],
                 )
         except OSError as error:
-            if ours is not None:
+            for ours, _ in channels.values():
                 ours.close()
             raise NotInstalledError(
                 f"process {name} cannot be started: {command[0]}: {error.strerror or error}",
@@ -107,12 +122,16 @@ class Children:
                 code="R2B621",
             ) from error
         finally:
-            if theirs is not None:
-                theirs.close()
+            for each in theirs.values():
+                each.close()
         self._tell_watchdog(f"session {process.pid}\n")
-        child = Child(name, role, process, log, ours, self._conceal)
-        if ours is not None:
-            self._selector.register(ours, selectors.EVENT_READ, child)
+        child = Child(name, role, process, log, None, self._conceal)
+        for part, (ours, _) in channels.items():
+            speaker = child
+            if part:
+                speaker = child.parts[part] = Child(part, part, process, log, None, self._conceal)
+            speaker.connection = ours
+            self._selector.register(ours, selectors.EVENT_READ, speaker)
         self._living[name] = child
         self._all.append(child)
         if self._on_start is not None:
@@ -134,7 +153,8 @@ class Children:
             if not child.read():
                 self._selector.unregister(key.fileobj)
         for child in self._living.values():
-            self._raise_failure(child)
+            for speaker in (child, *child.parts.values()):
+                self._raise_failure(speaker)
         self._logs.keep_small()
         for child in list(self._living.values()):
             if child.process.poll() is not None and not child.ending:
@@ -163,8 +183,9 @@ class Children:
 
     def _raise_death(self, child: Child) -> None:
         # Its last words may still be in the socket.
-        if child.read():
-            self._raise_failure(child)
+        for speaker in (child, *child.parts.values()):
+            if speaker.read():
+                self._raise_failure(speaker)
         tail = child.log_tail()
         said = f"; the last it printed:\n{tail}" if tail else "; it printed nothing"
         raise ProcessDiedError(
@@ -241,10 +262,11 @@ class Children:
 
     def _forget(self, child: Child) -> None:
         del self._living[child.name]
-        if child.connection is not None:
-            with contextlib.suppress(KeyError, ValueError):
-                self._selector.unregister(child.connection)
-            child.connection.close()
+        for speaker in (child, *child.parts.values()):
+            if speaker.connection is not None:
+                with contextlib.suppress(KeyError, ValueError):
+                    self._selector.unregister(speaker.connection)
+                speaker.connection.close()
 
     def _tell_watchdog(self, line: str) -> None:
         if self._watchdog.stdin is not None:

@@ -10,6 +10,7 @@ import fnmatch
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from r2bspec.harness.protocol import RUN_ID_VARIABLE
 from r2bspec.plan.model import Plan
@@ -161,9 +162,9 @@ class RunEnvironment:
             self._common["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
             self._common["FASTDDS_DEFAULT_PROFILES_FILE"] = str(profile)
 
-    def of_harness(self) -> dict[str, str]:
-        """The environment of loader, player and monitor."""
-        return self._common | _HARNESS_ALLOCATOR
+    def of_harness(self, changes: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
+        """The environment of loader, player and monitor, with that of nodes beside them."""
+        return self._common | _HARNESS_ALLOCATOR | dict(changes)
 
     def of_node(self, changes: Mapping[str, str]) -> dict[str, str]:
         """The environment of a process that runs nodes: nothing but what the plan states."""

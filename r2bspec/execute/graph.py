@@ -31,6 +31,9 @@ from r2bspec.plan.model import AfterReadyPlan, Plan, ProcessPlan
 from r2bspec.record.model import Difference
 from r2bspec.record.store import RunFolder
 
+NODE_ROLES = frozenset({"host", "command"})
+"""Roles of processes that hold nodes of the graph and nothing of the harness."""
+
 _CONFIGURE_S = 60.0
 _ASK_S = 10.0
 _POLL_S = 0.02
@@ -62,26 +65,41 @@ class Launcher:
         self._opaque = False
         self.hosts: dict[Child, frozenset[str]] = {}
 
-    def start(self, plan: ProcessPlan) -> Child:
-        """Start one process; a harness process then waits to be configured.
+    def start(self, plan: ProcessPlan, parts: Iterable[str] = ()) -> Child:
+        """Start one process; a harness process, and each of its `parts`, then waits for its role.
 
         Raises:
             NotInstalledError: its program is not there.
         """
-        harness = plan.role in {"loader", "player", "monitor"}
+        harness = plan.role in {"loader", "player", "monitor", "harness"}
+        environment = self._environment
         child = self._children.start(
             plan.name,
             plan.role,
             resolve_argv(plan),
-            self._environment.of_harness() if harness else self._environment.of_node(plan.env),
+            environment.of_harness(plan.env) if harness else environment.of_node(plan.env),
             cwd=self._base_dir,
             log=self._folder.log_path(plan.name),
+            parts=parts,
         )
         place(plan, child.pid)
         return child
 
-    def start_nodes(self, plans: Iterable[ProcessPlan], timeout_s: float) -> list[Child]:
+    def start_nodes(
+        self,
+        plans: Iterable[ProcessPlan],
+        timeout_s: float,
+        beside: Iterable[tuple[Child, ProcessPlan]] = (),
+    ) -> list[Child]:
         """Start processes that hold nodes; returns when every Python node has been made.
+
+        Args:
+            plans: the processes.
+            timeout_s: how long the making of nodes may take.
+            beside: processes that run already and hold nodes, too.
+
+        Returns:
+            The processes that were started, in order.
 
         Raises:
             RunError: a node cannot be made, is not made in time, or dies.
@@ -95,6 +113,7 @@ class Launcher:
             for child, plan in zip(children, plans, strict=True)
             if plan.role == "host"
         ]
+        hosts += beside
         for child, plan in hosts:
             child.send(
                 protocol.ConfigureHost(
@@ -221,7 +240,7 @@ def _not_ready(
     missing: dict[str, tuple[int, int]],
 ) -> RunError:
     """Say where the ways break."""
-    eyes = next(child for child in children if child.role in {"monitor", "harness", "loader"})
+    eyes = children.observer()
     facts = Observer(children, eyes, plan, phase, launcher.endpoints_in(plan, phase)).look()
     inputs = [topic for topic in missing if topic in facts.inputs]
     silent = [topic for topic in missing if topic not in facts.inputs]

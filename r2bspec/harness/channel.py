@@ -6,6 +6,7 @@ depends on discovery. It ends when the controller ends, however that happens.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import socket
@@ -26,15 +27,20 @@ class Channel:
         self._pending = bytearray()
 
     @classmethod
-    def from_environment(cls) -> Channel:
-        """Take the socket that the controller passed on.
+    def from_environment(cls, part: str = "") -> Channel:
+        """Take a socket that the controller passed on: of this process, or of a part of it.
 
         Raises:
-            KeyError: this process was not started by a controller.
+            KeyError: this process was not started by a controller, or has no such part.
         """
-        number = int(os.environ.pop(protocol.CONTROL_FD_VARIABLE))
+        number = int(os.environ.pop(protocol.control_variable(part)))
         os.set_inheritable(number, False)
         return cls(socket.socket(fileno=number))
+
+    def close(self) -> None:
+        """End the channel, for whichever thread waits on it, too."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
 
     def send(self, message: Any) -> None:
         """Send a reply.

@@ -15,6 +15,8 @@ from r2bspec.harness.schedule import Schedule
 from r2bspec.plan.model import InputPlan, MonitorPlan, NodePlan
 
 CONTROL_FD_VARIABLE = "R2BSPEC_CONTROL_FD"
+"""Names the control channel of a process; with ``_PART`` after it, that of a part of it."""
+
 RUN_ID_VARIABLE = "R2BSPEC_RUN_ID"
 
 
@@ -73,6 +75,15 @@ class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
     base_dir: str
     executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
     threads: int = 0
+
+
+class ConfigureHarness(_Message, frozen=True, kw_only=True, tag=True):
+    """Be the parts of the harness in one process; each part is configured over its own channel.
+
+    `Ready` answers it. A `ConfigureHost` that follows puts nodes beside the parts.
+    """
+
+    parts: tuple[str, ...]
 
 
 class ConfigureCaller(_Message, frozen=True, kw_only=True, tag=True):
@@ -155,6 +166,7 @@ Command = (
     | Follow
     | ConfigureMonitor
     | ConfigureHost
+    | ConfigureHarness
     | ConfigureCaller
     | Subscribe
     | Watch
@@ -263,6 +275,11 @@ Reply = Ready | Matched | Discovered | Surveyed | Called | Loaded | Played | Fai
 
 _COMMANDS: msgspec.json.Decoder[Command] = msgspec.json.Decoder(Command)
 _REPLIES: msgspec.json.Decoder[Reply] = msgspec.json.Decoder(Reply)
+
+
+def control_variable(part: str = "") -> str:
+    """The variable that holds the number of a control channel's socket."""
+    return f"{CONTROL_FD_VARIABLE}_{part.upper()}" if part else CONTROL_FD_VARIABLE
 
 
 def encode(message: Any) -> bytes:

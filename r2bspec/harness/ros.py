@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -27,6 +28,7 @@ from r2bspec.harness import rcl
 from r2bspec.spec.model import QoS
 
 _to_destroy: list[Node] = []
+_initialising = threading.Lock()
 
 READER_DEPTH = 100
 """History depth of what the harness reads: deep enough that a monitor that was not scheduled for
@@ -217,13 +219,12 @@ class WaitLoop:
 
 
 def start_node(name: str) -> Node:
-    """Initialise rclpy, unless that is done, and make the harness node of a role.
+    """Initialise rclpy and make the harness node of a role.
 
     The node has no parameter services, no /rosout and no clock subscription: what does not exist
     takes no time and does not show in the graph under test.
     """
-    if not ok():
-        init()
+    init()
     node = Node(
         name,
         namespace="/r2bspec",
@@ -236,9 +237,14 @@ def start_node(name: str) -> Node:
 
 
 def init() -> None:
-    """Initialise rclpy; what it logs goes to the log of the process and into no file of its own."""
+    """Initialise rclpy, unless that is done.
+
+    What it logs goes to the log of the process and into no file of its own.
+    """
     arguments = ["--ros-args", "--disable-external-lib-logs"]
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    with _initialising:
+        if not ok():
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
 
 
 def destroy_at_the_end(node: Node) -> None:

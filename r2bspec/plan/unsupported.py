@@ -31,8 +31,6 @@ def _process(process: ProcessPlan) -> Iterator[Unsupported]:
     path = f"processes.{process.name}"
     if process.role == "container":
         yield Unsupported(f"{path}.role", "C++ component containers")
-    if process.role == "harness":
-        yield Unsupported(f"{path}.role", "player and monitor in one process")
 
 
 def _playback(plan: Plan) -> Iterator[Unsupported]:

@@ -1,0 +1,77 @@
+"""The roles that a harness process, or a part of one, can be told to play.
+
+Each is imported only by the process that plays it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import traceback
+from typing import Protocol
+
+from r2bspec.harness import protocol
+from r2bspec.harness.channel import Channel, ChannelClosedError
+
+
+class Role(Protocol):
+    """What is made of the first command; it answers the others."""
+
+    def serve(self) -> None:
+        """Answer commands until told to shut down."""
+
+
+def play_role(channel: Channel) -> int:
+    """Play the role that the first command names, to its end.
+
+    Returns:
+        The exit status: 1 after it has been said why the role cannot go on.
+    """
+    try:
+        _take_role(channel, channel.receive()).serve()
+    except ChannelClosedError:
+        return 0
+    except Exception as error:
+        sys.stderr.write(traceback.format_exc())
+        with contextlib.suppress(ChannelClosedError):
+            channel.send(_failure(error))
+        return 1
+    return 0
+
+
+def _take_role(channel: Channel, command: protocol.Command) -> Role:
+    match command:
+        case protocol.ConfigureLoader():
+            from r2bspec.harness.loader import Loader
+
+            return Loader(channel, command)
+        case protocol.ConfigurePlayer():
+            from r2bspec.harness.player import Player
+
+            return Player(channel, command)
+        case protocol.ConfigureMonitor():
+            from r2bspec.harness.monitor import Monitor
+
+            return Monitor(channel, command)
+        case protocol.ConfigureHost():
+            from r2bspec.harness.host import Host
+
+            return Host(channel, command)
+        case protocol.ConfigureHarness():
+            from r2bspec.harness.together import Together
+
+            return Together(channel, command)
+        case protocol.ConfigureCaller():
+            from r2bspec.harness.caller import Caller
+
+            return Caller(channel, command)
+    raise RuntimeError(f"a process is configured first, not told to {type(command).__name__}")
+
+
+def _failure(error: Exception) -> protocol.Failed:
+    code = getattr(error, "code", "R2B630")
+    hint = getattr(error, "hint", "")
+    message = str(error) or type(error).__name__
+    if isinstance(error, ImportError):
+        code, hint = "R2B620", "install ROS 2, or pip install 'r2bspec[ros]'"
+    return protocol.Failed(code=code, message=message, hint=hint)

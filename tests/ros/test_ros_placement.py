@@ -1,0 +1,95 @@
+"""Player and monitor in one process, alone and with nodes beside them."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_runs import IMAGE, Bench, Finished, relay_node, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+FAILS = """
+class Fails(Node):
+    def __init__(self, **kwargs):
+        super().__init__("fails", **kwargs)
+        self.out = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "input", self.answer, 10)
+
+    def answer(self, message):
+        raise RuntimeError("lost the plot")
+"""
+
+IN_ONE = {"placement": "shared"}
+MEASURED = {"buffer": 5, "inputs": {"input": {"from": "loaded", "format": IMAGE}}}
+"""An input that has a floor, unlike `quick_input`."""
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    return Bench(tmp_path_factory.mktemp("placement"))
+
+
+@pytest.fixture(scope="module")
+def beside(bench: Bench) -> Finished:
+    """A run with a node beside player and monitor."""
+    graph = {"placement": "harness", "nodes": {"relay": relay_node()}}
+    return bench.run(relay_spec(graph=graph, playback=MEASURED))
+
+
+def test_one_process_plays_watches_and_holds_the_nodes(beside: Finished) -> None:
+    beside.assert_complete()
+    record = beside.run().record
+    assert [(each.name, each.role, each.exit_code) for each in record.processes] == [
+        ("harness", "harness", 0)
+    ]
+    (segment,) = [each for each in record.segments if each.kind == "iteration"]
+    out = beside.run().monitor(segment, "out")
+    assert set(out["stamp_ns"]) == set(beside.run().playback(segment)["stamp_ns"])
+    assert out.size == segment.steps == 20
+
+
+def test_the_floor_is_that_of_one_process(beside: Finished) -> None:
+    (floor,) = beside.run().record.floor
+    assert floor.sent == floor.received == 20
+    assert floor.latency_p50_ns is not None
+    assert floor.latency_p50_ns > 0
+
+
+def test_processor_time_of_the_harness_is_counted_once(beside: Finished) -> None:
+    (rate,) = beside.result()["metrics"]["rates"]
+    assert set(rate["pooled"]["processes"]) >= {"harness"}
+    assert not {"player", "monitor", "relay"} & set(rate["pooled"]["processes"])
+
+
+def test_player_and_monitor_share_a_process_apart_from_the_graph(bench: Bench) -> None:
+    done = bench.run(relay_spec(harness=IN_ONE))
+    done.assert_complete()
+    record = done.run().record
+    assert [(each.name, each.exit_code) for each in record.processes] == [
+        ("harness", 0),
+        ("relay", 0),
+    ]
+    (segment,) = [each for each in record.segments if each.kind == "iteration"]
+    assert done.run().monitor(segment, "out").size == 20
+
+
+def test_a_node_that_fails_beside_the_harness_is_named(bench: Bench) -> None:
+    bench.write_node("fails.py", FAILS)
+    graph = {"placement": "harness", "nodes": {"fails": {"python": "./fails.py:Fails"}}}
+    done = bench.run(relay_spec(graph=graph))
+    assert done.status == 4
+    assert "R2B634" in done.error
+    assert "a callback of /r2b/fails raised RuntimeError: lost the plot" in done.error
+
+
+def test_a_harness_that_is_killed_is_named(bench: Bench) -> None:
+    spec = relay_spec(harness=IN_ONE)
+    spec["benchmark"]["duration"] = "30 s"
+    with bench.start(spec) as running:
+        running.wait_for("iteration 1")
+        running.child("harness").kill()
+        done = running.finish()
+    assert done.status == 4
+    assert "process harness was killed by SIGKILL" in done.error
+    assert done.run().record.status == "incomplete"
