@@ -114,6 +114,7 @@ class Batch:
         """
         self._rows_dir.mkdir()
         self._tell.phase("start", "starting player and monitor")
+        self._launcher.see_to_room(self._plan, PHASE)
         player, monitor = self._start_harness()
         self._tell.phase("graph", "starting the graph")
         self._start_graph(player, monitor)

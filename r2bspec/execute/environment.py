@@ -127,8 +127,21 @@ def transport_profile(transport: str, largest_message_bytes: int, segment: int =
     )
 
 
+def speaks_fast_dds(environ: Mapping[str, str]) -> bool:
+    """Whether the middleware is Fast DDS, which is all that profiles and segments mean anything to.
+
+    It is where nothing else is named.
+    """
+    return environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp").startswith("rmw_fastrtps")
+
+
 class RunEnvironment:
-    """The environments of one run's processes."""
+    """The environments of one run's processes.
+
+    Attributes:
+        segment_bytes: the shared memory that each process takes when it starts; 0 where that is
+            not for the run to decide.
+    """
 
     def __init__(
         self,
@@ -154,6 +167,9 @@ class RunEnvironment:
             "ROS_LOG_DIR": str(ros_logs or scratch / "ros_logs"),
         }
         self._common.pop("ROS_LOCALHOST_ONLY", None)
+        self.segment_bytes = 0
+        if plan.transport == "shared_memory" and speaks_fast_dds(self._common):
+            self.segment_bytes = plan.segment_bytes or segment_bytes(largest_message_bytes)
         if plan.transport != "inherit":
             profile = scratch / "transport.xml"
             profile.write_text(

@@ -88,6 +88,19 @@ class UnsupportedError(RunError):
     exit_code = 2
 
 
+class SharedMemoryError(RunError):
+    """There is less shared memory than the transport of the plan needs."""
+
+    code = "R2B664"
+    exit_code = 2
+
+
+class ComponentError(RunError):
+    """A C++ component was not loaded into its container."""
+
+    code = "R2B665"
+
+
 class MemoryLimitError(RunError):
     """A process uses more memory than the spec allows it."""
 

@@ -23,6 +23,7 @@ from r2bspec.execute.errors import GraphDiffersError, NotReadyError, RunError
 from r2bspec.execute.machine import interpreter
 from r2bspec.execute.placing import place
 from r2bspec.execute.programs import resolve_argv, resolve_words
+from r2bspec.execute.room import refuse_too_little_room
 from r2bspec.execute.silence.observe import Observer, breaks_of, told
 from r2bspec.execute.silence.walk import Break
 from r2bspec.execute.steps import wait_for_end
@@ -64,6 +65,14 @@ class Launcher:
         self._made: set[str] = set()
         self._opaque = False
         self.hosts: dict[Child, frozenset[str]] = {}
+
+    def see_to_room(self, plan: Plan, phase: str) -> None:
+        """See that the processes of a phase find the shared memory that they will need.
+
+        Raises:
+            SharedMemoryError: there is too little.
+        """
+        refuse_too_little_room(plan, phase, self._environment.segment_bytes)
 
     def start(self, plan: ProcessPlan, parts: Iterable[str] = ()) -> Child:
         """Start one process; a harness process, and each of its `parts`, then waits for its role.

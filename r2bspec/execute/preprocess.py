@@ -62,6 +62,7 @@ def preprocess(
     transforms = buffered_transforms(buffer_dir)
     if TF in transforms:
         sources[TF] = TF_TYPE
+    launcher.see_to_room(plan, _PHASE)
     loader = launcher.start(next(each for each in processes if each.role == "loader"))
     launcher.configure(
         loader,

@@ -12,7 +12,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
 
-import msgspec
 from floor_child import WITHOUT_VARIABLE
 from floor_figures import Figures, cpu_ns, figures
 from floor_workloads import COPIES, TOPIC, TYPE, Workload, write_buffer
@@ -146,14 +145,7 @@ def floor(
         stack.callback(children.close)
         plans = (MonitorPlan(name=MONITOR, topic=TOPIC, type=TYPE, match="stamp", qos=None),)
         watch = protocol.ConfigureMonitor(monitors=plans, rows_dir=str(rows))
-        starter = _Starter(children, environment, folder)
-        together = placement == "one process"
-        program = (
-            (str(Path(__file__).with_name("floor_one_process.py")), msgspec.json.encode(watch))
-            if together
-            else (str(Path(__file__).with_name("floor_child.py")),)
-        )
-        player = starter.start("player", program)
+        player, monitor, pids = _start_parts(children, environment, folder, placement)
         children.ask(
             player,
             protocol.ConfigurePlayer(
@@ -166,12 +158,8 @@ def floor(
         )
         schedule = Cyclic(steps=tuple((number,) for number in range(COPIES)))
         children.ask(player, protocol.Follow(schedule=schedule), protocol.Ready, 60.0)
-        pids = [player.pid]
-        if not together:
-            monitor = starter.start("monitor", program)
-            children.ask(monitor, watch, protocol.Ready, 60.0)
-            children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
-            pids.append(monitor.pid)
+        children.ask(monitor, watch, protocol.Ready, 60.0)
+        children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
         _wait_for_match(children, player)
         stage = Stage(
             children,
@@ -189,24 +177,23 @@ def floor(
         yield made
 
 
-class _Starter:
-    """Starts harness processes in one environment."""
+def _start_parts(
+    children: Children, environment: dict[str, str], folder: Path, placement: str
+) -> tuple[Child, Child, list[int]]:
+    """Player and monitor, not configured yet, and the processes that they are in."""
 
-    def __init__(self, children: Children, environment: dict[str, str], folder: Path) -> None:
-        self._children = children
-        self._environment = environment
-        self._folder = folder
+    def start(name: str, parts: Sequence[str] = ()) -> Child:
+        program = [sys.executable, str(Path(__file__).with_name("floor_child.py"))]
+        log = folder / f"{name}.log"
+        return children.start(name, name, program, environment, cwd=folder, log=log, parts=parts)
 
-    def start(self, role: str, program: tuple[str | bytes, ...]) -> Child:
-        words = [each.decode() if isinstance(each, bytes) else each for each in program]
-        return self._children.start(
-            role,
-            role,
-            [sys.executable, *words],
-            self._environment,
-            cwd=Path.cwd(),
-            log=self._folder / f"{role}.log",
-        )
+    if placement == "one process":
+        parts = ("player", "monitor")
+        whole = start("harness", parts)
+        children.ask(whole, protocol.ConfigureHarness(parts=parts), protocol.Ready, 60.0)
+        return whole.parts["player"], whole.parts["monitor"], [whole.pid]
+    player, monitor = start("player"), start("monitor")
+    return player, monitor, [player.pid, monitor.pid]
 
 
 def _wait_for_match(children: Children, player: Child) -> None:

@@ -61,3 +61,20 @@ def test_shared_memory_that_fills_up_in_mid_run_loses_nothing(bench: Bench) -> N
         assert filler.stat().st_size > 0
         done = running.finish()
     counted(done, 4)
+
+
+def test_what_does_not_fit_is_refused_before_anything_starts(bench: Bench) -> None:
+    with bench.start(relay_spec(), through=own_shared_memory("16m")) as running:
+        done = running.finish()
+    assert done.status == 2, done.stderr
+    assert "R2B664" in done.error
+    assert "/dev/shm has 16 MiB free; the 3 processes of the measure phase need" in done.error
+    assert "--shm-size=" in done.error
+    assert "transport: udp" in done.error
+    assert done.run().record.processes == ()
+
+
+def test_udp_is_the_way_out(bench: Bench) -> None:
+    with bench.start(relay_spec(transport="udp"), through=own_shared_memory("16m")) as running:
+        done = running.finish()
+    counted(done, 1)

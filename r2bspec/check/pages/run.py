@@ -163,6 +163,21 @@ RUN_PAGES = (
         "under 'environment'.",
     ),
     error_page(
+        "R2B664",
+        "there is too little shared memory",
+        "With 'transport: shared_memory' each process takes a segment of /dev/shm that holds "
+        "several of the largest messages. Without room for it Fast DDS would use UDP and not say "
+        "so, and images would take many times as long. Make /dev/shm larger (containers have 64 "
+        "MB unless started with --shm-size), or state 'transport: udp'.",
+    ),
+    error_page(
+        "R2B665",
+        "a C++ component was not loaded",
+        "The container answered that it cannot, or did not answer. Its own words follow; they "
+        "tell a package or a class that is not installed from a constructor that failed. What the "
+        "container printed is in the run folder under logs/.",
+    ),
+    error_page(
         "R2B670",
         "the run was interrupted",
         "By Ctrl-C or a signal. What had been observed until then is kept in the run folder and "
