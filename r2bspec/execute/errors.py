@@ -95,12 +95,6 @@ class SharedMemoryError(RunError):
     exit_code = 2
 
 
-class ComponentError(RunError):
-    """A C++ component was not loaded into its container."""
-
-    code = "R2B665"
-
-
 class MemoryLimitError(RunError):
     """A process uses more memory than the spec allows it."""
 

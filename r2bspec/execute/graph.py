@@ -28,12 +28,16 @@ from r2bspec.execute.silence.observe import Observer, breaks_of, told
 from r2bspec.execute.silence.walk import Break
 from r2bspec.execute.steps import wait_for_end
 from r2bspec.harness import protocol
+from r2bspec.plan.argv import container_node
 from r2bspec.plan.model import AfterReadyPlan, Plan, ProcessPlan
 from r2bspec.record.model import Difference
 from r2bspec.record.store import RunFolder
 
-NODE_ROLES = frozenset({"host", "command"})
+NODE_ROLES = frozenset({"host", "container", "command"})
 """Roles of processes that hold nodes of the graph and nothing of the harness."""
+
+_COMPOSER = "containers.load_node"
+"""The process that loads components; no node and no container can be called so."""
 
 _CONFIGURE_S = 60.0
 _ASK_S = 10.0
@@ -102,6 +106,8 @@ class Launcher:
     ) -> list[Child]:
         """Start processes that hold nodes; returns when every Python node has been made.
 
+        By then all components are loaded, too; of other processes nothing is known.
+
         Args:
             plans: the processes.
             timeout_s: how long the making of nodes may take.
@@ -132,6 +138,7 @@ class Launcher:
                     threads=plan.threads,
                 )
             )
+        self._compose([plan for plan in plans if plan.role == "container"], timeout_s)
         for child, plan in hosts:
             ready = self._children.answer(child, protocol.Ready, timeout_s)
             refuse_undeclared(ready)
@@ -167,6 +174,33 @@ class Launcher:
         if found.owner.startswith("/"):
             return found.owner in self._made
         return not self._opaque
+
+    def _compose(self, plans: Iterable[ProcessPlan], timeout_s: float) -> None:
+        """Load the components of containers that have been started.
+
+        Raises:
+            RunError: a container dies, does not answer in time, or refuses a component.
+        """
+        containers = tuple(
+            protocol.Composition(container=container_node(each.argv), nodes=each.nodes)
+            for each in plans
+        )
+        if not containers:
+            return
+        child = self._children.start(
+            _COMPOSER,
+            "caller",
+            [interpreter(), "-P", "-m", "r2bspec.harness.child"],
+            self._environment.of_harness(),
+            cwd=self._base_dir,
+            log=self._folder.log_path(_COMPOSER),
+        )
+        timeout_ns = round(timeout_s * 1e9)
+        self.configure(
+            child, protocol.ConfigureComponents(containers=containers, timeout_ns=timeout_ns)
+        )
+        self._children.answer(child, protocol.Composed, timeout_s + _ASK_S)
+        self._children.end([child])
 
     def do(self, step: AfterReadyPlan) -> None:
         """Do what the spec says once the graph stands, and wait until it is done.

@@ -69,6 +69,38 @@ def _fitting(current: Any, type_name: str, value: Any, where: str) -> Any:
     return value
 
 
+def call_service(
+    node: Node, type_name: str, service: str, request: dict[str, Any], deadline: float
+) -> Any:
+    """Wait for a service, call it, and wait for its response.
+
+    Args:
+        node: makes the call; nobody else spins it.
+        type_name: such as ``std_srvs/srv/Trigger``.
+        service: its full name.
+        request: the fields of the request; what is not named keeps its default.
+        deadline: on the monotonic clock, in seconds.
+
+    Raises:
+        CallError: there is no such service in time, it refuses the request, or does not answer.
+    """
+    kind = service_class(type_name)
+    message = fill(kind.Request(), request)
+    client = node.create_client(kind, service)
+    try:
+        if not client.wait_for_service(max(0.0, deadline - time.monotonic())):
+            raise CallError(f"there is no service {service}")
+        future = client.call_async(message)
+        rclpy.spin_until_future_complete(
+            node, future, timeout_sec=max(0.0, deadline - time.monotonic())
+        )
+        if not future.done():
+            raise CallError(f"service {service} did not answer in time")
+        return future.result()
+    finally:
+        node.destroy_client(client)
+
+
 class Caller:
     """Waits for a service, calls it once, and says what came back."""
 
@@ -85,17 +117,10 @@ class Caller:
         """
         self._channel.send(protocol.Ready())
         settings = self._settings
-        kind = service_class(settings.type)
         deadline = time.monotonic() + settings.timeout_ns / 1e9
-        client = self._node.create_client(kind, settings.service)
-        if not client.wait_for_service(settings.timeout_ns / 1e9):
-            raise CallError(f"there is no service {settings.service}")
-        future = client.call_async(fill(kind.Request(), settings.request))
-        rclpy.spin_until_future_complete(
-            self._node, future, timeout_sec=max(0.0, deadline - time.monotonic())
+        response = call_service(
+            self._node, settings.type, settings.service, settings.request, deadline
         )
-        if not future.done():
-            raise CallError(f"service {settings.service} did not answer in time")
-        self._channel.send(protocol.Called(response=repr(future.result())))
+        self._channel.send(protocol.Called(response=repr(response)))
         while not isinstance(self._channel.receive(), protocol.Shutdown):
             pass

@@ -95,6 +95,20 @@ class ConfigureCaller(_Message, frozen=True, kw_only=True, tag=True):
     timeout_ns: int
 
 
+class Composition(msgspec.Struct, frozen=True, kw_only=True):
+    """The full name of a container's node, and the components to be loaded into it, in order."""
+
+    container: str
+    nodes: tuple[NodePlan, ...]
+
+
+class ConfigureComponents(_Message, frozen=True, kw_only=True, tag=True):
+    """Load components into containers that run; `Composed` follows `Ready`."""
+
+    containers: tuple[Composition, ...]
+    timeout_ns: int
+
+
 class Subscribe(_Message, frozen=True, kw_only=True, tag=True):
     """Make the subscriptions. A topic without QoS of its own waits for its writer to be seen.
 
@@ -168,6 +182,7 @@ Command = (
     | ConfigureHost
     | ConfigureHarness
     | ConfigureCaller
+    | ConfigureComponents
     | Subscribe
     | Watch
     | Unwatch
@@ -249,6 +264,12 @@ class Called(_Message, frozen=True, kw_only=True, tag=True):
     response: str
 
 
+class Composed(_Message, frozen=True, kw_only=True, tag=True):
+    """All components are loaded; these are the full names of their nodes, in order."""
+
+    nodes: tuple[str, ...]
+
+
 class Loaded(_Message, frozen=True, kw_only=True, tag=True):
     """How many messages went out and came in, by topic."""
 
@@ -271,7 +292,7 @@ class Failed(_Message, frozen=True, kw_only=True, tag=True):
     detail: str = ""
 
 
-Reply = Ready | Matched | Discovered | Surveyed | Called | Loaded | Played | Failed
+Reply = Ready | Matched | Discovered | Surveyed | Called | Composed | Loaded | Played | Failed
 
 _COMMANDS: msgspec.json.Decoder[Command] = msgspec.json.Decoder(Command)
 _REPLIES: msgspec.json.Decoder[Reply] = msgspec.json.Decoder(Reply)

@@ -65,6 +65,10 @@ def _take_role(channel: Channel, command: protocol.Command) -> Role:
             from r2bspec.harness.caller import Caller
 
             return Caller(channel, command)
+        case protocol.ConfigureComponents():
+            from r2bspec.harness.components import Components
+
+            return Components(channel, command)
     raise RuntimeError(f"a process is configured first, not told to {type(command).__name__}")
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from r2bspec.spec.model import Container, Launch, Node, ParameterValue
 from r2bspec.wiring.model import NodeWiring
@@ -48,6 +48,12 @@ def container_argv(name: str, container: Container, namespace: str) -> tuple[str
     if container.threads and container.executable == "component_container_mt":
         words += ["-p", f"thread_num:={container.threads}"]
     return tuple(words)
+
+
+def container_node(argv: Iterable[str]) -> str:
+    """The full name of the node of a container that is started so."""
+    rules = dict(word.split(":=", 1) for word in argv if word.startswith(("__node:=", "__ns:=")))
+    return f"{rules['__ns'].rstrip('/')}/{rules['__node']}"
 
 
 def node_argv(wired: NodeWiring) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from r2bspec.plan.model import Plan, ProcessPlan
+from r2bspec.plan.model import Plan
 
 
 class Unsupported(NamedTuple):
@@ -22,15 +22,10 @@ class Unsupported(NamedTuple):
 def unsupported(plan: Plan) -> list[Unsupported]:
     """All such parts, in the order of the plan's fields; empty if the plan can be run."""
     return [
-        *(each for process in plan.processes for each in _process(process)),
         *_playback(plan),
     ]
 
 
-def _process(process: ProcessPlan) -> Iterator[Unsupported]:
-    path = f"processes.{process.name}"
-    if process.role == "container":
-        yield Unsupported(f"{path}.role", "C++ component containers")
 
 
 def _playback(plan: Plan) -> Iterator[Unsupported]:

@@ -69,6 +69,10 @@ COMMANDS: list[protocol.Command] = [
     protocol.ConfigureCaller(
         service="/r2b/start", type="std_srvs/srv/SetBool", request={"data": True}, timeout_ns=1
     ),
+    protocol.ConfigureHarness(parts=("player", "monitor")),
+    protocol.ConfigureComponents(
+        containers=(protocol.Composition(container="/r2b/front", nodes=(NODE,)),), timeout_ns=1
+    ),
     protocol.Subscribe(),
     protocol.Watch(monitors=(MONITOR,)),
     protocol.Unwatch(),
@@ -92,6 +96,7 @@ REPLIES: list[protocol.Reply] = [
     protocol.Discovered(writers={"/a": (ENDPOINT,)}, readers={"/a": ()}),
     protocol.Surveyed(nodes=("/r2b/relay",), services=()),
     protocol.Called(response="success: true"),
+    protocol.Composed(nodes=("/r2b/relay",)),
     protocol.Loaded(published={"/a": 3}, recorded={"/b": 2}),
     protocol.Played(steps=7),
     protocol.Failed(code="R2B633", message="line one\nline two: \N{SNOWMAN}", hint="h", detail="d"),
