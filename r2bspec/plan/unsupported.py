@@ -21,13 +21,9 @@ class Unsupported(NamedTuple):
 
 def unsupported(plan: Plan) -> list[Unsupported]:
     """All such parts, in the order of the plan's fields; empty if the plan can be run."""
-    return [
-        *_playback(plan),
-    ]
+    return [*_harness(plan)]
 
 
-
-
-def _playback(plan: Plan) -> Iterator[Unsupported]:
+def _harness(plan: Plan) -> Iterator[Unsupported]:
     if plan.harness.kind != "r2bspec":
         yield Unsupported("harness.kind", f"the harness {plan.harness.kind!r}")

@@ -91,8 +91,11 @@ def test_every_process_has_the_run_id_and_a_domain_of_this_host_only(
     for each in (made.of_harness(), made.of_node({})):
         assert each["R2BSPEC_RUN_ID"] == "abc"
         assert each["ROS_DOMAIN_ID"] == "7"
-        assert each["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+        # The profile of the transport says it, see below.
+        assert each["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SYSTEM_DEFAULT"
         assert "ROS_LOCALHOST_ONLY" not in each
+    for each in (environment(tmp_path, plan("inherit")).of_node({}),):
+        assert each["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
 
 
 def test_modules_are_found_although_processes_run_in_the_folder_of_the_spec(
@@ -164,6 +167,18 @@ def test_shared_memory_holds_several_of_the_largest_message(largest: int) -> Non
     assert segment >= min(20 * largest, 2**32 - 2**20)
     assert largest < message <= segment
     assert segment < 2**32
+
+
+@pytest.mark.parametrize("transport", ["shared_memory", "udp"])
+def test_processes_find_each_other_on_this_host_only(transport: str) -> None:
+    profile = transport_profile(transport, 1_000_000)
+    root = ET.fromstring(profile)  # noqa: S314 - written by the function under test
+    asked = root.findall(".//dds:initialPeersList/dds:locator/dds:udpv4/dds:address", NAMESPACE)
+    assert [each.text for each in asked] == ["127.0.0.1"]
+    # What stands here takes the place of multicast.
+    assert root.find(".//dds:metatrafficUnicastLocatorList/dds:locator", NAMESPACE) is not None
+    used = descriptors(profile)["udp"].findall("dds:interfaceWhiteList/dds:address", NAMESPACE)
+    assert [each.text for each in used] == ["127.0.0.1"]
 
 
 def test_udp_uses_no_shared_memory() -> None:

@@ -1,0 +1,84 @@
+"""Messages go the way that a spec names, and no other."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+pytest.importorskip("rclpy")
+
+from r2bspec.execute.domain import reserved_domain
+from r2bspec.execute.environment import RunEnvironment, segment_bytes
+from ros_runs import HANG_S
+from run_simulation import Simulation
+
+IMAGE_BYTES = 1280 * 720 * 3
+
+LOOK = """
+import os, pathlib, rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("looks")
+publisher = node.create_publisher(String, "a", 10)
+maps = pathlib.Path("/proc/self/maps").read_text()
+print(sorted({each.split()[-1] for each in maps.splitlines() if "/dev/shm/fast" in each}))
+for name in {each.split()[-1] for each in maps.splitlines() if "/dev/shm/fast" in each}:
+    print("size", os.stat(name).st_size)
+inodes = {os.readlink(f"/proc/self/fd/{each}") for each in os.listdir("/proc/self/fd")
+          if os.path.exists(f"/proc/self/fd/{each}")}
+for line in list(open("/proc/net/udp"))[1:]:
+    words = line.split()
+    if f"socket:[{words[9]}]" in inodes:
+        print("bound", words[1].split(":")[0])
+node.destroy_node()
+rclpy.shutdown()
+"""
+
+
+def seen(tmp_path: Path, transport: Any) -> str:
+    """What a process of a run has open: segments with their sizes, and addresses of sockets."""
+    plan = Simulation().plan()
+    made = msgspec.structs.replace(plan, transport=transport)
+    with reserved_domain() as domain:
+        environment = RunEnvironment(
+            made, run_id="t", domain=domain, scratch=tmp_path, largest_message_bytes=IMAGE_BYTES
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", LOOK],
+            env=environment.of_node({}),
+            capture_output=True,
+            text=True,
+            timeout=HANG_S,
+            check=True,
+        )
+    return done.stdout
+
+
+def sizes(said: str) -> list[int]:
+    return [int(each) for each in re.findall(r"size (\d+)", said)]
+
+
+def test_udp_is_udp_alone(tmp_path: Path) -> None:
+    """The middleware would add shared memory of its own, and prefer it."""
+    assert sizes(seen(tmp_path, "udp")) == []
+
+
+def test_shared_memory_is_as_large_as_the_messages_need_and_there_is_no_other(
+    tmp_path: Path,
+) -> None:
+    found = sizes(seen(tmp_path, "shared_memory"))
+    segments = [each for each in found if each > 1 << 18]
+    assert len(segments) == 1, found
+    assert segments[0] >= segment_bytes(IMAGE_BYTES)
+
+
+def test_nothing_of_a_run_listens_to_other_machines(tmp_path: Path) -> None:
+    bound = set(re.findall(r"bound (\w+)", seen(tmp_path, "udp")))
+    # 127.0.0.1, in the byte order of this machine.
+    assert bound == {"0100007F"}
