@@ -11,11 +11,12 @@ comma := ,
 EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test install install-dev lint types imports unit ros clean
+.PHONY: help demo test install install-dev lint types imports unit ros bench clean
 
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
 	@echo "make test      install, then run every check and test"
+	@echo "make bench     measure the harness, and rewrite the tables of docs/performance.md"
 	@echo "make clean     remove the environment and everything that was generated"
 
 demo: install
@@ -52,6 +53,12 @@ unit: install-dev
 
 ros: install-dev
 	$(BIN)/pytest tests/ros tests/fault
+
+# BENCH=--quick prints a short one and writes nothing; BENCH=--ablate leaves out techniques in turn.
+BENCH ?=
+
+bench: install-dev
+	$(BIN)/python tests/bench/harness_floor.py $(BENCH) $(if $(filter --quick,$(BENCH)),,--write docs/performance.md)
 
 clean:
 	rm -rf $(VENV) .coverage .mypy_cache .ruff_cache .pytest_cache .hypothesis runs

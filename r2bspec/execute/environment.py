@@ -122,8 +122,8 @@ def transport_profile(transport: str, largest_message_bytes: int, segment: int =
     """The Fast DDS profile of a transport, as XML.
 
     Discovery needs UDP, and knows this host only: it asks ports of the loopback device instead of
-    a multicast group. Messages then take shared memory where both sides have it. With the default segment of 512 KiB an image would travel in fragments
-    over UDP, at ten times the latency.
+    a multicast group. Messages then take shared memory where both sides have it. With the default
+    segment of 512 KiB an image would travel in fragments, at ten times the latency.
 
     Args:
         transport: ``shared_memory`` or ``udp``.
@@ -188,9 +188,9 @@ class RunEnvironment:
             profile.write_text(
                 transport_profile(plan.transport, largest_message_bytes, plan.segment_bytes)
             )
-            # The profile says how processes find each other. With LOCALHOST the middleware would add
-            # shared memory of 512 KiB to its transports, and prefer that to UDP: images would go
-            # through it in fragments, at ten times the latency.
+            # The profile says how processes find each other. With LOCALHOST the middleware would
+            # add shared memory of 512 KiB to its transports, and prefer that to UDP: images would
+            # go through it in fragments, at ten times the latency.
             self._common["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
             self._common["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
             self._common["FASTDDS_DEFAULT_PROFILES_FILE"] = str(profile)

@@ -12,7 +12,11 @@ from typing import Any
 
 WITHOUT_VARIABLE = "FLOOR_WITHOUT"
 
-_ALLOCATOR = ("MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", "MALLOC_TOP_PAD_")
+_VARIABLES = {
+    "allocator": ("MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", "MALLOC_TOP_PAD_"),
+    "huge-pages": ("GLIBC_TUNABLES",),
+}
+"""Techniques that are in the environment, and have to be before the process starts."""
 
 
 def _without_rcl() -> None:
@@ -67,9 +71,7 @@ _TECHNIQUES: dict[str, Any] = {
     "learning": _without_learning,
     "early-stamps": _without_early_stamps,
     "idle-collector": _without_idle_collector,
-    # It must be in the environment before the process starts.
-    "allocator": lambda: None,
-}
+} | dict.fromkeys(_VARIABLES, lambda: None)
 
 TECHNIQUES = tuple(_TECHNIQUES)
 
@@ -77,8 +79,9 @@ TECHNIQUES = tuple(_TECHNIQUES)
 def leave_out() -> None:
     """Undo the techniques that the environment names."""
     named = [each for each in os.environ.get(WITHOUT_VARIABLE, "").split(",") if each]
-    if "allocator" in named and any(name in os.environ for name in _ALLOCATOR):
-        rest = {name: value for name, value in os.environ.items() if name not in _ALLOCATOR}
+    unwanted = {name for each in named for name in _VARIABLES.get(each, ())}
+    if unwanted & set(os.environ):
+        rest = {name: value for name, value in os.environ.items() if name not in unwanted}
         os.execve(sys.executable, [sys.executable, *sys.argv], rest)  # noqa: S606
     for each in named:
         _TECHNIQUES[each]()

@@ -1,10 +1,13 @@
 """How fast the harness is with nothing under test: what every reported latency contains.
 
-    python tests/bench/harness_floor.py [--seconds 5] [--repeats 3] [--rates] [--ablate]
+    python tests/bench/harness_floor.py [--quick] [--write docs/performance.md]
+    python tests/bench/harness_floor.py --ablate [--write docs/performance.md]
 
 Player to monitor, for each workload, transport and placement, beside a plain rclpy publisher and
-subscriber in the same run. Repetitions are interleaved, and each figure is the median of them, so
-that a disturbance of the machine touches all rows alike. Prints Markdown; asserts nothing.
+subscriber in the same run; then the highest rate that each holds. Repetitions are interleaved, and
+each figure is the median of them, so that a disturbance of the machine touches all rows alike.
+Prints Markdown, and with ``--write`` puts it in its places on a page; asserts nothing. All of it
+takes about ten minutes, ``--quick`` one, in which little is played.
 """
 
 from __future__ import annotations
@@ -14,12 +17,14 @@ import os
 import platform
 import statistics
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from floor_child import TECHNIQUES
 from floor_figures import Figures, medians
 from floor_harness import floor
+from floor_page import put
 from floor_peer import measure_peer
 from floor_workloads import LARGE, MEDIUM, SMALL, WORKLOADS, Workload
 
@@ -43,8 +48,20 @@ class Case:
 
 def main() -> int:
     options = _options()
-    changes = dict(each.partition("=")[::2] for each in options.env)
-    made = _ablations(changes) if options.ablate else _cases(changes, options.without)
+    if options.ablate:
+        found, conditions = _measure(_ablations(options), options)
+        _show(options, "techniques", [*_ablation_table(found), "", conditions])
+        return 0
+    found, conditions = _measure(_cases(options), options)
+    if found:
+        _show(options, "floors", [conditions, "", *_floor_table(found)])
+    if options.rates and not options.quick:
+        _show(options, "rates", list(_rate_table(options)))
+    return 0
+
+
+def _measure(made: list[Case], options: argparse.Namespace) -> tuple[dict[Case, Figures], str]:
+    """Measure all cases in turn; returns the medians, and under which conditions they were made."""
     cases = [each for each in made if options.only in each.title]
     found: dict[Case, list[Figures]] = {case: [] for case in cases}
     loads = [os.getloadavg()[0]]
@@ -53,27 +70,34 @@ def main() -> int:
             loads.append(os.getloadavg()[0])
             found[case].append(case.measure(options.seconds))
             _tell(f"{repeat}/{options.repeats} {case.title}")
-    _print(
+    conditions = (
         f"{len(os.sched_getaffinity(0))} cores, {platform.machine()}, Linux {platform.release()}, "
         f"Python {platform.python_version()}; load average while measuring "
         f"{statistics.median(loads):.1f} (median), {max(loads):.1f} (most); medians of "
-        f"{options.repeats} runs of {options.seconds:g} s.\n"
+        f"{options.repeats} runs of {options.seconds:g} s."
     )
-    if cases:
-        _print_floors({case: medians(several) for case, several in found.items()})
-    if options.rates:
-        _print("")
-        _print_rates(options)
-    return 0
+    return {case: medians(several) for case, several in found.items()}, conditions
+
+
+def _show(options: argparse.Namespace, section: str, lines: list[str]) -> None:
+    """Print a section, and put it in its place on the page if there is one."""
+    text = "\n".join(lines)
+    print(f"{text}\n", flush=True)  # noqa: T201 - a program
+    if options.write:
+        put(options.write, section, text)
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--seconds", type=float, default=5.0, help="how long each run plays")
+    parser.add_argument("--quick", action="store_true", help="one second of each, and no rates")
+    parser.add_argument("--write", type=Path, help="the page to put the tables into")
+    parser.add_argument("--seconds", type=float, default=2.0, help="how long each run plays")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each case")
-    parser.add_argument("--rates", action="store_true", help="search the highest rates, too")
+    parser.add_argument(
+        "--no-rates", dest="rates", action="store_false", help="leave out the highest rates"
+    )
     parser.add_argument("--only", default="", help="only cases whose name contains this")
     parser.add_argument(
         "--ablate",
@@ -94,10 +118,14 @@ def _options() -> argparse.Namespace:
         metavar="NAME=VALUE",
         help="a variable of player and monitor; NAME= removes it",
     )
-    return parser.parse_args()
+    options = parser.parse_args()
+    if options.quick:
+        options.seconds, options.repeats = 1.0, 1
+    return options
 
 
-def _cases(changes: dict[str, str], without: list[str]) -> list[Case]:
+def _cases(options: argparse.Namespace) -> list[Case]:
+    changes, without = _changes(options), options.without
     cases = []
     for workload in WORKLOADS:
         for transport in TRANSPORTS:
@@ -121,7 +149,12 @@ def _cases(changes: dict[str, str], without: list[str]) -> list[Case]:
     return cases
 
 
-def _ablations(changes: dict[str, str]) -> list[Case]:
+def _changes(options: argparse.Namespace) -> dict[str, str]:
+    return dict(each.partition("=")[::2] for each in options.env)
+
+
+def _ablations(options: argparse.Namespace) -> list[Case]:
+    changes = _changes(options)
     cases = []
     for workload in WORKLOADS:
         for left_out in ("", *TECHNIQUES):
@@ -138,33 +171,47 @@ def _ablations(changes: dict[str, str]) -> list[Case]:
     return cases
 
 
-def _print_floors(rows: dict[Case, Figures]) -> None:
-    _print(
+def _floor_table(rows: dict[Case, Figures]) -> Iterator[str]:
+    yield (
         "| workload | transport, placement | to the middleware p50, p99 | to Python p50, p99 "
         "| published late p50, p99 | CPU per message | sent | lost |"
     )
-    _print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for case, row in rows.items():
-        _print(
+        yield (
             f"| {case.workload.name} | {case.name} | {_ms(row.received_p50, row.received_p99)} "
             f"| {_ms(row.taken_p50, row.taken_p99)} | {_ms(row.late_p50, row.late_p99)} "
             f"| {row.cpu_ms:.3f} ms | {row.sent:.0f} | {row.lost:.0f} |"
         )
 
 
-def _print_rates(options: argparse.Namespace) -> None:
-    _print("| size | " + " | ".join(TRANSPORTS) + " |")
-    _print("| --- |" + " --- |" * len(TRANSPORTS))
+def _ablation_table(rows: dict[Case, Figures]) -> Iterator[str]:
+    """A row for each technique that is left out: late, to the middleware, CPU per message."""
+    workloads = list(dict.fromkeys(case.workload for case in rows))
+    yield "| | " + " | ".join(each.name for each in workloads) + " |"
+    yield "| --- |" + " --- |" * len(workloads)
+    for name in dict.fromkeys(case.name for case in rows):
+        cells = {
+            case.workload: f"{row.late_p50:.3f} / {row.received_p50:.3f} / {row.cpu_ms:.3f}"
+            for case, row in rows.items()
+            if case.name == name
+        }
+        yield f"| {name} | " + " | ".join(cells.get(each, "") for each in workloads) + " |"
+
+
+def _rate_table(options: argparse.Namespace) -> Iterator[str]:
+    # In one process the middleware hands messages over by itself, whatever the transport.
+    ways = [(each, PLACEMENTS[0]) for each in TRANSPORTS] + [(TRANSPORTS[0], PLACEMENTS[1])]
+    yield "| size | " + " | ".join([*TRANSPORTS, PLACEMENTS[1]]) + " |"
+    yield "| --- |" + " --- |" * len(ways)
     for workload in (WORKLOADS[0], *WORKLOADS[2:]):
         cells = []
-        for transport in TRANSPORTS:
-            rates = []
-            for _ in range(options.repeats):
-                with floor(workload, transport, "two processes") as ready:
-                    rates.append(ready.highest_rate(MOST_HZ[workload.size], 2.0, 0.05) or 0.0)
-            cells.append(f"{statistics.median(rates):,.0f} Hz")
-            _tell(f"highest rate: {workload.name}, {transport}: {rates}")
-        _print(f"| {workload.name.partition(' at')[0]} | " + " | ".join(cells) + " |")
+        for transport, placement in ways:
+            with floor(workload, transport, placement, _changes(options)) as ready:
+                rate = ready.highest_rate(MOST_HZ[workload.size], 1.0, 0.05)
+            cells.append(f"{rate:,.0f} Hz" if rate else "10 Hz or less")
+            _tell(f"highest rate: {workload.name}, {transport}, {placement}: {cells[-1]}")
+        yield f"| {workload.name.partition(' at')[0]} | " + " | ".join(cells) + " |"
 
 
 def _ms(p50: float, p99: float) -> str:
@@ -173,10 +220,6 @@ def _ms(p50: float, p99: float) -> str:
 
 def _tell(text: str) -> None:
     print(text, file=sys.stderr, flush=True)  # noqa: T201 - a program
-
-
-def _print(text: str) -> None:
-    print(text, flush=True)  # noqa: T201 - a program
 
 
 if __name__ == "__main__":
