@@ -30,7 +30,7 @@ _DEFAULT_HZ = 30.0
 _WARM_UP_STEPS = 30
 """More than a queue holds, so that every page that will be used has been touched."""
 
-_READER_DEPTH = 100
+_READER_DEPTH = 1000
 _ASK_S = 10.0
 _MATCH_S = 10.0
 _QUIET_S = 0.3

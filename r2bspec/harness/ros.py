@@ -30,9 +30,10 @@ from r2bspec.spec.model import QoS
 _to_destroy: list[Node] = []
 _initialising = threading.Lock()
 
-READER_DEPTH = 100
-"""History depth of what the harness reads: deep enough that a monitor that was not scheduled for
-a while loses nothing that its writer still holds."""
+READER_DEPTH = 1000
+"""History depth of what the harness reads: a second at 1 kHz, so that a monitor that was not
+scheduled for a while loses nothing. Memory is taken only for messages that wait; with 100 a busy
+machine was seen to lose some."""
 
 
 class TypeNotFoundError(Exception):
