@@ -11,7 +11,7 @@ import shutil
 from pathlib import Path
 
 from r2bspec.execute.errors import SharedMemoryError
-from r2bspec.harness.reaping import SHARED_MEMORY
+from r2bspec.harness.segments import SHARED_MEMORY
 from r2bspec.measure.units import show
 from r2bspec.plan.model import Plan
 
