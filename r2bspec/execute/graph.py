@@ -187,20 +187,25 @@ class Launcher:
         )
         if not containers:
             return
-        child = self._children.start(
-            _COMPOSER,
-            "caller",
-            [interpreter(), "-P", "-m", "r2bspec.harness.child"],
-            self._environment.of_harness(),
-            cwd=self._base_dir,
-            log=self._folder.log_path(_COMPOSER),
-        )
+        child = self._start_caller(_COMPOSER)
         timeout_ns = round(timeout_s * 1e9)
         self.configure(
             child, protocol.ConfigureComponents(containers=containers, timeout_ns=timeout_ns)
         )
         self._children.answer(child, protocol.Composed, timeout_s + _ASK_S)
         self._children.end([child])
+        self._made |= {node.name for each in containers for node in each.nodes}
+
+    def _start_caller(self, name: str) -> Child:
+        """A process of the harness that calls services, and then waits for its role."""
+        return self._children.start(
+            name,
+            "caller",
+            [interpreter(), "-P", "-m", "r2bspec.harness.child"],
+            self._environment.of_harness(),
+            cwd=self._base_dir,
+            log=self._folder.log_path(name),
+        )
 
     def do(self, step: AfterReadyPlan) -> None:
         """Do what the spec says once the graph stands, and wait until it is done.
@@ -217,9 +222,7 @@ class Launcher:
             child = self._children.start(name, "command", argv, env, cwd=self._base_dir, log=log)
             wait_for_end(child, self._children, timeout_s)
             return
-        argv = [interpreter(), "-P", "-m", "r2bspec.harness.child"]
-        env = self._environment.of_harness()
-        child = self._children.start(name, "caller", argv, env, cwd=self._base_dir, log=log)
+        child = self._start_caller(name)
         self.configure(
             child,
             protocol.ConfigureCaller(
