@@ -252,6 +252,9 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
     if spec.preprocessors:
         yield "preprocess"
     yield "start"
+    if not spec.live:
+        yield "floor"
+    yield "graph"
     if spec.ready:
         yield "ready"
     if spec.after_ready:

@@ -302,11 +302,11 @@ class GatePlan(_Value, frozen=True, kw_only=True):
 class Plan(_Value, frozen=True, kw_only=True):
     """The whole run.
 
-    `phases` are those of setup, load, preprocess, start, ready, after_ready, warm_up, search,
-    sustained, play and collect that happen, in this order. `sustained_hz` are the rates that an
-    objective requires to be sustained and that get one sequential probe each. `play_at_peak` is
-    what is played at the rate that the search finds, where an objective speaks of it; its own rate
-    is 0.
+    `phases` are those of setup, load, preprocess, start, floor, graph, ready, after_ready, warm_up,
+    search, sustained, play and collect that happen, in this order. `sustained_hz` are the rates
+    that an objective requires to be sustained and that get one sequential probe each.
+    `play_at_peak` is what is played at the rate that the search finds, where an objective speaks
+    of it; its own rate is 0.
     `largest_message_bytes` is over the bag topics that are used, and 0 if unknown.
 
     Attributes:
