@@ -48,7 +48,8 @@ PHASE = "measure"
 
 _WARM_UP_HZ = 10.0
 _WARM_UP_STEPS = 10
-_WARM_UP_NS = 500_000_000
+_WARM_UP_NS = 1_000_000_000
+"""How long an attempt lasts after one in which nothing came."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +243,7 @@ class Batch:
                 "warm_up",
                 f"warm_up-{attempt:03d}",
                 rate_hz,
-                plan.warm_up_ns or _WARM_UP_NS,
+                max(plan.warm_up_ns, 0 if attempt == 1 else _WARM_UP_NS),
                 title=title,
                 index=attempt,
                 least_steps=_WARM_UP_STEPS,
