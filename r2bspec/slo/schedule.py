@@ -65,7 +65,8 @@ def off_schedule(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str
             f"were due (p99 {show(late_s, 's')})."
         )
     held_s = sum(one.segment.monitor_held_ns for one in iterations) / 1e9
-    if held_s > UNWATCHED * sum(one.playback.sent for one in iterations) / offered_hz:
+    played_s = sum(one.segment.ended_ns - one.segment.began_ns for one in iterations) / 1e9
+    if held_s > UNWATCHED * played_s:
         return (
             f"The monitor had no processor for {show(held_s, 's')}, so that it is not known when "
             "messages arrived."
