@@ -127,6 +127,8 @@ def floor(
         buffers, rows = folder / "buffers", folder / "rows"
         buffers.mkdir()
         rows.mkdir()
+        # Of their own: what grows too large beside logs is cut.
+        (folder / "logs").mkdir()
         write_buffer(buffers, workload)
         run_id = f"bench-{os.getpid()}-{time.monotonic_ns()}"
         environment = (
@@ -184,7 +186,7 @@ def _start_parts(
 
     def start(name: str, parts: Sequence[str] = ()) -> Child:
         program = [sys.executable, str(Path(__file__).with_name("floor_child.py"))]
-        log = folder / f"{name}.log"
+        log = folder / "logs" / f"{name}.log"
         return children.start(name, name, program, environment, cwd=folder, log=log, parts=parts)
 
     if placement == "one process":
