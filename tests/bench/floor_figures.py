@@ -35,9 +35,7 @@ def figures(playback: Any, monitor: Any, spent_ns: int) -> Figures:
         monitor: rows of `r2bspec.record.model.MONITOR_FIELDS`.
         spent_ns: processor time of both sides.
     """
-    _, sent, got = np.intersect1d(
-        playback["stamp_ns"], monitor["stamp_ns"], assume_unique=True, return_indices=True
-    )
+    _, sent, got = np.intersect1d(playback["stamp_ns"], monitor["stamp_ns"], return_indices=True)
     published = playback["published_ns"][sent]
     late = playback["published_ns"] - playback["due_ns"]
     return Figures(
