@@ -20,6 +20,10 @@ _SAME_ACT_S = 0.5
 timeout both pass one Ctrl-C on, so that it arrives twice."""
 
 
+class _AtOnce(BaseException):
+    """Leaves whatever is under way; no Exception, which readers of damaged files catch."""
+
+
 class Interrupts:
     """While active, the first signal makes `check` raise and a second ends the process at once.
 
@@ -58,7 +62,7 @@ class Interrupts:
         if self._received is None:
             self._received, self._received_s = signal.Signals(number), now_s
             if self._at_once:
-                self.check()
+                raise _AtOnce
         elif now_s - self._received_s >= _SAME_ACT_S:
             os._exit(InterruptedRunError.exit_code)
 
@@ -75,6 +79,8 @@ class Interrupts:
         self._at_once = True
         try:
             yield
+        except _AtOnce:
+            self.check()
         finally:
             self._at_once = False
 

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
@@ -57,6 +58,20 @@ def test_handlers_are_as_before_afterwards() -> None:
     with Interrupts():
         assert signal.getsignal(signal.SIGINT) != before[signal.SIGINT]
     assert {each: signal.getsignal(each) for each in before} == before
+
+
+@SIGNALS
+def test_what_catches_every_error_does_not_catch_an_interrupt(number: signal.Signals) -> None:
+    with (
+        Interrupts() as interrupts,
+        pytest.raises(InterruptedRunError, match=f"interrupted by {number.name}"),
+        interrupts.at_once(),
+    ):
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(60)
+        except Exception as error:
+            raise ValueError("the bag cannot be read") from error
 
 
 def test_a_run_that_was_started_with_nohup_outlives_its_terminal() -> None:
