@@ -17,7 +17,7 @@ NAMED = sorted(set(re.findall(r"`(tests/\S+?\.py)::(\w+)`", PAGE.read_text())))
 def test_a_test_that_holds_a_promise_is_there(file: str, name: str) -> None:
     functions = [
         each.name
-        for each in ast.parse((ROOT / file).read_text()).body
+        for each in ast.walk(ast.parse((ROOT / file).read_text()))
         if isinstance(each, ast.FunctionDef)
     ]
     assert name in functions
