@@ -29,12 +29,12 @@ class Played:
 
     segments: list[Segment] = field(default_factory=list)
 
-    def play(
+    def play_for(
         self,
         kind: Any,
         name: str,
         rate_hz: float,
-        steps: int,
+        duration_ns: int,
         *,
         index: int,
         rerun_of: str,
@@ -46,7 +46,7 @@ class Played:
                 kind=kind,
                 rate_hz=rate_hz,
                 index=index,
-                steps=steps,
+                steps=round(rate_hz * duration_ns / 1e9),
                 began_ns=0,
                 ended_ns=1,
                 complete=True,

@@ -23,8 +23,8 @@ class Writers:
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
-        self.player = RowWriter(folder / "player", 4)
-        self.monitor = RowWriter(folder / "monitor", 4)
+        self.player = RowWriter(folder / "player", len(PLAYBACK_FIELDS))
+        self.monitor = RowWriter(folder / "monitor", len(MONITOR_FIELDS))
         self.folder = folder
         self.steps = 0
 
@@ -32,7 +32,7 @@ class Writers:
         """One step, answered after a while or not at all."""
         self.steps += 1
         now_ns = self.steps * 10 * MS
-        self.player.append(self.steps, now_ns, now_ns, now_ns)
+        self.player.append(self.steps, now_ns, now_ns, now_ns, -1)
         if latency_ms is not None:
             received_ns = now_ns + round(latency_ms * MS)
             self.monitor.append(stamp or self.steps, received_ns, received_ns, 0)
