@@ -108,9 +108,9 @@ class _SpecFile(pytest.File):
 
         stored = self.config.getoption("--r2bspec-runs")
         if stored is not None:
-            from r2bspec.record.store import open_run
+            from r2bspec.report.sources import read_folder
 
-            return api.judge(open_run(Path(stored) / name))
+            return read_folder(Path(stored) / name).result
         output = self.config.getoption("--r2bspec-output")
         return api.run(api.prepare(self.path), Path(output) / name if output else None)
 
