@@ -17,6 +17,7 @@ from r2bspec.harness.pacing import Pacer
 from r2bspec.harness.repertoire import TF_QOS, Repertoire, publish_static
 from r2bspec.harness.rows import RowWriter
 from r2bspec.harness.schedule import NO_STEP, Cyclic, Event, Timeline
+from r2bspec.harness.step_rows import StepRows
 from r2bspec.harness.transforms import TF, TF_STATIC, TF_TYPE
 
 _LEAD_NS = 20_000_000
@@ -104,7 +105,7 @@ class Player:
             self._static.wait_until_heard()
         begin_ns = time.monotonic_ns() + _LEAD_NS
         epoch_ns = self._epoch(begin_ns)
-        rows = _StepRows(self._rows)
+        rows = StepRows(self._rows)
         events = self._schedule.events(rate_hz, steps, self._next)
         for number, event in enumerate(events):
             # From the first due time, not from the last: rounding must not add up.
@@ -156,34 +157,3 @@ class Player:
         for publish in publications:
             publish()
         return published_ns, time.monotonic_ns()
-
-
-class _StepRows:
-    """Writes one row per step, in the order in which steps begin.
-
-    In a timeline a step may end after the next one has begun, and its row is known by then only.
-    """
-
-    def __init__(self, rows: RowWriter) -> None:
-        self._rows = rows
-        self._open: dict[int, tuple[int, int, int]] = {}
-        self._done: dict[int, tuple[int, int, int, int, int]] = {}
-        self.count = 0
-
-    def played(
-        self, event: Event, stamp_ns: int, due_ns: int, published_ns: int, done_ns: int
-    ) -> None:
-        """Take note of what was published of a step."""
-        if event.opens and event.closes and event.step == self.count:
-            self._append(stamp_ns, due_ns, published_ns, done_ns, event.inputs)
-            return
-        if event.opens:
-            self._open[event.step] = (stamp_ns, due_ns, published_ns)
-        if event.closes:
-            self._done[event.step] = (*self._open.pop(event.step), done_ns, event.inputs)
-        while self.count in self._done:
-            self._append(*self._done.pop(self.count))
-
-    def _append(self, *row: int) -> None:
-        self._rows.append(*row)
-        self.count += 1
