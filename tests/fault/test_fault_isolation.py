@@ -38,7 +38,7 @@ OWN = {
 }
 """What docs/reliability.md says that every process of a run gets."""
 
-MEMORY = {"MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", "MALLOC_TOP_PAD_"}
+MEMORY = {"MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", "MALLOC_TOP_PAD_", "GLIBC_TUNABLES"}
 """What those of the harness get, too."""
 
 SHOWS = "import os, time; print(sorted(os.environ)); time.sleep(600)"

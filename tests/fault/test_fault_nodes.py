@@ -144,6 +144,7 @@ def test_a_log_without_end_is_cut_and_the_run_says_so(done: Finished) -> None:
     assert log.stat().st_size <= LIMIT_BYTES
     text = log.read_bytes()
     assert text.startswith(b"word word ")
-    assert text.endswith(b"word ")
+    # It may have been cut while a word was being written.
+    assert text[-5:] in b"word word "
     assert text.count(b" MiB of this log here]\n") == 1
     assert "logs that were too long were cut: floods.log" in done.events()

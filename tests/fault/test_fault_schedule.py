@@ -42,9 +42,12 @@ def test_a_run_whose_harness_had_no_time_is_invalid_and_says_by_how_much(
     assert done.outcome == "invalid"
     assert done.run().record.status == "complete"
     (segment,) = [each for each in done.run().record.segments if each.kind == "iteration"]
-    assert (segment.monitor_held_ns > 0) or name == "player"
     # A busy machine may add to that, and the last of what was late was not late by all of it.
-    assert measured_s(done, words) > HELD_S / 2
+    if name == "monitor":
+        assert segment.monitor_held_ns > HELD_S / 2 * 1e9
+    # Should the player have been late of itself, that is what is said.
+    if name == "player" or "began over" not in done.stdout:
+        assert measured_s(done, words) > HELD_S / 2
     # Nothing was lost by it, and nothing is said about how fast the graph was.
     (rate,) = done.result()["metrics"]["rates"]
     assert rate["pooled"]["monitors"]["out"]["answered"] == 80
