@@ -56,11 +56,16 @@ def test_every_code_in_the_sources_has_a_page() -> None:
     assert used - all_pages().keys() == set()
 
 
+SAME_ON_THE_REAL_GRAPH = {"execute/differences.py", "execute/silence/walk.py"}
+"""Where a run finds in the real graph what a rule would have found, had it been known before."""
+
+
 def test_no_error_class_has_the_code_of_an_unrelated_rule() -> None:
     shared = re.compile(r"R2B(30\d|62[1-5])")
     rule_codes = {rule.code for rule in all_rules() if not shared.match(rule.code)}
     for file in (ROOT / "r2bspec").rglob("*.py"):
-        if "check" not in file.relative_to(ROOT).parts:
+        module = file.relative_to(ROOT / "r2bspec")
+        if "check" not in module.parts and module.as_posix() not in SAME_ON_THE_REAL_GRAPH:
             used = set(re.findall(r'"(R2B\d{3})"', file.read_text(encoding="utf-8")))
             assert used & rule_codes == set(), file
 
