@@ -44,6 +44,10 @@ _LOOKS_RATIO = 1.5
 _LEAST_MESSAGES = 20
 """Before that nothing is judged, unless the probe is over."""
 
+_SILENT_S = 2.0
+"""A graph that has answered nothing for so long will not have kept up when it does: it answered
+during the warm-up. To wait for the end of the probe would only make a search for nothing long."""
+
 _RUN_IN = 3
 """One of so many steps is left out at the start."""
 
@@ -152,7 +156,10 @@ def see(rate_hz: float, playback: Rows, monitor: Rows, matching: Matching, now_n
 
 def judge_look(seen: Seen, criterion: Criterion, look: Look) -> Judgement:
     """Judge a probe that is still being played, from what it has shown so far."""
-    if seen.whole.answered < _LEAST_MESSAGES or seen.later.batches < _LEAST_BATCHES:
+    whole = seen.whole
+    if look.at_s >= _SILENT_S and whole.published >= _LEAST_MESSAGES and not whole.answered:
+        return Judgement(False, _shortfall(whole))
+    if whole.answered < _LEAST_MESSAGES or seen.later.batches < _LEAST_BATCHES:
         return Judgement(None, "too early to tell")
     return _judge(seen, criterion, look)
 

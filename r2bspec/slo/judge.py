@@ -54,7 +54,8 @@ def judge(
     spoiled = tuple(
         Unusable(offered_hz=rate, reason=reason)
         for rate, reason in sorted({**schedule.probes, **schedule.iterations}.items())
-        if any(one.reason == reason for one in requirements)
+        # Where nothing is required, the figures themselves are what the run was for.
+        if not requirements or any(one.reason == reason for one in requirements)
     )
     outcome, reason = _overall(samples, requirements, spoiled, terms)
     return Verdict(

@@ -121,6 +121,8 @@ def test_a_graph_that_answers_nothing_does_not_hold() -> None:
     found = probe(Server(1000.0, loses=1.0), 50.0)
     assert found.judgement.holds is False
     assert found.delivery.delivered_hz == 0.0
+    # That is clear long before the end of the probe.
+    assert found.stopped_s < 3.0
 
 
 def test_what_the_player_cannot_offer_is_not_held_against_the_graph() -> None:

@@ -412,6 +412,13 @@ class TestTheWhole:
         samples = samples_of(tmp_path, Played(30, latencies(300)), late)
         assert ask(samples, "latency.p50 < 60 ms").outcome == "pass"
 
+    def test_without_objectives_every_rate_counts(self, tmp_path: Path) -> None:
+        late = Played(60, latencies(300), late=np.linspace(0, 1, 300))
+        samples = samples_of(tmp_path, Played(30, latencies(300)), late)
+        verdict = judge({}, samples)
+        assert (verdict.outcome, verdict.exit_code) == ("invalid", 4)
+        assert [one.offered_hz for one in verdict.unusable] == [60]
+
 
 class TestWindows:
     """``in 99 % of 1 s windows``."""
