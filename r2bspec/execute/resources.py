@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import heapq
+import struct
 import threading
 import time
 from pathlib import Path
@@ -26,6 +27,10 @@ _PERIOD_S = 0.2
 """Samples are cumulative, so a longer period blurs only maxima; a sample of three processes takes
 about half a millisecond of processor time, 0.3 % of a core at this period."""
 
+_RESOURCES = struct.Struct("<qidq")
+_SURROUNDINGS = struct.Struct("<qdddd")
+"""Rows of `r2bspec.record.model.RESOURCE_FIELDS` and `SURROUNDINGS_FIELDS`."""
+
 
 class ResourceSampler:
     """Samples processor time, memory and surroundings until stopped.
@@ -36,8 +41,9 @@ class ResourceSampler:
 
     def __init__(self) -> None:
         self._processes: list[psutil.Process | None] = []
-        self._rows: list[tuple[int, int, float, int]] = []
-        self._around: list[tuple[int, float, float, float, float]] = []
+        # Packed as they will be written: a day of samples is then some ten megabytes.
+        self._rows = bytearray()
+        self._around = bytearray()
         self._surroundings = Surroundings()
         self._self = psutil.Process()
         self._resident: dict[int, int] = {}
@@ -93,7 +99,7 @@ class ResourceSampler:
 
         from r2bspec.record.arrays import RESOURCES
 
-        return np.array(list(self._rows), dtype=RESOURCES)
+        return np.frombuffer(bytes(self._rows), dtype=RESOURCES)
 
     def surroundings(self) -> Rows:
         """The same of the surroundings: rows of `r2bspec.record.arrays.SURROUNDINGS`."""
@@ -101,7 +107,7 @@ class ResourceSampler:
 
         from r2bspec.record.arrays import SURROUNDINGS
 
-        return np.array(list(self._around), dtype=SURROUNDINGS)
+        return np.frombuffer(bytes(self._around), dtype=SURROUNDINGS)
 
     def _run(self) -> None:
         while True:
@@ -126,19 +132,13 @@ class ResourceSampler:
     def _sample(self) -> None:
         with self._lock:
             processes = list(enumerate(self._processes))
-        self._around.append((time.monotonic_ns(), *self._surroundings.read()))
+        self._around += _SURROUNDINGS.pack(time.monotonic_ns(), *self._surroundings.read())
         busy_s = busy_seconds(psutil.cpu_times())
         memory = psutil.virtual_memory()
-        self._rows.append((time.monotonic_ns(), MACHINE, busy_s, memory.total - memory.available))
+        self._keep(MACHINE, time.monotonic_ns(), busy_s, memory.total - memory.available)
         ours = self._self.cpu_times()
-        self._rows.append(
-            (
-                time.monotonic_ns(),
-                CONTROLLER,
-                ours.user + ours.system,
-                self._self.memory_info().rss,
-            )
-        )
+        resident = self._self.memory_info().rss
+        self._keep(CONTROLLER, time.monotonic_ns(), ours.user + ours.system, resident)
         for number, process in processes:
             if process is None:
                 continue
@@ -152,7 +152,10 @@ class ResourceSampler:
                 continue
             self._resident[process.pid] = resident
             self._keep_pace(process.pid, now_ns, cpu_s)
-            self._rows.append((now_ns, number, cpu_s, resident))
+            self._keep(number, now_ns, cpu_s, resident)
+
+    def _keep(self, process: int, time_ns: int, cpu_s: float, memory_bytes: int) -> None:
+        self._rows += _RESOURCES.pack(time_ns, process, cpu_s, memory_bytes)
 
     def _keep_pace(self, pid: int, now_ns: int, cpu_s: float) -> None:
         before_ns, before_s = self._last.get(pid, (now_ns, cpu_s))

@@ -54,7 +54,7 @@ def test_time_and_memory_of_descendants_count() -> None:
 def test_samples_are_cumulative_and_in_order() -> None:
     sampler = ResourceSampler()
     with subprocess.Popen([sys.executable, "-c", BUSY]) as process:
-        sampled(sampler, process.pid, lambda: len(sampler._rows) >= 8)
+        sampled(sampler, process.pid, lambda: sampler.rows().size >= 8)
         rows, _ = sampler.stop()
         process.kill()
     for number in (MACHINE, CONTROLLER, 0):
@@ -86,9 +86,9 @@ def test_a_sample_is_taken_when_it_is_asked_for() -> None:
     sampler.start()
     try:
         soon_ns = time.monotonic_ns() + 30_000_000
-        wait_for(lambda: len(sampler._around) >= 1)
+        wait_for(lambda: sampler.surroundings().size >= 1)
         sampler.sample_at(soon_ns)
-        wait_for(lambda: bool(sampler._around) and sampler._around[-1][0] >= soon_ns)
+        wait_for(lambda: bool(sampler.surroundings()["time_ns"][-1] >= soon_ns))
     finally:
         _, around = sampler.stop()
     assert around.dtype == SURROUNDINGS
@@ -103,7 +103,7 @@ def test_times_that_were_asked_for_and_are_past_are_one_sample() -> None:
     for _ in range(50):
         sampler.sample_at(0)
     sampler.start()
-    wait_for(lambda: len(sampler._around) >= 3)
+    wait_for(lambda: sampler.surroundings().size >= 3)
     sampler.stop()
     assert not sampler._wanted
 
