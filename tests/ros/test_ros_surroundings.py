@@ -236,19 +236,10 @@ def test_what_is_there_is_not_made_again(bench: Bench, everything: Finished) -> 
             id="a node takes more memory than it may",
         ),
         pytest.param(
-            {
-                "monitors": {
-                    "out": {
-                        "topic": "output",
-                        "format": IMAGE,
-                        "match": "order",
-                        "ratio": {"inputs": 2, "outputs": 1},
-                    }
-                }
-            },
+            {"harness": {"kind": "ros2_benchmark"}},
             2,
             "R2B619",
-            ("this version does not carry out ratios of inputs to outputs",),
+            ("this version does not carry out the harness 'ros2_benchmark'",),
             id="what cannot be run yet is refused",
         ),
     ],
