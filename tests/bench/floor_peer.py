@@ -68,7 +68,8 @@ def _line(process: subprocess.Popen[bytes]) -> None:
 
 
 def _rows(values: Any, names: tuple[tuple[str, str], ...]) -> Any:
-    return np.ascontiguousarray(values).view(np.dtype(list(names)))[:, 0]
+    """Rows with these fields, as far as the peer writes them."""
+    return np.ascontiguousarray(values).view(np.dtype(list(names[:_ROW])))[:, 0]
 
 
 def _publish(file: Path, size: int, rate_hz: float, seconds: float) -> None:
