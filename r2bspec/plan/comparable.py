@@ -10,7 +10,7 @@ import msgspec
 
 from r2bspec.plan.canonical import canonical_json
 from r2bspec.plan.diff import Difference, diff_plans
-from r2bspec.plan.model import GatePlan, Plan
+from r2bspec.plan.model import GatePlan, Plan, PlayPlan
 from r2bspec.spec.model import Objective
 
 UNTOLD: Final = frozenset(
@@ -21,7 +21,7 @@ UNTOLD: Final = frozenset(
 _OFFERED: Final = frozenset(
     {
         *("dataset", "datasets", "playback_mode", "buffer", "inputs", "monitors", "play"),
-        *("timeline", "harness", "search", "warm_up_ns", "transport"),
+        *("play_at_peak", "timeline", "harness", "search", "warm_up_ns", "transport"),
     }
 )
 """Fields that say what a graph is offered and how it is watched."""
@@ -52,24 +52,23 @@ def one_of_a_pair(plan: Plan) -> Plan:
     where an objective asks for the peak.
     """
     searched = any(_wants_peak(each) for each in plan.objectives.values())
+    at_peak = plan.play_at_peak
     return msgspec.structs.replace(
         plan,
-        play=tuple(
-            msgspec.structs.replace(each, iterations=1, max_iterations=0) for each in plan.play
-        ),
-        play_at_peak=None
-        if plan.play_at_peak is None
-        else msgspec.structs.replace(plan.play_at_peak, iterations=1, max_iterations=0),
+        play=tuple(_once(each) for each in plan.play),
+        play_at_peak=_once(at_peak) if at_peak is not None else None,
         search=plan.search if searched else None,
         phases=tuple(each for each in plan.phases if searched or each != "search"),
         gate=msgspec.structs.replace(plan.gate, confirm=False, time_budget_ns=0),
     )
 
 
+def _once(play: PlayPlan) -> PlayPlan:
+    return msgspec.structs.replace(play, iterations=1, max_iterations=0)
+
+
 def _wants_peak(objective: Objective) -> bool:
-    return objective.at_peak or any(
-        each.metric.rpartition("peak.rate")[1] for each in objective.require
-    )
+    return objective.at_peak or any(each.metric == "peak.rate" for each in objective.require)
 
 
 def pairs_of(plan: Plan) -> int:

@@ -1,0 +1,67 @@
+"""One pair's share of a plan, and what makes two plans measure the same."""
+
+from __future__ import annotations
+
+import msgspec
+
+from r2bspec.plan.comparable import (
+    graph_differences,
+    measured_hash,
+    offered_otherwise,
+    one_of_a_pair,
+    pairs_of,
+    told,
+)
+from r2bspec.plan.model import GatePlan, PlayPlan, SearchPlan
+from run_simulation import Simulation, objective
+
+PLAY = PlayPlan(rate_hz=30.0, duration_ns=10**9, iterations=7, max_iterations=28)
+PLAN = msgspec.structs.replace(
+    Simulation().plan(),
+    play=(PLAY,),
+    play_at_peak=PLAY,
+    search=SearchPlan(min_hz=1, max_hz=100, precision=0.02, probe_ns=10**9, holds=()),
+    phases=("load", "start", "search", "play", "collect"),
+)
+
+
+def test_a_run_of_a_pair_plays_everything_once_and_confirms_nothing() -> None:
+    found = one_of_a_pair(PLAN)
+    assert [(each.iterations, each.max_iterations) for each in found.play] == [(1, 0)]
+    assert found.play_at_peak == msgspec.structs.replace(PLAY, iterations=1, max_iterations=0)
+    assert not found.gate.confirm
+    assert found.search is None
+    assert "search" not in found.phases
+    assert pairs_of(PLAN) == 7
+    assert pairs_of(msgspec.structs.replace(PLAN, play=(), play_at_peak=None)) == 1
+
+
+def test_the_peak_is_searched_for_where_an_objective_asks_for_it() -> None:
+    asking = {"peak": objective("peak.rate >= 97 % of baseline", at="")}
+    found = one_of_a_pair(msgspec.structs.replace(PLAN, objectives=asking))
+    assert found.search == PLAN.search
+    assert "search" in found.phases
+
+
+def test_words_and_judgement_do_not_change_what_is_measured() -> None:
+    other = msgspec.structs.replace(
+        PLAN,
+        title="Another",
+        labels={"a": "b"},
+        objectives={"o": objective("latency.p50 < 1 s")},
+        gate=GatePlan(confidence=0.9),
+    )
+    assert measured_hash(other) == measured_hash(PLAN)
+    assert graph_differences(PLAN, other) == []
+    longer = msgspec.structs.replace(PLAN, warm_up_ns=2)
+    assert measured_hash(longer) != measured_hash(PLAN)
+    assert [str(each) for each in offered_otherwise(PLAN, longer)] == [
+        "warm_up_ns: 1000000000 -> 2"
+    ]
+
+
+def test_a_graph_may_differ_where_its_load_may_not() -> None:
+    other = msgspec.structs.replace(PLAN, namespace="other")
+    assert offered_otherwise(PLAN, other) == []
+    (difference,) = graph_differences(PLAN, other)
+    assert list(told([difference] * 14))[-1] == "2 more differences"
