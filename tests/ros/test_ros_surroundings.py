@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -295,7 +294,6 @@ def test_a_node_of_others_takes_part(bench: Bench, tmp_path: Path) -> None:
 
 
 def test_an_external_node_that_is_not_there_is_missed(bench: Bench) -> None:
-    began = time.monotonic()
     spec = relay_spec(
         graph={
             "nodes": {
@@ -308,4 +306,3 @@ def test_an_external_node_that_is_not_there_is_missed(bench: Bench) -> None:
     finished = bench.run(spec)
     assert finished.status == 4
     assert "absent" in finished.error
-    assert time.monotonic() - began < HANG_S

@@ -397,13 +397,15 @@ def test_a_child_that_hangs_is_ended_by_sigterm(stage: Stage, impatient: None) -
     assert child.process.returncode == -signal.SIGTERM
 
 
-def test_a_child_that_has_never_answered_is_not_waited_for(stage: Stage) -> None:
+def test_a_child_that_has_never_answered_is_not_waited_for(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Whoever waits for it waits longer than a test may take.
+    monkeypatch.setattr(ending, "ASKED_S", 3600.0)
     child = stage.start("ends = channel()\n" + SLEEPS)
     stage.pump_until(lambda: "here" in stage.said())
-    began = time.monotonic()
     stage.children.end([child])
     assert child.process.returncode == -signal.SIGTERM
-    assert time.monotonic() - began < ending.ASKED_S
 
 
 def test_a_child_that_is_stopped_is_killed(stage: Stage, impatient: None) -> None:
