@@ -6,8 +6,8 @@ import os
 from pathlib import Path
 
 import pytest
-from data_bags import WINDOW
 
+from data_bags import WINDOW
 from r2bspec.data.model import MadeDataset
 from r2bspec.data.synthesis import make
 

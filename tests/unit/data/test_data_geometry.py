@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from data_bags import decoded, pixels, stamp_ns
 from numpy.typing import NDArray
 
+from data_bags import decoded, pixels, stamp_ns
 from r2bspec.data.ground_truth import read_disparity, read_ground_truth
 from r2bspec.data.model import MadeDataset
 from r2bspec.data.scene import rig

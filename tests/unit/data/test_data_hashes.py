@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
-from data_bags import chatter, text, write_bag
 
+from data_bags import chatter, text, write_bag
 from r2bspec.data.digest import hash_content, hash_files
 from r2bspec.data.errors import DataError
 from r2bspec.data.model import Window

@@ -9,8 +9,8 @@ from typing import Literal
 
 import msgspec
 import pytest
-from data_bags import START_NS, STRING, chatter, edit_metadata, storage_file, write_bag
 
+from data_bags import START_NS, STRING, chatter, edit_metadata, storage_file, write_bag
 from r2bspec.data.errors import DataError
 from r2bspec.data.index import index_bag
 from r2bspec.data.model import BagIndex

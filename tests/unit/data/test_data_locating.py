@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from data_bags import chatter, write_bag
 
+from data_bags import chatter, write_bag
 from r2bspec.data.errors import DataError
 from r2bspec.data.locate import index, known_datasets, locate
 from r2bspec.data.model import BagLocation

@@ -7,10 +7,10 @@ import sys
 
 import msgspec
 import pytest
-from data_bags import WINDOW
 from hypothesis import given
 from hypothesis import strategies as st
 
+from data_bags import WINDOW
 from r2bspec.data.errors import DataError
 from r2bspec.data.index import index_bag
 from r2bspec.data.model import MadeDataset, Window

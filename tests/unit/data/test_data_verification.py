@@ -8,8 +8,8 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from data_bags import chatter, storage_file, write_bag
 
+from data_bags import chatter, storage_file, write_bag
 from r2bspec.data.model import MadeDataset
 from r2bspec.data.verification import verify
 
