@@ -87,6 +87,12 @@ def _variables(mutant: Mutant) -> str:
     return ""
 
 
+def _interface(mutant: Mutant) -> str:
+    if mutant.kind == "delete" and mutant.path[-2:-1] in (("publishes",), ("subscribes",)):
+        return "of a node that states less, the rest is unknown, and not guessed"
+    return ""
+
+
 _RULES: tuple[Callable[[Mutant], str], ...] = (
     _words,
     _label,
@@ -95,6 +101,7 @@ _RULES: tuple[Callable[[Mutant], str], ...] = (
     _entry_gone,
     _has_default,
     _parameter,
+    _interface,
 )
 
 
