@@ -11,7 +11,7 @@ comma := ,
 EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test install install-dev lint types imports unit ros bench clean
+.PHONY: help demo test install install-dev lint types imports unit coverage ros bench clean
 
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
@@ -49,6 +49,10 @@ imports: install-dev
 	$(BIN)/lint-imports
 
 unit: install-dev
+	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault
+
+# Apart from `unit`, which it would make half as long again.
+coverage: install-dev
 	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --cov --cov-report=term:skip-covered
 
 ros: install-dev
