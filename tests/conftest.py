@@ -1,8 +1,16 @@
-"""What every test starts from."""
+"""What every test starts from, and what several of them share."""
 
 from __future__ import annotations
 
+import os
 import signal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from r2bspec.data.model import MadeDataset
 
 
 def pytest_configure() -> None:
@@ -15,3 +23,27 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+@pytest.fixture(autouse=True)
+def no_real_datasets(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tester's own datasets must not change what names mean."""
+    monkeypatch.delenv("R2B_DATASETS", raising=False)
+
+
+@pytest.fixture(scope="session")
+def storage_room(tmp_path_factory: pytest.TempPathFactory) -> MadeDataset:
+    """A short stretch of r2b_storage with every topic."""
+    from data_bags import WINDOW
+    from r2bspec.data.synthesis import make
+
+    return make("r2b_storage", None, WINDOW, cache_dir=tmp_path_factory.mktemp("datasets"))
+
+
+@pytest.fixture
+def real_bags() -> Path:
+    """Folder of recordings that others made."""
+    folder = os.environ.get("R2BSPEC_TEST_BAGS", "")
+    if not folder:
+        pytest.skip("R2BSPEC_TEST_BAGS names no folder")
+    return Path(folder)
