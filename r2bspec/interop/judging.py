@@ -33,6 +33,7 @@ from r2bspec.measure.units import show
 from r2bspec.slo.methods.share import share_test
 from r2bspec.slo.model import CONFIDENCE, EXIT_CODES, RequirementVerdict, Verdict
 from r2bspec.slo.question import Answer, Question, decide, verdict
+from r2bspec.slo.requirements import limit_of
 from r2bspec.slo.severity import outcome_of
 from r2bspec.slo.statistics.effective import Effective
 from r2bspec.spec.model import Objective
@@ -107,7 +108,7 @@ def _judged(
             at_hz=at_hz,
             info=info,
             monitor=monitor or None,
-            limit=_limit(requirement, at_hz),
+            limit=limit_of(requirement, at_hz, info),
             confidence=confidence,
         )
         # What is played is the same for all monitors.
@@ -148,15 +149,6 @@ def _figures_at(
         return {}
     rates = report.rates.items()
     return next((found for rate, found in rates if math.isclose(float(rate), at_hz)), {})
-
-
-def _limit(requirement: Requirement, at_hz: float | None) -> float:
-    bound = requirement.bound
-    if bound is None or bound.of_baseline:
-        return math.nan
-    if not bound.of_offered:
-        return bound.value
-    return bound.value * at_hz if at_hz is not None else math.nan
 
 
 def _answer(question: Question, report: ReferenceReport, figures: Figures | None) -> Answer:

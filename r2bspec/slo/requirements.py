@@ -68,7 +68,7 @@ def judge_requirement(
             at_hz=at_hz,
             info=info,
             monitor=asked,
-            limit=_limit(requirement, at_hz, info, _per_step(samples, at_hz, asked)),
+            limit=limit_of(requirement, at_hz, info, _per_step(samples, at_hz, asked)),
             iterations=iterations_at(samples.iterations, at_hz),
             confidence=confidence,
             windows=windows_of(requirement),
@@ -98,9 +98,17 @@ def rate_of(objective: Objective, samples: RunSamples) -> float | None:
     return samples.peak_hz if objective.at_peak else None
 
 
-def _limit(
-    requirement: Requirement, at_hz: float | None, info: MetricInfo, per_step: float
+def limit_of(
+    requirement: Requirement, at_hz: float | None, info: MetricInfo, per_step: float = 1.0
 ) -> float:
+    """The right-hand side of a requirement in its metric's unit; NaN where it has none.
+
+    Args:
+        requirement: with its bound.
+        at_hz: the offered rate, which 'of offered' means.
+        info: the metric.
+        per_step: outputs that a step lets a monitor expect.
+    """
     bound = requirement.bound
     if bound is None or bound.of_baseline:
         return math.nan
