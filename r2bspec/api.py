@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING
 from r2bspec.errors import R2bspecError
 
 if TYPE_CHECKING:
+    from r2bspec.compare.base_reference import Reference
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.execute.progress import Progress
-    from r2bspec.plan.model import Plan
-    from r2bspec.record.baseline import BaselineRecord
-    from r2bspec.record.store import Run, RunFolder
-    from r2bspec.regressions.reference import Reference
-    from r2bspec.report.model import Result
-    from r2bspec.spec.load import Loaded
-    from r2bspec.spec.model import Spec
+    from r2bspec.judge.result import Result
+    from r2bspec.language.load_spec import Loaded
+    from r2bspec.language.spec import Spec
+    from r2bspec.plan.plan import Plan
+    from r2bspec.record.baseline_file import BaselineRecord
+    from r2bspec.record.run_folder import Run, RunFolder
 
 Variables = Mapping[str, bool | int | float | str]
 
@@ -92,7 +92,7 @@ def load(path: Path | str, *, sets: Sequence[str] = (), variables: Variables | N
     Raises:
         InvalidSpecError: it is not valid; see its `diagnostics`.
     """
-    from r2bspec.spec.load import load_spec
+    from r2bspec.language.load_spec import load_spec
 
     loaded = load_spec(Path(path), sets=sets, variables=variables)
     if loaded.spec is None:
@@ -108,7 +108,7 @@ def validate(
     Nothing that the spec names is executed.
     """
     from r2bspec.check import check_cases
-    from r2bspec.spec.load import load_cases
+    from r2bspec.language.load_spec import load_cases
 
     return tuple(check_cases(load_cases(Path(path), sets=sets, variables=variables)))
 
@@ -137,16 +137,16 @@ def prepare(
     """
     path = Path(path)
     if path.suffix == ".json":
-        from r2bspec.plan.canonical import read_plan
+        from r2bspec.plan.canonical_json import read_plan
 
         return Prepared(plan=read_plan(path), base_dir=path.parent.absolute(), spec_text="")
     import msgspec
 
     from r2bspec.check import check
-    from r2bspec.data.locate import index, locate
-    from r2bspec.plan.compile import compile_plan
-    from r2bspec.spec.load import load_spec
-    from r2bspec.wiring.beside import read_beside
+    from r2bspec.datasets.locate_bag import index, locate
+    from r2bspec.language.load_spec import load_spec
+    from r2bspec.plan.compile_plan import compile_plan
+    from r2bspec.wiring.companion_files import read_beside
 
     loaded = load_spec(path, sets=sets, variables=variables, case=case, allow_paths=allow_paths)
     diagnostics = check(loaded)
@@ -204,13 +204,13 @@ def run(
         HistoryError: the history cannot be used.
     """
     from r2bspec.execute.progress import Silent
-    from r2bspec.record.store import RunFolder
+    from r2bspec.record.run_folder import RunFolder
 
     folder = RunFolder.create(output or new_folder(prepared.plan.name))
     listener = progress or Silent()
     if history is None and baseline is None:
         return _run_into(folder, prepared, listener)
-    from r2bspec.regressions.gate import run_against_earlier
+    from r2bspec.compare.gated_run import run_against_earlier
 
     return run_against_earlier(
         lambda target, plan: _run_into(target, replace(prepared, plan=plan), listener),
@@ -222,7 +222,7 @@ def run(
 
 
 def _run_into(folder: RunFolder, prepared: Prepared, progress: Progress) -> Result:
-    from r2bspec.check.differences import place_differences
+    from r2bspec.check.runtime_mismatches import place_differences
     from r2bspec.execute.controller import run_plan
     from r2bspec.execute.errors import GraphDiffersError as Differs
 
@@ -250,14 +250,14 @@ def _run_into(folder: RunFolder, prepared: Prepared, progress: Progress) -> Resu
 
 def place_differences(result: Result, loaded: Loaded) -> tuple[Diagnostic, ...]:
     """What of the real graph was not as the spec says, and did not end the run, in its place."""
-    from r2bspec.check.differences import place_differences
+    from r2bspec.check.runtime_mismatches import place_differences
 
     return place_differences(result.differences, loaded)
 
 
 def _write_result(folder: RunFolder) -> Result:
-    from r2bspec.record.store import open_run
-    from r2bspec.report.result import result_of, to_json
+    from r2bspec.judge.judge_run import result_of, to_json
+    from r2bspec.record.run_folder import open_run
 
     result = result_of(open_run(folder.path))
     folder.write_result(to_json(result))
@@ -270,8 +270,8 @@ def stored_baseline(path: Path, prepared: Prepared, *, force: bool = False) -> B
     Raises:
         IncomparableError: plan, data or machine are others, and `force` is not given.
     """
-    from r2bspec.execute.machine import describe_machine
-    from r2bspec.regressions.earlier import baseline_of_stored
+    from r2bspec.compare.history_gate import baseline_of_stored
+    from r2bspec.execute.host.machine import describe_machine
 
     return baseline_of_stored(path, prepared.plan, describe_machine(), force=force)
 
@@ -291,7 +291,7 @@ def run_pairs(
 
     Args:
         head: what is judged.
-        against: what the base is (`r2bspec.regressions.reference`); nothing for a control.
+        against: what the base is (`r2bspec.compare.base_reference`); nothing for a control.
         output: the folder of the comparison, new or empty; by default one below ``runs/``.
         progress: is told what happens; by default nobody is.
         prepare_base: prepares the base where it is another spec, or has other values.
@@ -306,10 +306,10 @@ def run_pairs(
         RunError: a run failed; the folder has the pairs that were finished until then.
         RecordError: the folder cannot be made.
     """
-    from r2bspec.execute.pairs import Contender
-    from r2bspec.execute.workspaces import inside, workspaces
-    from r2bspec.regressions.pairs import compare, comparing
-    from r2bspec.regressions.reference import parse_references
+    from r2bspec.compare.base_reference import parse_references
+    from r2bspec.compare.interleaved_comparison import compare, comparing
+    from r2bspec.compare.interleaved_runs import Contender
+    from r2bspec.execute.processes.workspaces import inside, workspaces
 
     reference = parse_references(against)
     environment = workspaces(reference.environments)
@@ -344,12 +344,12 @@ def calibrate(
 
 
 def judge(run: Run) -> Result:
-    """Judge a finished run, opened with `r2bspec.record.store.open_run`. Needs no ROS.
+    """Judge a finished run, opened with `r2bspec.record.run_folder.open_run`. Needs no ROS.
 
     Raises:
         RecordError: a file of the run is missing or damaged.
     """
-    from r2bspec.report.result import result_of
+    from r2bspec.judge.judge_run import result_of
 
     return result_of(run)
 

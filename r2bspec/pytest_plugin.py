@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from r2bspec.report.model import Result
-    from r2bspec.slo.model import RequirementVerdict
-    from r2bspec.spec.load import Loaded
+    from r2bspec.judge.result import Result
+    from r2bspec.judge.verdict import RequirementVerdict
+    from r2bspec.language.load_spec import Loaded
 
 _SUFFIX = ".r2b.yaml"
 
@@ -67,7 +67,7 @@ class _SpecFile(pytest.File):
 
     def collect(self) -> Iterable[pytest.Item]:
         """One test of the spec itself, and one for each requirement."""
-        from r2bspec.spec.load import load_spec
+        from r2bspec.language.load_spec import load_spec
 
         loaded = load_spec(self.path)
         yield _Validation.from_parent(self, name="valid", loaded=loaded)
@@ -108,7 +108,7 @@ class _SpecFile(pytest.File):
 
         stored = self.config.getoption("--r2bspec-runs")
         if stored is not None:
-            from r2bspec.report.sources import read_folder
+            from r2bspec.compare.load_results import read_folder
 
             return read_folder(Path(stored) / name).result
         output = self.config.getoption("--r2bspec-output")
@@ -183,7 +183,7 @@ class _Requirement(_Item):
             raise BenchmarkError(told)
 
     def _benchmark_name(self) -> str:
-        from r2bspec.spec.load import load_spec
+        from r2bspec.language.load_spec import load_spec
 
         spec = load_spec(self.path).spec
         return spec.name if spec is not None else ""
@@ -194,7 +194,7 @@ class _Requirement(_Item):
 
 
 def _told(one: RequirementVerdict) -> Iterator[str]:
-    from r2bspec.report.wording import bounds_text, estimate_text, sentences, verdict_word
+    from r2bspec.report.report_wording import bounds_text, estimate_text, sentences, verdict_word
 
     said = (verdict_word(one), one.text.strip(), estimate_text(one), bounds_text(one))
     yield "  ".join(said).strip()

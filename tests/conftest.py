@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from r2bspec.data.model import MadeDataset
+    from r2bspec.bags.recording import MadeDataset
 
 
 def pytest_configure() -> None:
@@ -35,7 +35,7 @@ def no_real_datasets(monkeypatch: pytest.MonkeyPatch) -> None:
 def storage_room(tmp_path_factory: pytest.TempPathFactory) -> MadeDataset:
     """A short stretch of r2b_storage with every topic."""
     from data_bags import WINDOW
-    from r2bspec.data.synthesis import make
+    from r2bspec.datasets.synthesis import make
 
     return make("r2b_storage", None, WINDOW, cache_dir=tmp_path_factory.mktemp("datasets"))
 

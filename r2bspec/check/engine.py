@@ -12,15 +12,15 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
-from r2bspec.check.context import Context
-from r2bspec.check.place import place
-from r2bspec.check.registry import all_rules
-from r2bspec.diagnostics.model import Diagnostic
+from r2bspec.check.check_context import Context
+from r2bspec.check.finding_location import place
+from r2bspec.check.rule_registry import all_rules
+from r2bspec.diagnostics.diagnostic import Diagnostic
 from r2bspec.diagnostics.waivers import apply_waivers
-from r2bspec.spec.cases import findings_of_cases
+from r2bspec.language.case_findings import findings_of_cases
 
 if TYPE_CHECKING:
-    from r2bspec.spec.load import Loaded
+    from r2bspec.language.load_spec import Loaded
 
 
 def check(loaded: Loaded, *, offline: bool = False) -> list[Diagnostic]:

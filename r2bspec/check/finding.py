@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from r2bspec.diagnostics.model import Certainty, Path, Severity
+from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,9 +54,9 @@ def begins_with_header(name: str) -> bool | None:
         return True
     if name in WITHOUT_HEADER:
         return False
-    from r2bspec.data import headers
+    from r2bspec.bags import has_header
 
-    return headers.begins_with_header(name)
+    return has_header.begins_with_header(name)
 
 
 def names_beside(name: str) -> frozenset[str]:

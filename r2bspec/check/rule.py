@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from r2bspec.check.context import Context
+from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Finding
-from r2bspec.diagnostics.model import Severity
-from r2bspec.diagnostics.pages import Page
+from r2bspec.diagnostics.code_pages import Page
+from r2bspec.diagnostics.diagnostic import Severity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

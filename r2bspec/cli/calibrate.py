@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.chosen import Chosen, prepare_shown
-from r2bspec.cli.options import (
+from r2bspec.cli.shared_options import (
     allow_path_option,
     case_option,
     parse_variables,
     sets_option,
     variables_option,
 )
+from r2bspec.cli.spec_selection import Chosen, prepare_shown
 
 if TYPE_CHECKING:
     from r2bspec.api import Prepared
-    from r2bspec.record.noise import Calibration
-    from r2bspec.record.pairs import Pairs
+    from r2bspec.record.calibration_file import Calibration
+    from r2bspec.record.comparison_folder import Pairs
 
 
 @click.command("calibrate")
@@ -71,8 +71,8 @@ def command(
         raise click.UsageError("a plan has no limits to propose: name the spec")
     if source is not None and (runs is not None or output is not None):
         raise click.UsageError("--from runs nothing, and takes neither --runs nor --output")
-    from r2bspec.record.pairs import open_pairs
-    from r2bspec.regressions.calibration import calibration_of, store
+    from r2bspec.compare.calibration import calibration_of, store
+    from r2bspec.record.comparison_folder import open_pairs
 
     chosen = Chosen(spec, sets, parse_variables(variables), case, allow_paths)
     prepared = prepare_shown(chosen)
@@ -89,7 +89,7 @@ def command(
 
 def _run(prepared: Prepared, runs: int, output: Path | None, *, quiet: bool) -> Path:
     from r2bspec import api
-    from r2bspec.report.progress import shown_progress
+    from r2bspec.report.progress_display import shown_progress
 
     folder = output or api.new_folder(f"{prepared.plan.name}-pairs")
     with shown_progress(quiet=quiet) as progress:
@@ -98,8 +98,8 @@ def _run(prepared: Prepared, runs: int, output: Path | None, *, quiet: bool) -> 
 
 
 def _see_that_it_is_of(prepared: Prepared, pairs: Pairs, folder: Path) -> None:
-    from r2bspec.plan.comparable import graph_differences, measured_hash, told
-    from r2bspec.report.errors import IncomparableError
+    from r2bspec.compare.errors import IncomparableError
+    from r2bspec.plan.comparability import graph_differences, measured_hash, told
 
     if measured_hash(prepared.plan) != measured_hash(pairs.plan):
         differences = told(graph_differences(pairs.plan, prepared.plan))
@@ -156,9 +156,9 @@ def _change(margin: float) -> str:
 
 def _propose(chosen: Chosen, prepared: Prepared, found: Calibration, *, write: bool) -> None:
     """Print the proposed change of the spec as a patch, or make it."""
-    from r2bspec.cli.repairs import read_text, write_text
+    from r2bspec.cli.fix import read_text, write_text
+    from r2bspec.compare.margin_proposals import propose
     from r2bspec.diagnostics.edits import unified_diff
-    from r2bspec.regressions.proposals import propose
 
     file = str(chosen.spec)
     before = read_text(file)

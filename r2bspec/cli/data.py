@@ -16,8 +16,8 @@ from r2bspec.errors import UsageError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from r2bspec.data.model import BagIndex, BagLocation, Window
-    from r2bspec.data.synthesis import Progress
+    from r2bspec.bags.recording import BagIndex, BagLocation, Window
+    from r2bspec.datasets.synthesis import Progress
 
 # Where output is no terminal, lines are kept whole for grep.
 _PLAIN_WIDTH = 240
@@ -36,7 +36,7 @@ def _duration_ns(
     context: click.Context | None, parameter: click.Parameter | None, text: str | None
 ) -> int | None:
     """Parse an option's duration to ns, or tell what would have been right."""
-    from r2bspec.spec.quantities import Duration, QuantityError
+    from r2bspec.language.quantities import Duration, QuantityError
 
     if text is None:
         return None
@@ -60,8 +60,8 @@ def list_datasets(output: str) -> None:
     Synthetic ones are rendered when they are first needed. A folder of that name under
     $R2B_DATASETS takes precedence.
     """
-    from r2bspec.data.locate import index, known_datasets, locate_dataset
-    from r2bspec.data.sequences import SEQUENCES
+    from r2bspec.datasets.locate_bag import index, known_datasets, locate_dataset
+    from r2bspec.datasets.sequences import SEQUENCES
 
     found = {name: locate_dataset(name) for name in known_datasets()}
     if output == "json":
@@ -104,8 +104,8 @@ def make(
     output: str,
 ) -> None:
     """Make a synthetic DATASET in the cache and print where it is."""
-    from r2bspec.data.index import index_bag
-    from r2bspec.data.synthesis import make as make_dataset
+    from r2bspec.bags.bag_index import index_bag
+    from r2bspec.datasets.synthesis import make as make_dataset
 
     names = [name.strip() for value in topics for name in value.split(",") if name.strip()]
     stretch = _window(window, start, end)
@@ -126,8 +126,8 @@ def info(bag: str, output: str) -> None:
 
     The sha256 of a bag on disk is what a spec can pin; 'data make' shows that of a synthetic one.
     """
-    from r2bspec.data.digest import hash_files
-    from r2bspec.data.locate import index, locate
+    from r2bspec.bags.digest import hash_files
+    from r2bspec.datasets.locate_bag import index, locate
 
     place = locate(bag, Path.cwd())
     result = index(place)
@@ -149,8 +149,8 @@ def verify(context: click.Context, path: Path, output: str) -> None:
 
     Exits with 1 where something is wrong.
     """
-    from r2bspec.data.errors import BAG_NOT_FOUND, DataError
-    from r2bspec.data.verification import verify as verify_bag
+    from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
+    from r2bspec.bags.verification import verify as verify_bag
 
     if not os.path.exists(path):  # noqa: PTH110 - a name may be too long
         raise DataError(
@@ -169,7 +169,7 @@ def verify(context: click.Context, path: Path, output: str) -> None:
 
 def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> Window | None:
     """The stretch of time that the options ask for; None for everything."""
-    from r2bspec.data.model import Window
+    from r2bspec.bags.recording import Window
 
     if text is not None:
         if start_ns is not None or end_ns is not None:
@@ -236,7 +236,7 @@ def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
     from datetime import UTC, datetime
 
     from r2bspec.diagnostics.quote import printable
-    from r2bspec.spec.quantities import Duration
+    from r2bspec.language.quantities import Duration
 
     start = datetime.fromtimestamp(index.start_ns / 1e9, UTC)
     for title, value in (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from r2bspec.execute.doctor.model import Check, Status
+    from r2bspec.doctor.checkup import Check, Status
 
 _MARKS: dict[Status, tuple[str, str]] = {
     "ok": ("✔", "green"),
@@ -45,9 +45,9 @@ def command(clean: bool, runs: Path, output_format: str) -> int:
     is yours; what a living process uses is never touched. The exit status is 1 if there is a
     problem, and 0 if there are warnings only.
     """
-    from r2bspec.execute.doctor.examine import examine
-    from r2bspec.execute.doctor.leftovers import clean as remove_leftovers
-    from r2bspec.execute.doctor.model import System, worst
+    from r2bspec.doctor.all_checks import examine
+    from r2bspec.doctor.checkup import System, worst
+    from r2bspec.doctor.leftovers import clean as remove_leftovers
 
     system = System(runs=runs)
     removed = remove_leftovers(system) if clean else []
@@ -99,7 +99,7 @@ def _counted(count: int, noun: str) -> str:
 def _styled(text: str, *, fg: str | None = None, bold: bool = False, dim: bool = False) -> str:
     import sys
 
-    from r2bspec.report.findings.show import wants_colour
+    from r2bspec.report.findings.print_findings import wants_colour
 
     if not wants_colour(sys.stdout):
         return text

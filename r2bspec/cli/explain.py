@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.diagnostics.pages import FAMILIES
+from r2bspec.diagnostics.code_pages import FAMILIES
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import UsageError
 
 if TYPE_CHECKING:
-    from r2bspec.diagnostics.pages import Page
+    from r2bspec.diagnostics.code_pages import Page
 
 _FILE = "example.r2b.yaml"
 _WIDTH = 88
@@ -81,8 +81,8 @@ def _explain(page: Page) -> Iterator[str]:
 def _findings(page: Page) -> str:
     """What the failing example really leads to, as validate prints it."""
     from r2bspec.check.engine import check
+    from r2bspec.language.load_spec import load_spec
     from r2bspec.report.findings import text
-    from r2bspec.spec.load import load_spec
 
     loaded = load_spec(page.failing, file=_FILE)
     found = [each for each in check(loaded) if each.code == page.code]
@@ -95,6 +95,6 @@ def _indented(block: str) -> Iterator[str]:
 
 
 def _heading(text: str) -> str:
-    from r2bspec.report.findings.show import wants_colour
+    from r2bspec.report.findings.print_findings import wants_colour
 
     return click.style(text, bold=True) if wants_colour(sys.stdout) else text

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from r2bspec.history import Entry
+    from r2bspec.compare.history import Entry
 
 USER = "user"
 """The word that stands for the user's own history."""
@@ -26,7 +26,7 @@ _file_option = click.option(
 
 def history_file(text: str) -> Path:
     """The file that a user names."""
-    from r2bspec.history import user_history
+    from r2bspec.compare.history import user_history
 
     return user_history() if text == USER else Path(text)
 
@@ -42,7 +42,7 @@ def command() -> None:
 @click.option("--format", "output_format", type=click.Choice(["text", "json"]), default="text")
 def list_runs(file: str, name: str, output_format: str) -> int:
     """List the runs, oldest first."""
-    from r2bspec.history import open_history
+    from r2bspec.compare.history import open_history
 
     with open_history(history_file(file)) as history:
         runs = history.runs(name=name)
@@ -83,7 +83,7 @@ def _table(runs: tuple[Entry, ...]) -> list[str]:
 @_file_option
 def accept(run_id: str, file: str) -> int:
     """Let a run count as a baseline although it failed: the change is meant."""
-    from r2bspec.history import HistoryError, open_history
+    from r2bspec.compare.history import HistoryError, open_history
 
     with open_history(history_file(file)) as history:
         if not history.accept(run_id):
@@ -109,7 +109,7 @@ def prune(
     """
     if keep is None and before is None and not run_ids:
         raise click.UsageError("say what to forget: --keep N, --before DATE or --run RUN_ID")
-    from r2bspec.history import open_history
+    from r2bspec.compare.history import open_history
 
     since = instant(before) if before is not None else None
     with open_history(history_file(file)) as history:

@@ -20,7 +20,7 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         from r2bspec.diagnostics import did_you_mean
-        from r2bspec.spec.templates import templates
+        from r2bspec.language.templates import templates
 
         if value not in templates():
             close = did_you_mean(value, templates())
@@ -47,8 +47,8 @@ def command(name: str, template: str, show_list: bool) -> int:
     NAME may begin with a folder that exists, as in benchmarks/camera. The JSON Schema, by which
     editors complete and explain every key, is written beside the spec. Nothing is overwritten.
     """
-    from r2bspec.spec.schema import published_schema_text
-    from r2bspec.spec.templates import filled, purpose, templates
+    from r2bspec.language.schema import published_schema_text
+    from r2bspec.language.templates import filled, purpose, templates
 
     if show_list:
         for known, text in templates().items():
@@ -73,7 +73,7 @@ def _benchmark_name(name: str) -> str:
     Raises:
         UsageError: it cannot.
     """
-    from r2bspec.spec.schema.names import NAME
+    from r2bspec.language.schema.name_patterns import NAME
 
     if not re.search(NAME.pattern, name):
         better = re.sub(r"[^a-zA-Z0-9_]+", "_", name).strip("_")

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from r2bspec.cli.options import parse_variables, sets_option, variables_option
+from r2bspec.cli.shared_options import parse_variables, sets_option, variables_option
 
 _HEAD = (
     "# What the node {name} has, recorded by 'r2bspec interfaces'. 'validate' and 'plan' read it;\n"
@@ -44,7 +44,7 @@ def command(
     """
     from r2bspec.api import load
     from r2bspec.diagnostics import did_you_mean
-    from r2bspec.execute.interfaces import record_interfaces
+    from r2bspec.introspect.record_interfaces import record_interfaces
 
     loaded = load(spec, sets=sets, variables=parse_variables(variables))
     known = {**loaded.preprocessors, **loaded.graph.nodes}
@@ -73,9 +73,9 @@ def command(
 
 def _write(folder: Path, name: str, interface: dict[str, Any]) -> str:
     """Write a node's file, whole or not at all; returns its path as the user would write it."""
-    from r2bspec.record.files import write_whole
-    from r2bspec.spec.dump import to_yaml
-    from r2bspec.wiring.beside import interface_file
+    from r2bspec.language.yaml_dump import to_yaml
+    from r2bspec.record.atomic_files import write_whole
+    from r2bspec.wiring.companion_files import interface_file
 
     file = interface_file(folder, name)
     file.parent.mkdir(parents=True, exist_ok=True)

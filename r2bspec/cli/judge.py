@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.options import junit_option, reports_option
+from r2bspec.cli.shared_options import junit_option, reports_option
 
 if TYPE_CHECKING:
-    from r2bspec.report.write import Asked
-    from r2bspec.spec.model import Spec
+    from r2bspec.language.spec import Spec
+    from r2bspec.report.write_reports import Asked
 
 
 @click.command("judge")
@@ -39,11 +39,11 @@ def command(
     The folder is left as it is unless --write is given. The same folder gives the same bytes each
     time. RUN may also be a report of ros2_benchmark; --spec then says by what to judge it.
     """
-    from r2bspec.record.store import RunFolder
-    from r2bspec.report.result import to_json
-    from r2bspec.report.sources import read_folder
+    from r2bspec.compare.load_results import read_folder
+    from r2bspec.judge.judge_run import to_json
+    from r2bspec.record.run_folder import RunFolder
     from r2bspec.report.terminal import show_result
-    from r2bspec.report.write import takes_stdout, write_reports
+    from r2bspec.report.write_reports import takes_stdout, write_reports
 
     if run.is_file():
         return _judge_report(run, spec, output_format, plain=not (write or reports or junit))
@@ -86,8 +86,8 @@ def _load(path: Path) -> Spec:
     """
     from r2bspec.api import InvalidSpecError
     from r2bspec.check import check
-    from r2bspec.report.findings.show import show
-    from r2bspec.spec.load import load_spec
+    from r2bspec.language.load_spec import load_spec
+    from r2bspec.report.findings.print_findings import show
 
     loaded = load_spec(path)
     found = [

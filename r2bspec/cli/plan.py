@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from r2bspec.cli.options import (
+from r2bspec.cli.shared_options import (
     allow_path_option,
     case_option,
     parse_variables,
@@ -16,8 +16,8 @@ from r2bspec.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from r2bspec.plan.model import Plan
-    from r2bspec.spec.load import Loaded
+    from r2bspec.language.load_spec import Loaded
+    from r2bspec.plan.plan import Plan
 
 _SPEC = click.Path(path_type=Path, dir_okay=False)
 
@@ -72,7 +72,7 @@ def command(
     if sum(each is not None for each in (graph, other, explained)) > 1:
         raise click.UsageError("--graph, --diff and --explain exclude each other")
     if explained is not None:
-        from r2bspec.spec.load import load_spec
+        from r2bspec.language.load_spec import load_spec
 
         values = parse_variables(variables)
         loaded = load_spec(spec, sets=sets, variables=values, case=case, allow_paths=allow_paths)
@@ -81,7 +81,7 @@ def command(
     values = parse_variables(variables)
     plan = _plan(spec, sets=sets, variables=values, case=case, allow_paths=allow_paths)
     if other is not None:
-        from r2bspec.plan.diff import diff_plans
+        from r2bspec.plan.plan_diff import diff_plans
 
         differences = diff_plans(_plan(other, allow_paths=allow_paths), plan)
         _write("".join(f"{each}\n" for each in differences).encode(), output)
@@ -97,8 +97,8 @@ def _provenance(loaded: Loaded, path: str) -> str:
         UsageError: the path leads to nothing, or the file is no document.
     """
     from r2bspec.errors import UsageError
-    from r2bspec.report.findings.show import show
-    from r2bspec.spec.provenance import UnknownPathError, provenance
+    from r2bspec.language.value_trace import UnknownPathError, provenance
+    from r2bspec.report.findings.print_findings import show
 
     if loaded.spec is None:
         show(loaded.diagnostics, loaded.texts)
@@ -111,7 +111,7 @@ def _provenance(loaded: Loaded, path: str) -> str:
 def _plan(path: Path, **options: Any) -> Plan:
     """The plan of a spec, or the one in a file; findings go to standard error."""
     from r2bspec import api
-    from r2bspec.report.findings.show import show
+    from r2bspec.report.findings.print_findings import show
 
     try:
         prepared = api.prepare(path, **options)
@@ -132,7 +132,7 @@ def _shown(plan: Plan, graph: str | None) -> bytes:
         from r2bspec.plan.dot import to_dot
 
         return to_dot(plan).encode()
-    from r2bspec.plan.canonical import canonical_json
+    from r2bspec.plan.canonical_json import canonical_json
 
     return canonical_json(plan)
 
@@ -141,6 +141,6 @@ def _write(content: bytes, output: Path | None) -> None:
     if output is None:
         click.echo(content, nl=False)
         return
-    from r2bspec.record.files import write_whole
+    from r2bspec.record.atomic_files import write_whole
 
     write_whole(output, content)

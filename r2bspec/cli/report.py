@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.options import junit_option, reports_option
+from r2bspec.cli.shared_options import junit_option, reports_option
 
 if TYPE_CHECKING:
-    from r2bspec.report.write import Asked
+    from r2bspec.report.write_reports import Asked
 
 
 def _list_formats(ctx: click.Context, _param: click.Parameter, wanted: bool) -> None:
     if not wanted:
         return
-    from r2bspec.report.registry import FORMATS
+    from r2bspec.report.format_registry import FORMATS
 
     width = max(map(len, FORMATS))
     for name, each in FORMATS.items():
@@ -60,10 +60,10 @@ def command(
     A result alone makes fewer charts than the folder, which has every message. The exit status
     tells whether the reports were made; 'r2bspec judge' tells the verdict.
     """
-    from r2bspec.record.store import open_run
+    from r2bspec.compare.load_results import read_reported
+    from r2bspec.record.run_folder import open_run
     from r2bspec.report.errors import ReportUsageError
-    from r2bspec.report.sources import read_reported
-    from r2bspec.report.write import write_reports
+    from r2bspec.report.write_reports import write_reports
 
     asked = reports + junit
     if not asked:

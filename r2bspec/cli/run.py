@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.chosen import Chosen, base_of, prepare_shown
-from r2bspec.cli.options import (
+from r2bspec.cli.shared_options import (
     allow_path_option,
     case_option,
     junit_option,
@@ -18,10 +17,11 @@ from r2bspec.cli.options import (
     sets_option,
     variables_option,
 )
+from r2bspec.cli.spec_selection import Chosen, base_of, prepare_shown
 from r2bspec.errors import R2bspecError
 
 if TYPE_CHECKING:
-    from r2bspec.report.write import Asked
+    from r2bspec.report.write_reports import Asked
 
 
 @click.command("run")
@@ -94,10 +94,10 @@ def command(
     """
     from r2bspec import api
     from r2bspec.cli.history import history_file
-    from r2bspec.report.findings.show import show
-    from r2bspec.report.progress import shown_progress
+    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.progress_display import shown_progress
     from r2bspec.report.terminal import show_result
-    from r2bspec.report.write import takes_stdout, write_of_folder
+    from r2bspec.report.write_reports import takes_stdout, write_of_folder
 
     compared = bool(against) or control
     _refuse_contradictions(against, control, pairs, history, baseline, force=force)

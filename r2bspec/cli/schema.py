@@ -7,9 +7,9 @@ import importlib
 import click
 
 _SCHEMAS = {
-    "spec": "r2bspec.spec.schema:published_schema_text",
-    "plan": "r2bspec.plan.schema:plan_schema_text",
-    "result": "r2bspec.report.schema:result_schema_text",
+    "spec": "r2bspec.language.schema:published_schema_text",
+    "plan": "r2bspec.plan.plan_schema:plan_schema_text",
+    "result": "r2bspec.report.result_schema:result_schema_text",
 }
 """Each schema and the function that writes it, so that printing one imports no other."""
 

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.options import (
+from r2bspec.cli.shared_options import (
     allow_path_option,
     case_option,
     parse_variables,
     sets_option,
     variables_option,
 )
-from r2bspec.report.findings.formats import FORMATS
+from r2bspec.report.findings.finding_formats import FORMATS
 
 if TYPE_CHECKING:
-    from r2bspec.cli.bulk import Checked
+    from r2bspec.cli.check_files import Checked
     from r2bspec.diagnostics import Diagnostic
 
 
@@ -66,7 +66,7 @@ def command(
     PATH is a file, a folder (all *.r2b.yaml below it), a pattern such as 'specs/*.yaml', or -
     for standard input. Of a spec with a matrix every case is checked, unless --case names one.
     """
-    from r2bspec.cli.bulk import Options, check_files, check_text
+    from r2bspec.cli.check_files import Options, check_files, check_text
     from r2bspec.cli.spec_files import spec_files
 
     asked = Options(
@@ -81,7 +81,7 @@ def command(
     if fix and (diff or "-" in files):
         raise click.UsageError("--fix writes files: it goes with neither --diff nor '-'")
     if fix or diff:
-        from r2bspec.cli.repairs import repair
+        from r2bspec.cli.fix import repair
 
         changes = repair(files, lambda text, file: check_text(text, file, asked), write=fix)
         if diff:
@@ -96,16 +96,16 @@ def command(
 
 
 def _print_findings(checked: list[Checked], output_format: str, *, offline: bool) -> None:
-    from r2bspec.report.findings import formats
-    from r2bspec.report.findings.show import wants_colour
+    from r2bspec.report.findings import finding_formats
+    from r2bspec.report.findings.print_findings import wants_colour
 
     found = [one for each in checked for one in each.found]
     sources = {name: text for each in checked for name, text in each.texts.items()}
     colour = output_format == "text" and wants_colour(sys.stdout)
     names = [each.file for each in checked]
-    shown = formats.render(output_format, found, sources, names, colour=colour)
+    shown = finding_formats.render(output_format, found, sources, names, colour=colour)
     click.echo(shown, nl=False, color=colour)
-    if output_format not in formats.DOCUMENTS:
+    if output_format not in finding_formats.DOCUMENTS:
         click.echo(_summary(checked, found, offline=offline))
 
 

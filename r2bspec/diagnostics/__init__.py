@@ -1,6 +1,7 @@
 """Problems as values: where they are, what they are, and the way out."""
 
-from r2bspec.diagnostics.model import (
+from r2bspec.diagnostics.code_pages import Page
+from r2bspec.diagnostics.diagnostic import (
     Certainty,
     Diagnostic,
     Edit,
@@ -10,7 +11,6 @@ from r2bspec.diagnostics.model import (
     Span,
     format_path,
 )
-from r2bspec.diagnostics.pages import Page
 from r2bspec.diagnostics.suggest import did_you_mean
 
 __all__ = [

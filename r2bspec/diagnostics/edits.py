@@ -11,8 +11,8 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from r2bspec.diagnostics.lines import BREAK
-from r2bspec.diagnostics.model import Diagnostic, Edit, Severity, Span
+from r2bspec.diagnostics.diagnostic import Diagnostic, Edit, Severity, Span
+from r2bspec.diagnostics.source_lines import BREAK
 
 MOST_ROUNDS = 20
 """Rounds of editing and checking again. Each repairs at least one finding, so few are needed."""

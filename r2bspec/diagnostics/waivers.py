@@ -14,9 +14,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from r2bspec.diagnostics.lines import split_lines
-from r2bspec.diagnostics.model import Diagnostic, Severity, Span
+from r2bspec.diagnostics.diagnostic import Diagnostic, Severity, Span
 from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.source_lines import split_lines
 from r2bspec.diagnostics.suggest import did_you_mean
 
 WITHOUT_REASON = "R2B040"

@@ -21,14 +21,8 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.batch import Batch, Reporting
-from r2bspec.execute.budget import Budget
-from r2bspec.execute.buffering import buffer_bags
-from r2bspec.execute.children import Children
-from r2bspec.execute.concealing import concealing
-from r2bspec.execute.dataset import Dataset, obtain
-from r2bspec.execute.domain import reserved_domain
-from r2bspec.execute.environment import RunEnvironment
+from r2bspec.execute.bringup.commands import run_setup
+from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import (
     GraphDiffersError,
     MemoryLimitError,
@@ -36,29 +30,36 @@ from r2bspec.execute.errors import (
     UnsupportedError,
     UnwritableRunError,
 )
-from r2bspec.execute.graph import Launcher
-from r2bspec.execute.interrupts import Interrupts
-from r2bspec.execute.machine import describe_machine, describe_versions
-from r2bspec.execute.measuring import Measuring
-from r2bspec.execute.preprocess import preprocess
-from r2bspec.execute.programs import resolve_argv
+from r2bspec.execute.host.machine import describe_machine, describe_versions
+from r2bspec.execute.host.resource_sampler import ResourceSampler
+from r2bspec.execute.inputs.buffer_bags import buffer_bags
+from r2bspec.execute.inputs.dataset import Dataset, obtain
+from r2bspec.execute.inputs.preprocess import preprocess
+from r2bspec.execute.measurement.measurement import Measuring
+from r2bspec.execute.measurement.reporting import Reporting
+from r2bspec.execute.measurement.time_budget import Budget
+from r2bspec.execute.processes.environment import RunEnvironment
+from r2bspec.execute.processes.executables import resolve_argv
+from r2bspec.execute.processes.redaction import concealing
+from r2bspec.execute.processes.ros_domain import reserved_domain
+from r2bspec.execute.processes.signals import Interrupts
+from r2bspec.execute.processes.supervisor import Children
 from r2bspec.execute.progress import Progress
-from r2bspec.execute.resources import ResourceSampler
-from r2bspec.execute.steps import run_setup
-from r2bspec.harness.buffers import largest_message_bytes
-from r2bspec.harness.clocks import Clocks
+from r2bspec.execute.session import Batch
+from r2bspec.ipc.buffers import largest_message_bytes
+from r2bspec.ipc.clocks import Clocks
+from r2bspec.judge.confirmation import judge_fresh, wants_confirmation
+from r2bspec.judge.decision_policy import terms_of
+from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.verdict import Verdict
+from r2bspec.language.quantities import Size
 from r2bspec.measure.samples import RunSamples, read_samples
-from r2bspec.plan.canonical import canonical_json, plan_hash
-from r2bspec.plan.model import Plan
+from r2bspec.plan.canonical_json import canonical_json, plan_hash
+from r2bspec.plan.plan import Plan
 from r2bspec.plan.unsupported import unsupported
 from r2bspec.record.errors import RecordError
-from r2bspec.record.model import Difference, RunRecord
-from r2bspec.record.store import RunFolder, open_run
-from r2bspec.slo.confirmation import judge_fresh, wants_confirmation
-from r2bspec.slo.judge import judge
-from r2bspec.slo.model import Verdict
-from r2bspec.slo.terms import terms_of
-from r2bspec.spec.quantities import Size
+from r2bspec.record.run_folder import RunFolder, open_run
+from r2bspec.record.run_record import Difference, RunRecord
 
 
 def run_plan(

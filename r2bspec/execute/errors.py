@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from r2bspec.errors import R2bspecError
 from r2bspec.record.errors import RUN_UNWRITABLE
-from r2bspec.record.model import Difference
+from r2bspec.record.run_record import Difference
 
 
 class RunError(R2bspecError):

@@ -10,8 +10,8 @@ import os
 import signal
 import sys
 
-from r2bspec.harness.channel import Channel
-from r2bspec.harness.leaving import leave_within
+from r2bspec.harness.control_channel import Channel
+from r2bspec.harness.exit_timer import leave_within
 from r2bspec.harness.roles import play_role
 
 _LEAVE_S = 8.0
@@ -34,10 +34,10 @@ def main() -> int:
 if __name__ == "__main__":
     status = main()
     if "rclpy" in sys.modules:
-        from r2bspec.harness import ros
+        from r2bspec.harness import rclpy_tools
 
         leave_within(_LEAVE_S, status)
-        ros.finish()
+        rclpy_tools.finish()
     sys.stdout.flush()
     sys.stderr.flush()
     # Threads of the middleware may still run; destructors at interpreter exit can then hang or

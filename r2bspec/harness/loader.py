@@ -1,8 +1,8 @@
 """The loader: sends the recorded messages through the preprocessors and records what comes out.
 
 Nothing may be lost here, so the loader does not play at a rate. It keeps a few stamps in flight:
-the next messages go out when the outputs of earlier ones have come back, or when none has come
-for so long (`r2bspec.harness.patience`) that none can be expected. In real time, where the spec
+the next messages go out when the outputs of earlier ones have come back, or when none has come for
+so long (`r2bspec.harness.adaptive_timeout`) that none can be expected. In real time, where the spec
 asks for that, messages go out when they were recorded, and what a preprocessor cannot take is lost
 as it would have been then.
 """
@@ -15,14 +15,15 @@ from typing import NamedTuple
 
 import msgspec
 
-from r2bspec.harness import buffers, protocol, ros
-from r2bspec.harness.channel import Channel
+from r2bspec.harness import rclpy_tools
+from r2bspec.harness.adaptive_timeout import Patience
+from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.monitor import discover, survey
-from r2bspec.harness.patience import Patience
-from r2bspec.harness.recording import Recording
-from r2bspec.harness.repertoire import TF_QOS, publish_static
-from r2bspec.harness.transforms import TF, TF_STATIC
-from r2bspec.spec.model import QoS
+from r2bspec.harness.preloaded_messages import TF_QOS, publish_static
+from r2bspec.harness.topic_recorder import Recording
+from r2bspec.ipc import buffers, protocol
+from r2bspec.ipc.transform_stamps import TF, TF_STATIC
+from r2bspec.language.spec import QoS
 
 _IN_FLIGHT = 4
 """Stamps that may be under way at once: fewer than the ten that a default queue holds."""
@@ -48,13 +49,16 @@ class Loader:
         self._channel = channel
         self._settings = settings
         self._folder = Path(settings.buffer_dir)
-        self._node = ros.start_node("loader")
-        self._loop = ros.WaitLoop(self._node)
+        self._node = rclpy_tools.start_node("loader")
+        self._loop = rclpy_tools.WaitLoop(self._node)
         # Before anything else, so that whoever is started later finds it.
         self._static = publish_static(self._node, self._folder) if settings.static else None
         self._writers = {
-            topic: ros.RawWriter(
-                self._node, topic, type_name, ros.profile(TF_QOS if topic == TF else _DEFAULT_QOS)
+            topic: rclpy_tools.RawWriter(
+                self._node,
+                topic,
+                type_name,
+                rclpy_tools.profile(TF_QOS if topic == TF else _DEFAULT_QOS),
             )
             for topic, type_name in settings.sources.items()
         }
@@ -88,10 +92,10 @@ class Loader:
     def _subscribe(self) -> None:
         """Subscribe to every waiting topic whose QoS is known by now."""
         for topic, type_name in list(self._waiting.items()):
-            qos = ros.profile_heard_from(self._node, topic)
+            qos = rclpy_tools.profile_heard_from(self._node, topic)
             if qos is None:
                 continue
-            reader = ros.RawReader(self._node, topic, type_name, qos)
+            reader = rclpy_tools.RawReader(self._node, topic, type_name, qos)
             self._recordings.append(Recording(topic, type_name, self._folder, reader))
             self._loop.add(reader)
             del self._waiting[topic]
@@ -160,7 +164,7 @@ class Loader:
         """What is in a buffer; with the stamps of messages whose type only ROS knows here."""
         index = buffers.read_index(self._folder, topic)
         if index.has_header is None and topic in self._settings.sources:
-            header = ros.begins_with_header(index.type)
+            header = rclpy_tools.begins_with_header(index.type)
             index = (
                 buffers.read_stamps(self._folder, index)
                 if header

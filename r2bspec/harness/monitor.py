@@ -2,7 +2,7 @@
 
 The time of arrival is the one that the middleware took when the sample reached the reader, so the
 monitor's own copying is not charged to the graph. It is on the system clock and is brought to the
-monotonic one (`r2bspec.harness.clocks`).
+monotonic one (`r2bspec.ipc.clocks`).
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from r2bspec.harness import protocol, ros
-from r2bspec.harness.channel import Channel, ChannelClosedError
-from r2bspec.harness.clocks import Clocks
-from r2bspec.harness.held import HeldWriter
-from r2bspec.harness.rows import RowWriter
-from r2bspec.harness.stamps import read_stamp
-from r2bspec.plan.model import MonitorPlan
+from r2bspec.harness import rclpy_tools
+from r2bspec.harness.control_channel import Channel, ChannelClosedError
+from r2bspec.ipc import protocol
+from r2bspec.ipc.clocks import Clocks
+from r2bspec.ipc.header_stamps import read_stamp
+from r2bspec.ipc.sample_files import RowWriter
+from r2bspec.ipc.stall_log import HeldWriter
+from r2bspec.plan.plan import MonitorPlan
 
 _IDLE_S = 0.05
 _DISCOVERY_POLL_S = 0.02
@@ -32,11 +33,11 @@ _DISCOVERY_POLL_S = 0.02
 class _Watch:
     """One watched topic: its reader and its rows."""
 
-    def __init__(self, plan: MonitorPlan, rows: RowWriter, reader: ros.RawReader) -> None:
+    def __init__(self, plan: MonitorPlan, rows: RowWriter, reader: rclpy_tools.RawReader) -> None:
         self.plan = plan
         self._rows = rows
         self.reader = reader
-        self._stamped = ros.begins_with_header(plan.type)
+        self._stamped = rclpy_tools.begins_with_header(plan.type)
 
     def matches(self) -> int:
         return self.reader.matches()
@@ -60,11 +61,11 @@ class Monitor:
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureMonitor) -> None:
         self._channel = channel
-        self._node = ros.start_node("monitor")
-        self._loop = ros.WaitLoop(self._node)
+        self._node = rclpy_tools.start_node("monitor")
+        self._loop = rclpy_tools.WaitLoop(self._node)
         self._waiting = list(settings.monitors)
         for plan in settings.monitors:
-            ros.message_class(plan.type)
+            rclpy_tools.message_class(plan.type)
         self._rows = {
             plan.name: RowWriter(Path(settings.rows_dir) / f"{plan.name}.rows", width=4)
             for plan in settings.monitors
@@ -131,9 +132,9 @@ class Monitor:
         still_waiting = []
         for plan in self._waiting:
             qos = (
-                ros.profile(plan.qos)
+                rclpy_tools.profile(plan.qos)
                 if plan.qos is not None
-                else ros.profile_heard_from(self._node, plan.topic)
+                else rclpy_tools.profile_heard_from(self._node, plan.topic)
             )
             if qos is None:
                 still_waiting.append(plan)
@@ -142,19 +143,19 @@ class Monitor:
         self._waiting = still_waiting
 
     def _add(self, plan: MonitorPlan, rows: RowWriter, qos: QoSProfile) -> None:
-        reader = ros.RawReader(self._node, plan.topic, plan.type, qos)
+        reader = rclpy_tools.RawReader(self._node, plan.topic, plan.type, qos)
         self._watches.append(_Watch(plan, rows, reader))
         self._loop.add(reader)
 
     def _watch(self, plans: tuple[MonitorPlan, ...]) -> None:
         """Read topics that are no monitors', for a while."""
         for plan in plans:
-            with contextlib.suppress(ros.TypeNotFoundError):
-                ros.message_class(plan.type)
+            with contextlib.suppress(rclpy_tools.TypeNotFoundError):
+                rclpy_tools.message_class(plan.type)
                 qos = (
-                    ros.profile(plan.qos)
+                    rclpy_tools.profile(plan.qos)
                     if plan.qos is not None
-                    else ros.profile_heard_from(self._node, plan.topic)
+                    else rclpy_tools.profile_heard_from(self._node, plan.topic)
                 )
                 if qos is not None:
                     rows = RowWriter(self._rows_dir / f"{plan.name}.rows", width=4)
@@ -187,7 +188,7 @@ def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
             for topic in topics
             for writer in writers[topic]
             for reader in readers[topic]
-            if (why := ros.why_refused(writer.qos_profile, reader.qos_profile))
+            if (why := rclpy_tools.why_refused(writer.qos_profile, reader.qos_profile))
         ),
     )
 

@@ -11,14 +11,15 @@ import gc
 import time
 from pathlib import Path
 
-from r2bspec.harness import protocol, ros
-from r2bspec.harness.channel import Channel
+from r2bspec.harness import rclpy_tools
+from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.pacing import Pacer
-from r2bspec.harness.repertoire import TF_QOS, Repertoire, publish_static
-from r2bspec.harness.rows import RowWriter
-from r2bspec.harness.schedule import NO_STEP, Cyclic, Event, Timeline
-from r2bspec.harness.step_rows import StepRows
-from r2bspec.harness.transforms import TF, TF_STATIC, TF_TYPE
+from r2bspec.harness.preloaded_messages import TF_QOS, Repertoire, publish_static
+from r2bspec.ipc import protocol
+from r2bspec.ipc.sample_files import RowWriter
+from r2bspec.ipc.schedule import NO_STEP, Cyclic, Event, Timeline
+from r2bspec.ipc.step_samples import StepRows
+from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
 
 _LEAD_NS = 20_000_000
 """Time between the command to play and the first due time, so that the first step is not late."""
@@ -30,10 +31,10 @@ class Player:
     def __init__(self, channel: Channel, settings: protocol.ConfigurePlayer) -> None:
         self._channel = channel
         self._settings = settings
-        self._node = ros.start_node("player")
+        self._node = rclpy_tools.start_node("player")
         self._folder = Path(settings.buffer_dir)
         self._topics = [each.topic for each in settings.inputs]
-        headers = [ros.begins_with_header(each.type) for each in settings.inputs]
+        headers = [rclpy_tools.begins_with_header(each.type) for each in settings.inputs]
         self._headers = dict(zip(self._topics, headers, strict=True))
         self._stamped = [
             each.timestamp == "header" and header
@@ -44,11 +45,11 @@ class Player:
             publish_static(self._node, self._folder) if TF_STATIC in settings.transforms else None
         )
         self._writers = [
-            ros.RawWriter(self._node, each.topic, each.type, ros.profile(each.qos))
+            rclpy_tools.RawWriter(self._node, each.topic, each.type, rclpy_tools.profile(each.qos))
             for each in settings.inputs
         ]
         self._transforms = (
-            [ros.RawWriter(self._node, TF, TF_TYPE, ros.profile(TF_QOS))]
+            [rclpy_tools.RawWriter(self._node, TF, TF_TYPE, rclpy_tools.profile(TF_QOS))]
             if TF in settings.transforms
             else []
         )

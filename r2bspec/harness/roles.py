@@ -10,8 +10,8 @@ import sys
 import traceback
 from typing import Protocol
 
-from r2bspec.harness import protocol
-from r2bspec.harness.channel import Channel, ChannelClosedError
+from r2bspec.harness.control_channel import Channel, ChannelClosedError
+from r2bspec.ipc import protocol
 
 
 class Role(Protocol):
@@ -54,19 +54,19 @@ def _take_role(channel: Channel, command: protocol.Command) -> Role:
 
             return Monitor(channel, command)
         case protocol.ConfigureHost():
-            from r2bspec.harness.host import Host
+            from r2bspec.harness.node_host import Host
 
             return Host(channel, command)
         case protocol.ConfigureHarness():
-            from r2bspec.harness.together import Together
+            from r2bspec.harness.in_process import Together
 
             return Together(channel, command)
         case protocol.ConfigureCaller():
-            from r2bspec.harness.caller import Caller
+            from r2bspec.harness.service_client import Caller
 
             return Caller(channel, command)
         case protocol.ConfigureComponents():
-            from r2bspec.harness.components import Components
+            from r2bspec.harness.component_loader import Components
 
             return Components(channel, command)
     raise RuntimeError(f"a process is configured first, not told to {type(command).__name__}")

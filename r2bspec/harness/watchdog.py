@@ -16,7 +16,7 @@ import sys
 import time
 from pathlib import Path
 
-from r2bspec.harness.reaping import clean_up
+from r2bspec.ipc.process_cleanup import clean_up
 
 _GRACE_S = 1.0
 

@@ -27,17 +27,17 @@ from typing import Final, Literal
 import msgspec
 
 from r2bspec.interop.ros2_benchmark import Figures, ReferenceReport
-from r2bspec.measure.catalogue import MetricInfo, resolve
+from r2bspec.judge.decision import Answer, Question, decide, verdict
+from r2bspec.judge.judge_requirement import limit_of
+from r2bspec.judge.methods.share_bound import share_test
+from r2bspec.judge.outcome import outcome_of
+from r2bspec.judge.statistics.effective_sample_size import Effective
+from r2bspec.judge.verdict import CONFIDENCE, EXIT_CODES, RequirementVerdict, Verdict
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.spec import Objective
 from r2bspec.measure.errors import MetricError
+from r2bspec.measure.metric_catalogue import MetricInfo, resolve
 from r2bspec.measure.units import show
-from r2bspec.slo.methods.share import share_test
-from r2bspec.slo.model import CONFIDENCE, EXIT_CODES, RequirementVerdict, Verdict
-from r2bspec.slo.question import Answer, Question, decide, verdict
-from r2bspec.slo.requirements import limit_of
-from r2bspec.slo.severity import outcome_of
-from r2bspec.slo.statistics.effective import Effective
-from r2bspec.spec.model import Objective
-from r2bspec.spec.requirement import Requirement
 
 _Extreme = Literal["", "largest", "smallest"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.matching import Matching
-from r2bspec.record.arrays import Rows
+from r2bspec.record.sample_arrays import Rows
 
 Seconds = NDArray[np.float64]
 

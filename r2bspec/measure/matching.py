@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.plan.model import MonitorPlan
-from r2bspec.record.arrays import Rows
+from r2bspec.plan.plan import MonitorPlan
+from r2bspec.record.sample_arrays import Rows
 
 UNKNOWN = -1
 """The step of a message that answers none."""

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from r2bspec.measure.hops import pool_hops
-from r2bspec.measure.resources import Use
+from r2bspec.measure.hop_latency import pool_hops
+from r2bspec.measure.resource_usage import Use
 from r2bspec.measure.samples import MonitorSamples, PlaybackSamples, SegmentSamples, StepTimes
 
 

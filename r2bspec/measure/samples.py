@@ -9,8 +9,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.asked import asked_of
-from r2bspec.measure.hops import HopSamples, hop_samples
+from r2bspec.measure.expected_steps import asked_of
+from r2bspec.measure.hop_latency import HopSamples, hop_samples
+from r2bspec.measure.interference import Surroundings, slower_by, surroundings
 from r2bspec.measure.latency import (
     Seconds,
     arrivals,
@@ -20,15 +21,14 @@ from r2bspec.measure.latency import (
     latencies_from_due,
     seconds,
 )
-from r2bspec.measure.live import stamped_ns
+from r2bspec.measure.live_segments import stamped_ns
 from r2bspec.measure.matching import UNKNOWN, Matching, match, ratio_of
-from r2bspec.measure.resources import MACHINE, Use, use
-from r2bspec.measure.surroundings import Surroundings, slower_by, surroundings
+from r2bspec.measure.resource_usage import MACHINE, Use, use
 from r2bspec.measure.throughput import Silence, mean_rate, silence, throughput
-from r2bspec.plan.model import MonitorPlan
-from r2bspec.record.arrays import Rows
-from r2bspec.record.model import ProcessRecord, RunRecord, Segment
-from r2bspec.record.store import Run
+from r2bspec.plan.plan import MonitorPlan
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import ProcessRecord, RunRecord, Segment
+from r2bspec.record.sample_arrays import Rows
 
 LOSSES_COUNT = ("latency", "latency_from_due")
 """Families in which a step without an answer counts as later than every other."""
@@ -71,7 +71,7 @@ class MonitorSamples:
         per_step: answers that each step lets expect, in the long run.
         hops: the way to the monitor, where it is tapped.
         live: whether nothing was played. Each message then stands for a step, and what was sent or
-            missed is unknown, whatever the counts say (`r2bspec.measure.live`).
+            missed is unknown, whatever the counts say (`r2bspec.measure.live_segments`).
     """
 
     steps: StepTimes

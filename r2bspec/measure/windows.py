@@ -22,11 +22,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from r2bspec.measure.catalogue import MetricInfo
 from r2bspec.measure.latency import intervals, jitter, seconds
+from r2bspec.measure.metric_catalogue import MetricInfo
+from r2bspec.measure.metric_values import monitor_value
 from r2bspec.measure.samples import MonitorSamples, SegmentSamples, StepTimes
 from r2bspec.measure.throughput import silence, throughput
-from r2bspec.measure.values import monitor_value
 
 _ROUNDING_NS = 1_000
 """Due times are rounded: a step that is due at a window's first moment must not miss it."""

@@ -8,8 +8,8 @@ from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from r2bspec.nodes import camera, images, paired, tags
-from r2bspec.nodes.parameters import above, declare, destroyed_if_refused, one_of
+from r2bspec.nodes import camera, images, paired, tag_poses
+from r2bspec.nodes.declared_parameters import above, declare, destroyed_if_refused, one_of
 
 
 class AprilTagNode(Node):
@@ -17,8 +17,8 @@ class AprilTagNode(Node):
 
     Reads ``image`` and ``camera_info``, paired by stamp; writes ``detections``, for each image the
     poses of its tags by their ids, under the image's header. An image without tags gives an array
-    without poses. What a tag's pose means is said in `r2bspec.nodes.tags`. All topics are reliable
-    and keep the last 10 messages.
+    without poses. What a tag's pose means is said in `r2bspec.nodes.tag_poses`. All topics are
+    reliable and keep the last 10 messages.
 
     Raises:
         ValueError: a parameter has a value that it may not have.
@@ -31,7 +31,7 @@ class AprilTagNode(Node):
 
     def _start(self) -> None:
         self._family = declare(
-            self, "family", "36h11", "family of the tags", one_of(*tags.FAMILIES)
+            self, "family", "36h11", "family of the tags", one_of(*tag_poses.FAMILIES)
         )
         self._size_m = declare(
             self, "size", 0.162, "edge of a tag's black square in metres", above(0)
@@ -41,13 +41,13 @@ class AprilTagNode(Node):
             "corner_refinement",
             "subpix",
             "how corners are brought below one pixel",
-            one_of(*tags.REFINEMENTS),
+            one_of(*tag_poses.REFINEMENTS),
         )
         self._out = self.create_publisher(PoseArray, "detections", paired.QOS_DEPTH)
         paired.subscribe(self, "image", "camera_info", self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
-        found = tags.detect(
+        found = tag_poses.detect(
             images.gray(images.view(image), image.encoding),
             camera.matrix(info),
             camera.distortion(info),
@@ -58,7 +58,7 @@ class AprilTagNode(Node):
         self._out.publish(PoseArray(header=image.header, poses=[_pose(tag) for tag in found]))
 
 
-def _pose(tag: tags.Detection) -> Pose:
+def _pose(tag: tag_poses.Detection) -> Pose:
     x, y, z = tag.position_m
     qx, qy, qz, qw = tag.quaternion_xyzw
     return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))

@@ -7,8 +7,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from r2bspec.nodes.message_types import message_type
-from r2bspec.nodes.parameters import (
+from r2bspec.nodes.declared_parameters import (
     Allowed,
     at_least,
     declare,
@@ -16,6 +15,7 @@ from r2bspec.nodes.parameters import (
     either,
     one_of,
 )
+from r2bspec.nodes.format_classes import message_type
 from r2bspec.nodes.service_times import JITTERS, service_times_ns
 
 

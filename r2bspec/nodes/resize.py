@@ -8,7 +8,14 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
 from r2bspec.nodes import camera, images, paired
-from r2bspec.nodes.parameters import Allowed, above, declare, destroyed_if_refused, either, one_of
+from r2bspec.nodes.declared_parameters import (
+    Allowed,
+    above,
+    declare,
+    destroyed_if_refused,
+    either,
+    one_of,
+)
 
 _PIXELS = Allowed("1 or more, or -1 for the input's", lambda value: value == -1 or value >= 1)
 

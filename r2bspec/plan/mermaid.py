@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.plan.draw import Box, figure
-from r2bspec.plan.model import Plan
+from r2bspec.plan.figure import Box, figure
+from r2bspec.plan.plan import Plan
 
 _SHAPES = {
     "node": ('["', '"]'),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 
-from r2bspec.plan.model import MonitorPlan, Plan, TapPlan, TopicPlan
+from r2bspec.plan.plan import MonitorPlan, Plan, TapPlan, TopicPlan
 
 PLAYER = "player"
 """Where every way begins; stands for all inputs, which are published together."""

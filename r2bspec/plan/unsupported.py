@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from r2bspec.plan.model import Plan
+from r2bspec.plan.plan import Plan
 
 
 class Unsupported(NamedTuple):

@@ -1,1 +1,1 @@
-"""One module for each form of output; `r2bspec.report.result` holds what they all show."""
+"""One module for each form of output; `r2bspec.judge.judge_run` holds what they all show."""

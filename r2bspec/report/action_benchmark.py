@@ -6,10 +6,10 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from r2bspec.measure.model import MonitorMetrics, RateMetrics
+from r2bspec.compare.report_input import Reported
+from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.units import at_rate, show_range
-from r2bspec.report.reported import Reported
-from r2bspec.report.wording import peak_text
+from r2bspec.report.report_wording import peak_text
 
 _SMALLER = (
     ("latency.mean", "s", 1e3, "ms"),

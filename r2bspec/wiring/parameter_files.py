@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from r2bspec.spec.model import Node, ParameterValue
-from r2bspec.wiring.interfaces import read_yaml
+from r2bspec.language.spec import Node, ParameterValue
+from r2bspec.wiring.node_interface import read_yaml
 
 _LARGEST_BYTES = 1_000_000
 _DEEPEST = 50

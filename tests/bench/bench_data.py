@@ -61,14 +61,14 @@ def sha256sum(bag: Path) -> int:
 
 
 def hash_of_r2bspec(bag: Path) -> int:
-    from r2bspec.data.digest import hash_files
+    from r2bspec.bags.digest import hash_files
 
     hash_files(bag)
     return size(bag)
 
 
 def index(bag: Path) -> int:
-    from r2bspec.data.index import index_bag
+    from r2bspec.bags.bag_index import index_bag
 
     index_bag(bag)
     return 0
@@ -101,9 +101,9 @@ def any_reader_to_file(bag: Path) -> int:
 
 def buffers(bag: Path) -> int:
     """The loader of r2bspec: messages to a buffer, with the index that the player needs."""
-    from r2bspec.execute.buffering import buffer_bags
+    from r2bspec.execute.inputs.buffer_bags import buffer_bags
     from r2bspec.execute.progress import Silent
-    from r2bspec.plan.model import BagTopicPlan, DatasetPlan
+    from r2bspec.plan.plan import BagTopicPlan, DatasetPlan
 
     topic = BagTopicPlan(bag_topic=TOPIC, topic="/buffered", type=IMAGE, count=0, rate_hz=0.0)
     plan = DatasetPlan(
@@ -141,8 +141,8 @@ def _of_any_reader(
 def _of_r2bspec(
     bag: Path, start_ns: int | None = None, stop_ns: int | None = None
 ) -> Iterator[bytes]:
-    from r2bspec.data.model import Window
-    from r2bspec.data.reader import read_messages
+    from r2bspec.bags.bag_reader import read_messages
+    from r2bspec.bags.recording import Window
 
     window = None
     if start_ns is not None and stop_ns is not None:
@@ -195,8 +195,8 @@ def child(step: str, bag: Path) -> None:
     """What the process does."""
     # Imports are paid once by a run, and are no matter of the bag's size.
 
-    import r2bspec.data.reader
-    import r2bspec.execute.buffering  # noqa: F401
+    import r2bspec.bags.bag_reader
+    import r2bspec.execute.inputs.buffer_bags  # noqa: F401
 
     action, _ = STEPS[step]
     begin = time.perf_counter()

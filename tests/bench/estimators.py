@@ -22,11 +22,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.statistics import effective_sample_size
+from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.measure.percentiles import rank
 from r2bspec.measure.samples import read_samples
-from r2bspec.record.store import open_run
-from r2bspec.slo.statistics import effective
-from r2bspec.slo.statistics.binomial import lower_bound, upper_bound
+from r2bspec.record.run_folder import open_run
 
 Latencies = NDArray[np.float64]
 """Seconds, one row for each iteration or piece; infinite where nothing came."""
@@ -85,11 +85,13 @@ def _part(cause: str) -> Callable[[Flags], float]:
         if not 0 < bad < n:
             return 1.0
         sizes = np.full(flags.shape[0], flags.shape[1])
-        bursts, longest = effective._bursts(flags)
+        bursts, longest = effective_sample_size._bursts(flags)
         found = {
-            "bursts": lambda: effective._of_bursts(n, bad, bursts, longest),
-            "stretches": lambda: effective._of_stretches(flags, sizes, bad / n),
-            "iterations": lambda: effective._of_iterations(flags.sum(axis=1), sizes, bad / n),
+            "bursts": lambda: effective_sample_size._of_bursts(n, bad, bursts, longest),
+            "stretches": lambda: effective_sample_size._of_stretches(flags, sizes, bad / n),
+            "iterations": lambda: effective_sample_size._of_iterations(
+                flags.sum(axis=1), sizes, bad / n
+            ),
         }
         return max(1.0, found[cause]())
 
@@ -99,7 +101,7 @@ def _part(cause: str) -> Callable[[Flags], float]:
 def used(flags: Flags) -> float:
     """What verdicts use: the largest of the three."""
     sizes = np.full(flags.shape[0], flags.shape[1])
-    return effective.effective_rows(flags, sizes).inflation
+    return effective_sample_size.effective_rows(flags, sizes).inflation
 
 
 def own_tail(share: float) -> Callable[[Drawn], float]:

@@ -20,9 +20,9 @@ _VARIABLES = {
 
 
 def _without_rcl() -> None:
-    from r2bspec.harness import rcl
+    from r2bspec.harness import rcl_calls
 
-    rcl.__dict__["_library"] = lambda: None
+    rcl_calls.__dict__["_library"] = lambda: None
 
 
 def _without_exact_timers() -> None:
@@ -93,7 +93,7 @@ if __name__ == "__main__":
 
     status = child.main()
     if "rclpy" in sys.modules:
-        from r2bspec.harness import ros
+        from r2bspec.harness import rclpy_tools
 
-        ros.finish()
+        rclpy_tools.finish()
     os._exit(status)

@@ -16,20 +16,20 @@ from floor_child import WITHOUT_VARIABLE
 from floor_figures import Figures, cpu_ns, figures
 from floor_workloads import COPIES, TOPIC, TYPE, Workload, write_buffer
 
-from r2bspec.execute.children import Child, Children
-from r2bspec.execute.domain import reserved_domain
-from r2bspec.execute.environment import RunEnvironment
-from r2bspec.execute.holding import Criterion, judge_end, planned_looks, see
-from r2bspec.execute.playing import PLAYBACK_ROWS, Observed, Stage
-from r2bspec.execute.resources import ResourceSampler
-from r2bspec.execute.search import Outcome, PeakSearch
-from r2bspec.harness import protocol
-from r2bspec.harness.buffers import largest_message_bytes
-from r2bspec.harness.schedule import Cyclic
-from r2bspec.plan.model import InputPlan, MonitorPlan, Plan
-from r2bspec.record.model import Probe
-from r2bspec.record.store import RunFolder
-from r2bspec.spec.model import QoS
+from r2bspec.execute.host.resource_sampler import ResourceSampler
+from r2bspec.execute.measurement.peak_search import Outcome, PeakSearch
+from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, Observed, Stage
+from r2bspec.execute.processes.environment import RunEnvironment
+from r2bspec.execute.processes.ros_domain import reserved_domain
+from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.ipc import protocol
+from r2bspec.ipc.buffers import largest_message_bytes
+from r2bspec.ipc.schedule import Cyclic
+from r2bspec.judge.rate_test import Criterion, judge_end, planned_looks, see
+from r2bspec.language.spec import QoS
+from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
+from r2bspec.record.run_folder import RunFolder
+from r2bspec.record.run_record import Probe
 
 MONITOR = "floor"
 _WARM_UP_STEPS = 60

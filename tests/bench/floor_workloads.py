@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from r2bspec.harness.buffers import BufferWriter
+from r2bspec.ipc.buffers import BufferWriter
 
 TYPE = "sensor_msgs/msg/Image"
 TOPIC = "/bench/image"

@@ -23,8 +23,8 @@ import time
 from collections import defaultdict
 from pathlib import Path
 
-from r2bspec.record.store import open_run
-from r2bspec.report.wording import peak_text
+from r2bspec.record.run_folder import open_run
+from r2bspec.report.report_wording import peak_text
 
 _SPEC = """\
 r2bspec: 1

@@ -37,9 +37,9 @@ import numpy as np
 import yaml
 
 from r2bspec.nodes.service_times import service_times_ns
-from r2bspec.record.model import SearchRecord
-from r2bspec.record.store import Run, open_run
-from r2bspec.report.wording import peak_text
+from r2bspec.record.run_folder import Run, open_run
+from r2bspec.record.run_record import SearchRecord
+from r2bspec.report.report_wording import peak_text
 
 _FORMAT = "sensor_msgs/msg/CameraInfo"
 _DEPTH = 20_000

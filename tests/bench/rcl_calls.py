@@ -16,8 +16,8 @@ from collections.abc import Callable
 
 from floor_workloads import LARGE, MEDIUM, SMALL, TYPE, message
 
-from r2bspec.harness import rcl, ros
-from r2bspec.spec.model import QoS
+from r2bspec.harness import rcl_calls, rclpy_tools
+from r2bspec.language.spec import QoS
 
 _TURNS = 200
 _PAUSE_S = 0.002
@@ -26,12 +26,12 @@ _PAUSE_S = 0.002
 def main() -> int:
     from rclpy.serialization import serialize_message
 
-    node = ros.start_node("calls")
-    writer = ros.RawWriter(node, "/calls", TYPE, ros.profile(QoS()))
-    reader = ros.RawReader(node, "/calls", TYPE, ros.profile(QoS()))
+    node = rclpy_tools.start_node("calls")
+    writer = rclpy_tools.RawWriter(node, "/calls", TYPE, rclpy_tools.profile(QoS()))
+    reader = rclpy_tools.RawReader(node, "/calls", TYPE, rclpy_tools.profile(QoS()))
     while not writer.matches():
         time.sleep(0.01)
-    taker = rcl.Taker(reader.handle)
+    taker = rcl_calls.Taker(reader.handle)
     _print("| message | publish: rclpy, rcl | take: rclpy, rcl |")
     _print("| --- | --- | --- |")
     for size in (SMALL, MEDIUM, LARGE):
@@ -50,7 +50,7 @@ def main() -> int:
             for step in (0, 1)
         ]
         _print(f"| {size:,} B | {cells[0]} ms | {cells[1]} ms |")
-    ros.finish()
+    rclpy_tools.finish()
     os._exit(0)
 
 

@@ -31,8 +31,8 @@ import yaml
 
 from r2bspec import api
 from r2bspec.errors import R2bspecError
-from r2bspec.report.model import Result
-from r2bspec.slo.model import RequirementVerdict
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import RequirementVerdict
 from ros_runs import relay_node, relay_spec, write_bag
 
 CHANGES = (0, 5, 10, 20)

@@ -13,9 +13,9 @@ import msgspec
 import pytest
 from chromium import Chromium, Page, find_chromium
 
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.judge_run import result_of
 from r2bspec.report.html import render
-from r2bspec.report.reported import Reported
-from r2bspec.report.result import result_of
 from report_runs import HOSTILE_RUN, USUAL
 
 PROGRAM = find_chromium()

@@ -37,7 +37,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
 )
 
-from r2bspec.record.store import open_run  # noqa: E402 - found through the path above
+from r2bspec.record.run_folder import open_run  # noqa: E402 - found through the path above
 from ros_runs import (  # noqa: E402
     IMAGE,
     Bench,

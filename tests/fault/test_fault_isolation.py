@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.execute.environment import inherited
+from r2bspec.execute.processes.environment import inherited
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics.edits import fix
+from r2bspec.language.load_spec import Loaded, load_spec
 from r2bspec.report.findings import github, json, sarif, text
-from r2bspec.spec.load import Loaded, load_spec
 
 FILE = "fuzz.r2b.yaml"
 ENVIRON = {"HOME": "/home/someone"}

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from mutants import Mutant
 
 from r2bspec.diagnostics import Path
-from r2bspec.spec.validator import schema_at
+from r2bspec.language.schema_validator import schema_at
 
 _NAMED = {
     ("slos",): "an objective",

@@ -29,9 +29,9 @@ from mutation_reasons import reason
 
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic
-from r2bspec.plan.canonical import plan_hash
-from r2bspec.plan.compile import compile_plan
-from r2bspec.spec.load import Loaded, load_spec
+from r2bspec.language.load_spec import Loaded, load_spec
+from r2bspec.plan.canonical_json import plan_hash
+from r2bspec.plan.compile_plan import compile_plan
 
 ROOT = Path(__file__).parents[2]
 SPECS = sorted((ROOT / "specs").rglob("*.r2b.yaml"))
@@ -84,7 +84,7 @@ def _lines(found: Diagnostic) -> Iterator[int]:
 
 
 def _plan(loaded: Loaded) -> str:
-    from r2bspec.data.locate import index, locate
+    from r2bspec.datasets.locate_bag import index, locate
 
     if loaded.spec is None:
         return ""

@@ -10,9 +10,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.harness import rcl, ros
-from r2bspec.harness.stamps import read_stamp, write_stamp
-from r2bspec.spec.model import QoS
+from r2bspec.harness import rcl_calls, rclpy_tools
+from r2bspec.ipc.header_stamps import read_stamp, write_stamp
+from r2bspec.language.spec import QoS
 from ros_runs import Bench, Finished, relay_spec
 from ros_runs import nothing_left as nothing_left
 
@@ -59,7 +59,7 @@ def messages(sizes: list[int]) -> list[bytearray]:
 
     made = []
     for number, size in enumerate(sizes, 1):
-        image = ros.message_class(IMAGE)(data=bytes([number]) * size)
+        image = rclpy_tools.message_class(IMAGE)(data=bytes([number]) * size)
         message = bytearray(serialize_message(image))
         write_stamp(message, number * 10**9 + number)
         made.append(message)
@@ -70,9 +70,9 @@ class Pair:
     """A writer and a reader of one node, matched."""
 
     def __init__(self) -> None:
-        self.node = ros.start_node("pair")
-        self.writer = ros.RawWriter(self.node, "/pair", IMAGE, ros.profile(QoS()))
-        self.reader = ros.RawReader(self.node, "/pair", IMAGE, ros.profile(QoS()))
+        self.node = rclpy_tools.start_node("pair")
+        self.writer = rclpy_tools.RawWriter(self.node, "/pair", IMAGE, rclpy_tools.profile(QoS()))
+        self.reader = rclpy_tools.RawReader(self.node, "/pair", IMAGE, rclpy_tools.profile(QoS()))
         self.wait(lambda: self.writer.matches() > 0 and self.reader.matches() > 0)
 
     def wait(self, condition: Any) -> None:
@@ -92,11 +92,11 @@ class Pair:
 @pytest.fixture(params=["rcl", "rclpy"])
 def pair(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pair]:
     if request.param == "rclpy":
-        monkeypatch.setattr(rcl, "_library", lambda: None)
+        monkeypatch.setattr(rcl_calls, "_library", lambda: None)
     else:
-        assert rcl._library() is not None
+        assert rcl_calls._library() is not None
     yield Pair()
-    ros.finish()
+    rclpy_tools.finish()
 
 
 def test_messages_arrive_as_they_were_at_the_time_of_publication(pair: Pair) -> None:
@@ -131,7 +131,7 @@ def test_a_head_tells_stamp_and_size_of_small_and_large_messages_in_turn(pair: P
         head, size, _ = pair.take(pair.reader.take_head)
         assert read_stamp(head) == number * 10**9 + number
         assert size == len(message)
-        assert len(head) == rcl.HEAD_BYTES
+        assert len(head) == rcl_calls.HEAD_BYTES
 
 
 def test_where_nothing_waits_nothing_is_taken(pair: Pair) -> None:
@@ -140,8 +140,8 @@ def test_where_nothing_waits_nothing_is_taken(pair: Pair) -> None:
 
 
 def test_a_reader_that_was_removed_is_waited_for_no_more(pair: Pair) -> None:
-    loop = ros.WaitLoop(pair.node)
-    other = ros.RawReader(pair.node, "/other", IMAGE, ros.profile(QoS()))
+    loop = rclpy_tools.WaitLoop(pair.node)
+    other = rclpy_tools.RawReader(pair.node, "/other", IMAGE, rclpy_tools.profile(QoS()))
     loop.add(other)
     loop.add(pair.reader)
     loop.remove(other)

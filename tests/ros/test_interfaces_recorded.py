@@ -12,8 +12,8 @@ from click.testing import CliRunner
 
 from r2bspec.check import check
 from r2bspec.cli.interfaces import command
-from r2bspec.spec.load import load_spec
-from r2bspec.wiring.beside import read_beside
+from r2bspec.language.load_spec import load_spec
+from r2bspec.wiring.companion_files import read_beside
 from ros_runs import nothing_left as nothing_left
 
 IMAGE = "sensor_msgs/msg/Image"

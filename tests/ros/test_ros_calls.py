@@ -8,7 +8,7 @@ pytest.importorskip("rclpy")
 
 from rcl_interfaces.srv import GetParameters, SetParameters
 
-from r2bspec.harness.caller import CallError, fill, service_class
+from r2bspec.harness.service_client import CallError, fill, service_class
 
 
 def test_nested_messages_and_sequences_of_them_are_made() -> None:

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from r2bspec.measure.matching import match
-from r2bspec.record.model import Segment
+from r2bspec.record.run_record import Segment
 from ros_runs import (
     IMAGE,
     STRING,

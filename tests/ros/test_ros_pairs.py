@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.record.pairs import open_pairs
+from r2bspec.record.comparison_folder import open_pairs
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from r2bspec.record.model import SearchRecord
+from r2bspec.record.run_record import SearchRecord
 from ros_runs import Bench, Finished, relay_spec
 
 ITERATIONS = 2

@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.measure.resources import CONTROLLER, MACHINE
-from r2bspec.record.model import SearchRecord, Segment
+from r2bspec.measure.resource_usage import CONTROLLER, MACHINE
+from r2bspec.record.run_record import SearchRecord, Segment
 from ros_runs import HEIGHT, IMAGE, WIDTH, Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.measure.asked import asked_and_seen
+from r2bspec.measure.expected_steps import asked_and_seen
 from r2bspec.measure.samples import read_samples
 from ros_runs import (
     IMAGE,

@@ -13,8 +13,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.execute.domain import reserved_domain
-from r2bspec.execute.environment import RunEnvironment, segment_bytes
+from r2bspec.execute.processes.environment import RunEnvironment, segment_bytes
+from r2bspec.execute.processes.ros_domain import reserved_domain
 from ros_runs import HANG_S
 from run_simulation import Simulation
 

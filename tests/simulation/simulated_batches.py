@@ -13,13 +13,13 @@ import numpy as np
 from simulated_gates import paired_values, ratio_outcome, run_values, share_outcome
 from simulated_worlds import bursts, stationary
 
-from r2bspec.slo.confirmation import CONFIRMING
-from r2bspec.slo.earlier import CONFIRMING_BY_HISTORY
-from r2bspec.slo.looks import Looks
-from r2bspec.slo.statistics.paired import paired_ratio
-from r2bspec.slo.statistics.prediction import predicted_ratio
-from r2bspec.slo.statistics.serial import serial_inflation
-from r2bspec.slo.statistics.student import mean_interval
+from r2bspec.judge.confirmation import CONFIRMING
+from r2bspec.judge.history_comparison import CONFIRMING_BY_HISTORY
+from r2bspec.judge.interim_looks import Looks
+from r2bspec.judge.statistics.autocorrelation import serial_inflation
+from r2bspec.judge.statistics.paired_ratio import paired_ratio
+from r2bspec.judge.statistics.prediction_interval import predicted_ratio
+from r2bspec.judge.statistics.t_interval import mean_interval
 
 Batch = Callable[[np.random.Generator, float], int]
 

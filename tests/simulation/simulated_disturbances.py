@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from simulated_runs import RATE_HZ, run_of
 from simulated_worlds import bursts
 
+from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.judge_samples import judge
+from r2bspec.measure.interference import Surroundings
 from r2bspec.measure.samples import RunSamples
-from r2bspec.measure.surroundings import Surroundings
-from r2bspec.slo.judge import judge
-from r2bspec.slo.terms import Terms
 from run_simulation import objective
 
 Kind = Literal["stalls", "contention"]

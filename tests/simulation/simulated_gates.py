@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from simulated_worlds import World
 
-from r2bspec.slo.looks import Looks
-from r2bspec.slo.statistics.binomial import lower_bound, upper_bound
-from r2bspec.slo.statistics.effective import effective
-from r2bspec.slo.statistics.paired import RatioInterval, abba, paired_ratio
-from r2bspec.slo.statistics.prediction import predicted_ratio
-from r2bspec.slo.statistics.serial import serial_inflation
-from r2bspec.slo.statistics.student import mean_interval
-from r2bspec.slo.statistics.welch import welch_ratio
+from r2bspec.judge.interim_looks import Looks
+from r2bspec.judge.statistics.autocorrelation import serial_inflation
+from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
+from r2bspec.judge.statistics.effective_sample_size import effective
+from r2bspec.judge.statistics.paired_ratio import RatioInterval, abba, paired_ratio
+from r2bspec.judge.statistics.prediction_interval import predicted_ratio
+from r2bspec.judge.statistics.t_interval import mean_interval
+from r2bspec.judge.statistics.welch_test import welch_ratio
 
 CONFIDENCE = 0.95
 

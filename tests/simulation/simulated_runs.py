@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.samples import (
     RunSamples,
     SegmentSamples,
     monitor_samples,
     playback_samples,
 )
-from r2bspec.record.model import RunRecord, Segment
-from r2bspec.slo.judge import judge
-from r2bspec.slo.model import Verdict
-from r2bspec.slo.terms import Terms
+from r2bspec.record.run_record import RunRecord, Segment
 from run_simulation import EPOCH_NS, Played, monitor_plan, monitor_rows, objective, playback_rows
 
 RATE_HZ = 30.0

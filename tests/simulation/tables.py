@@ -29,9 +29,9 @@ from simulated_gates import (
 from simulated_runs import judged
 from simulated_worlds import WORLDS
 
-from r2bspec.slo.looks import Looks
-from r2bspec.slo.statistics.binomial import upper_bound
-from r2bspec.slo.statistics.power import smallest_detectable
+from r2bspec.judge.interim_looks import Looks
+from r2bspec.judge.statistics.binomial import upper_bound
+from r2bspec.judge.statistics.power import smallest_detectable
 from simulated_peaks import SERVERS, Kind, outcome, searched
 
 RUNS = 2000

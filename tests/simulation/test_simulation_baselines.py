@@ -13,8 +13,8 @@ from simulated_gates import (
     stored_gate,
 )
 
-from r2bspec.slo.statistics.paired import paired_ratio
-from r2bspec.slo.statistics.power import (
+from r2bspec.judge.statistics.paired_ratio import paired_ratio
+from r2bspec.judge.statistics.power import (
     noise_floor,
     pairs_needed,
     power_of_pairs,

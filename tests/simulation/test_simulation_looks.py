@@ -8,7 +8,7 @@ from simulated_batches import KINDS, aa_gates
 from simulated_gates import looked_gate, share_gate
 from simulated_worlds import WORLDS, stationary
 
-from r2bspec.slo.looks import Looks
+from r2bspec.judge.interim_looks import Looks
 
 pytestmark = pytest.mark.simulation
 

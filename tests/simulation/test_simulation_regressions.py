@@ -11,11 +11,11 @@ import pytest
 from scipy import stats
 from simulated_gates import paired_values, run_values
 
-from r2bspec.slo.baseline import Comparison, judge_history, judge_pairs
-from r2bspec.slo.confirmation import CONFIRMING, confirm
-from r2bspec.slo.earlier import CONFIRMING_BY_HISTORY
-from r2bspec.slo.model import Outcome, RequirementVerdict
-from r2bspec.spec.requirement import parse_requirement
+from r2bspec.judge.baseline_ratio import Comparison, judge_history, judge_pairs
+from r2bspec.judge.confirmation import CONFIRMING, confirm
+from r2bspec.judge.history_comparison import CONFIRMING_BY_HISTORY
+from r2bspec.judge.verdict import Outcome, RequirementVerdict
+from r2bspec.language.requirement_grammar import parse_requirement
 
 pytestmark = pytest.mark.simulation
 

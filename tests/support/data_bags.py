@@ -11,8 +11,8 @@ from typing import Any, Literal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from r2bspec.data.model import Message, Window
-from r2bspec.data.reader import read_messages
+from r2bspec.bags.bag_reader import read_messages
+from r2bspec.bags.recording import Message, Window
 
 STRING = "std_msgs/msg/String"
 START_NS = 1_700_000_000_000_000_000
@@ -158,7 +158,7 @@ def storage_file(folder: Path) -> Path:
 
 def decoded(folder: Path, topic: str) -> list[tuple[Message, Any]]:
     """Messages of a topic of a made dataset, raw and decoded."""
-    from r2bspec.data.index import index_bag
+    from r2bspec.bags.bag_index import index_bag
 
     info = index_bag(folder).find(topic)
     assert info is not None

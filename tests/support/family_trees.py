@@ -12,7 +12,7 @@ from pathlib import Path
 
 import psutil
 
-from r2bspec.harness.protocol import RUN_ID_VARIABLE
+from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 
 _DEADLINE_S = 30.0
 

@@ -11,11 +11,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.plan.canonical import canonical_json, plan_hash
-from r2bspec.plan.model import GatePlan, Plan, PlayPlan
-from r2bspec.record.pairs import PairRecord, Pairs, PairsFolder, PairsRecord, open_pairs
-from r2bspec.slo.statistics.paired import abba
-from r2bspec.spec.model import Objective
+from r2bspec.judge.statistics.paired_ratio import abba
+from r2bspec.language.spec import Objective
+from r2bspec.plan.canonical_json import canonical_json, plan_hash
+from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
+from r2bspec.record.comparison_folder import PairRecord, Pairs, PairsFolder, PairsRecord, open_pairs
 from run_simulation import EPOCH_NS, Played, Simulation, objective
 
 RATE_HZ = 30.0

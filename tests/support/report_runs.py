@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.plan.model import NodePlan, Plan, ProcessPlan, TopicPlan
-from r2bspec.record.model import SearchRecord
+from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan, TopicPlan
+from r2bspec.record.run_record import SearchRecord
 from run_simulation import Played, Simulation, objective, probe
 
 HOSTILE = (

@@ -28,8 +28,8 @@ import yaml
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from r2bspec.harness.protocol import RUN_ID_VARIABLE
-from r2bspec.record.store import Run, open_run
+from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.record.run_folder import Run, open_run
 
 HANG_S = 180.0
 """Guards against hanging only; nothing that passes takes so long."""

@@ -10,10 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.plan.canonical import canonical_json, plan_hash
-from r2bspec.plan.model import DatasetPlan, MonitorPlan, Plan
-from r2bspec.record.arrays import MONITOR, PLAYBACK, RESOURCES, SURROUNDINGS, Rows
-from r2bspec.record.model import (
+from r2bspec.language.quantities import Rate
+from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.language.spec import Objective
+from r2bspec.plan.canonical_json import canonical_json, plan_hash
+from r2bspec.plan.plan import DatasetPlan, MonitorPlan, Plan
+from r2bspec.record.run_folder import Run, RunFolder, open_run
+from r2bspec.record.run_record import (
     ConfirmationRecord,
     Probe,
     ProcessRecord,
@@ -22,10 +25,7 @@ from r2bspec.record.model import (
     Segment,
     SegmentKind,
 )
-from r2bspec.record.store import Run, RunFolder, open_run
-from r2bspec.spec.model import Objective
-from r2bspec.spec.quantities import Rate
-from r2bspec.spec.requirement import parse_requirement
+from r2bspec.record.sample_arrays import MONITOR, PLAYBACK, RESOURCES, SURROUNDINGS, Rows
 
 EPOCH_NS = 5_000_000_000_000_000
 """Weeks of uptime: where float64 could no longer tell one nanosecond from the next."""

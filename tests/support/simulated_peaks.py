@@ -10,9 +10,9 @@ from typing import Final, Literal
 
 import numpy as np
 
-from r2bspec.execute.holding import Criterion
-from r2bspec.record.model import SearchRecord
-from r2bspec.slo.model import Outcome
+from r2bspec.judge.rate_test import Criterion
+from r2bspec.judge.verdict import Outcome
+from r2bspec.record.run_record import SearchRecord
 from simulated_queues import SHALLOW, Server, probe, search
 
 Kind = Literal["D/D/1", "D/M/1", "M/D/1", "M/M/1"]

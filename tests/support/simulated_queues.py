@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.execute.holding import Criterion, Judgement, judge_end, judge_look, planned_looks, see
-from r2bspec.execute.search import Outcome, PeakSearch
-from r2bspec.measure.delivery import Delivery
+from r2bspec.execute.measurement.peak_search import Outcome, PeakSearch
+from r2bspec.judge.rate_test import Criterion, Judgement, judge_end, judge_look, planned_looks, see
+from r2bspec.measure.completion_rate import Delivery
 from r2bspec.measure.matching import match
-from r2bspec.record.arrays import MONITOR, PLAYBACK, Rows
-from r2bspec.record.model import Probe, SearchRecord
+from r2bspec.record.run_record import Probe, SearchRecord
+from r2bspec.record.sample_arrays import MONITOR, PLAYBACK, Rows
 
 BEGIN_NS = 7_000_000_000_000_000
 _STAMP_NS = 1_800_000_000_000_000_000

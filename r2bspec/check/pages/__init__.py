@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from r2bspec.check.pages.data import DATA_PAGES
-from r2bspec.check.pages.files import FILE_PAGES
-from r2bspec.check.pages.run import RUN_PAGES
-from r2bspec.check.pages.waivers import WAIVER_PAGES
-from r2bspec.check.registry import all_rules
-from r2bspec.diagnostics.pages import Page
+from r2bspec.check.pages.data_codes import DATA_PAGES
+from r2bspec.check.pages.file_codes import FILE_PAGES
+from r2bspec.check.pages.run_codes import RUN_PAGES
+from r2bspec.check.pages.waiver_codes import WAIVER_PAGES
+from r2bspec.check.rule_registry import all_rules
+from r2bspec.diagnostics.code_pages import Page
 
 
 def all_pages() -> dict[str, Page]:
     """Every page by its code, in the order of the codes."""
-    from r2bspec.spec.pages import PAGES
+    from r2bspec.language.pages import PAGES
 
     rules = (rule.page for rule in all_rules())
     pages = {

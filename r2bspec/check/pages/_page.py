@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from r2bspec.diagnostics.model import Severity
-from r2bspec.diagnostics.pages import Page
+from r2bspec.diagnostics.code_pages import Page
+from r2bspec.diagnostics.diagnostic import Severity
 
 
 def error_page(code: str, title: str, why: str) -> Page:

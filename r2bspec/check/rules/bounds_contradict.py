@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.metrics import Known, known_metrics
+from r2bspec.check.requirement_metrics import Known, known_metrics
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.spec.requirement import Requirement
+from r2bspec.language.requirement_grammar import Requirement
 
 
 def _find(context: Context) -> Iterator[Finding]:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.recorded import Amount, amounts
+from r2bspec.check.message_text import counted
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import counted
-from r2bspec.diagnostics.model import Severity
+from r2bspec.check.window_counts import Amount, amounts
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.build import harness_topic
+from r2bspec.wiring.build_wiring import harness_topic
 
 _TOLERANCE = 1.5
 """How far an estimate must be exceeded before it is worth a word."""
@@ -36,7 +36,7 @@ def _find(context: Context) -> Iterator[Finding]:
             f"{about}{amount.messages:,} of {quote(name)} in the window",
             path=("playback", "buffer"),
             help="all of them are played, in turn; 0 says that",
-            about=frozenset({subjects.value(("data_loader", "window"))}),
+            about=frozenset({suppression_keys.value(("data_loader", "window"))}),
         )
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Finding
-from r2bspec.check.installed import package_executables
+from r2bspec.check.installed_packages import package_executables
+from r2bspec.check.message_text import suggestion
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import suggestion
-from r2bspec.diagnostics.model import Certainty, Severity
+from r2bspec.diagnostics.diagnostic import Certainty, Severity
 from r2bspec.diagnostics.quote import quote
 
 
@@ -27,7 +27,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 path=(*node.path, "executable"),
                 help=suggestion(executable, there, "it has") or "it has none at all",
                 certainty=Certainty.ENVIRONMENT,
-                about=frozenset({subjects.value((*node.path, "package"))}),
+                about=frozenset({suppression_keys.value((*node.path, "package"))}),
             )
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.message_types import begins_with_header
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -40,7 +40,7 @@ def _find(context: Context) -> Iterator[Finding]:
                         ),
                     ),
                 ),
-                about=frozenset({subjects.value(("monitors", name, "match"))}),
+                about=frozenset({suppression_keys.value(("monitors", name, "match"))}),
             )
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
 
@@ -21,7 +21,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 message=f"the matrix varies {quote(name)}, but nothing uses it",
                 path=("variables", name),
                 help=f"write {quote(f'$(var {name})')} where its value belongs",
-                explains=frozenset({subjects.value(("variables", name))}),
+                explains=frozenset({suppression_keys.value(("variables", name))}),
             )
 
 

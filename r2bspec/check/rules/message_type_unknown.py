@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import message_types, subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import message_types, suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.model import Certainty, Path, Severity
+from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
 from r2bspec.diagnostics.quote import quote
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for path, name in _stated_types(context).items():
-        about = frozenset({subjects.value(path)})
+        about = frozenset({suppression_keys.value(path)})
         beside = message_types.names_beside(name)
         if name in beside:
             continue

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Path, Severity
+from r2bspec.diagnostics.diagnostic import Path, Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.model import Endpoint, PhaseWiring
+from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -67,8 +67,10 @@ def _finding(context: Context, phase: PhaseWiring, sure: Endpoint, wrong: Endpoi
         key=wrong.at_key and not wrong.type_path,
         help=_help(sure, wrong),
         related=(related,),
-        about=frozenset({subjects.topic(phase.phase, sure.topic), subjects.value(place)}),
-        explains=frozenset({subjects.flow(phase.phase), subjects.value(place)}),
+        about=frozenset(
+            {suppression_keys.topic(phase.phase, sure.topic), suppression_keys.value(place)}
+        ),
+        explains=frozenset({suppression_keys.flow(phase.phase), suppression_keys.value(place)}),
     )
 
 

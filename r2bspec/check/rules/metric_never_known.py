@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.metrics import Known, known_metrics
+from r2bspec.check.requirement_metrics import Known, known_metrics
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.measure.catalogue import known_live
-from r2bspec.plan.compile import has_own_rate
+from r2bspec.measure.metric_catalogue import known_live
+from r2bspec.plan.compile_plan import has_own_rate
 
 _PROBED = ("search", "sequential")
 """How metrics are judged that need a rate to be chosen."""

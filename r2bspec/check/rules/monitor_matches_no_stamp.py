@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.message_types import begins_with_header
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -21,8 +21,8 @@ def _find(context: Context) -> Iterator[Finding]:
                 message=f"monitor {name} matches by stamp, but {monitor.format} has no header",
                 path=(*place, "format"),
                 help="write 'match: order', if each input has one output",
-                about=frozenset({subjects.value((*place, "format"))}),
-                explains=frozenset({subjects.value((*place, "match"))}),
+                about=frozenset({suppression_keys.value((*place, "format"))}),
+                explains=frozenset({suppression_keys.value((*place, "match"))}),
             )
 
 

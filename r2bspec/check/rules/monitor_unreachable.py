@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
 
@@ -27,7 +27,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 path=monitor.path,
                 related=(Pointer("who publishes it", writers[0].path, writers[0].at_key),),
                 about=frozenset(
-                    {subjects.FLOW, subjects.topic(phase.phase, monitor.topic)},
+                    {suppression_keys.FLOW, suppression_keys.topic(phase.phase, monitor.topic)},
                 ),
             )
 

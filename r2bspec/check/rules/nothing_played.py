@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
-from r2bspec.plan.compile import has_own_rate
+from r2bspec.diagnostics.diagnostic import Severity
+from r2bspec.plan.compile_plan import has_own_rate
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -18,7 +18,7 @@ def _find(context: Context) -> Iterator[Finding]:
     sustained = any(each.requirement.metric == "sustained" for each in context.requirements)
     own = has_own_rate(context.spec)
     if not own and not benchmark.rates and benchmark.search is None and not sustained:
-        at = {subjects.value(("slos", name, "at")) for name in context.spec.slos}
+        at = {suppression_keys.value(("slos", name, "at")) for name in context.spec.slos}
         yield Finding(
             message="nothing is played: there are neither rates nor a search",
             path=("benchmark",),

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.installed import ament_packages, ament_prefixes
+from r2bspec.check.installed_packages import ament_packages, ament_prefixes
+from r2bspec.check.message_text import counted
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import counted
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.model import Certainty, Path, Severity
+from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.wellknown import packages
+from r2bspec.wiring.known_packages import packages
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -31,7 +31,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 else f"source the workspace that has it; AMENT_PREFIX_PATH names "
                 f"{counted(len(ament_prefixes()), 'folder')}",
                 certainty=Certainty.ENVIRONMENT,
-                explains=frozenset({subjects.value(path)}),
+                explains=frozenset({suppression_keys.value(path)}),
             )
 
 

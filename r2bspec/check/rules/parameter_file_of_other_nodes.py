@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check.context import Context
+from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Finding
-from r2bspec.check.parameters import parameter_file_paths
+from r2bspec.check.message_text import listed
+from r2bspec.check.parameter_types import parameter_file_paths
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import listed
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.model import NodeWiring
 from r2bspec.wiring.parameter_files import matches
+from r2bspec.wiring.wiring import NodeWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.parameters import parameter_file_paths
+from r2bspec.check.parameter_types import parameter_file_paths
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
 
@@ -28,7 +28,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 help=f"it is looked for in the folder of the spec, {context.loaded.base_dir}"
                 if file.missing
                 else "parameters stand below the name of their node and 'ros__parameters'",
-                explains=frozenset({subjects.value(path)}),
+                explains=frozenset({suppression_keys.value(path)}),
             )
 
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.certainty import as_of
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.parameters import Given, given_parameters, parameter_type
+from r2bspec.check.parameter_types import Given, given_parameters, parameter_type
 from r2bspec.check.rule import Rule
-from r2bspec.check.sources import as_of
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import clip, quote
-from r2bspec.wiring.interfaces import ParameterInfo
+from r2bspec.wiring.node_interface import ParameterInfo
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -44,7 +44,7 @@ def _finding(node: str, each: Given, given: str, declared: ParameterInfo) -> Fin
         if given == "string" and declared.type in {"integer", "double", "bool"}
         else "",
         replacement=None if each.file else fixed,
-        explains=frozenset({subjects.value(path)}),
+        explains=frozenset({suppression_keys.value(path)}),
     )
 
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.parameters import given_parameters, parameter_type
+from r2bspec.check.parameter_types import given_parameters, parameter_type
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.spec.model import ParameterValue
+from r2bspec.language.spec import ParameterValue
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -26,7 +26,7 @@ def _find(context: Context) -> Iterator[Finding]:
                     message=f"{quote(each.name)} of {node.key} {problem[0]}",
                     path=path,
                     help=problem[1],
-                    explains=frozenset({subjects.value(path)}),
+                    explains=frozenset({suppression_keys.value(path)}),
                 )
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check.certainty import as_of
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.parameters import given_parameters
+from r2bspec.check.message_text import suggestion
+from r2bspec.check.parameter_types import given_parameters
 from r2bspec.check.rule import Rule
-from r2bspec.check.sources import as_of
-from r2bspec.check.words import suggestion
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
 # Every node declares the first; the others are read by the middleware's side of a node.

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.message_text import listed, suggestion
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import listed, suggestion
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.model import Endpoint, PhaseWiring
+from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -46,10 +46,11 @@ def _finding(context: Context, phase: PhaseWiring, each: Endpoint) -> Finding:
             for writer in phase.writers(topic)[:1]
         ),
         severity=Severity.WARNING if unknown else None,
-        about=frozenset({subjects.topic(phase.phase, each.topic)})
-        | {subjects.value(node.path) for node in phase.may_write},
+        about=frozenset({suppression_keys.topic(phase.phase, each.topic)})
+        | {suppression_keys.value(node.path) for node in phase.may_write},
         explains=frozenset(
-            {subjects.FEED} | {subjects.topic(phase.phase, topic) for topic in instead}
+            {suppression_keys.FEED}
+            | {suppression_keys.topic(phase.phase, topic) for topic in instead}
         ),
     )
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Finding
+from r2bspec.check.message_text import suggestion
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import suggestion
-from r2bspec.diagnostics.model import Certainty, Severity
+from r2bspec.diagnostics.diagnostic import Certainty, Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.wellknown import DISTRIBUTION, nodes_of
+from r2bspec.wiring.known_packages import DISTRIBUTION, nodes_of
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -24,7 +24,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 path=(*node.path, "plugin"),
                 help=suggestion(node.node.plugin, known, "it has"),
                 certainty=Certainty.ENVIRONMENT,
-                explains=frozenset({subjects.value(node.path)}),
+                explains=frozenset({suppression_keys.value(node.path)}),
             )
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
 
@@ -26,8 +26,8 @@ def _find(context: Context) -> Iterator[Finding]:
                     path=each.path,
                     key=each.at_key,
                     help="preprocessors pass messages on from the bag to the playback inputs",
-                    about=frozenset({subjects.topic(phase.phase, each.topic)}),
-                    explains=frozenset({subjects.FEED}),
+                    about=frozenset({suppression_keys.topic(phase.phase, each.topic)}),
+                    explains=frozenset({suppression_keys.FEED}),
                 )
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
+from r2bspec.check.message_text import listed
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import listed
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -29,7 +29,10 @@ def _find(context: Context) -> Iterator[Finding]:
                 key=True,
                 help=f"it publishes {listed(context.shown(topic) for topic in written)}",
                 about=frozenset(
-                    {subjects.FEED, *(subjects.topic(phase.phase, topic) for topic in written)}
+                    {
+                        suppression_keys.FEED,
+                        *(suppression_keys.topic(phase.phase, topic) for topic in written),
+                    }
                 ),
             )
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Path, Severity
+from r2bspec.diagnostics.diagnostic import Path, Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.build import harness_topic
+from r2bspec.wiring.build_wiring import harness_topic
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -28,7 +28,8 @@ def _find(context: Context) -> Iterator[Finding]:
             if len(private) == 1
             else "name the topic in full: the node's namespace and name, then the topic",
             explains=frozenset(
-                {subjects.flow(phase)} | {subjects.topic(phase, topic) for topic in topics}
+                {suppression_keys.flow(phase)}
+                | {suppression_keys.topic(phase, topic) for topic in topics}
             ),
         )
 

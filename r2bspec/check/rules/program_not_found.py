@@ -6,11 +6,11 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path as FilePath
 
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Certainty, Path, Severity
+from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
 from r2bspec.diagnostics.quote import quote
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.installed import find_module, top_level_names
+from r2bspec.check.installed_packages import find_module, top_level_names
 from r2bspec.check.python_target import PythonTarget, python_target
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Certainty, Path, Severity
+from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
 from r2bspec.diagnostics.quote import quote
 
 
@@ -24,7 +24,10 @@ def _find(context: Context) -> Iterator[Finding]:
             finding = _module(path, target) if target.module else _file(context, path, target)
             if finding is not None:
                 yield replace(
-                    finding, explains=frozenset({subjects.value(path), subjects.value(node.path)})
+                    finding,
+                    explains=frozenset(
+                        {suppression_keys.value(path), suppression_keys.value(node.path)}
+                    ),
                 )
 
 

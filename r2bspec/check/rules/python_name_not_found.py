@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.installed import find_module, top_level_names
+from r2bspec.check.installed_packages import find_module, top_level_names
+from r2bspec.check.message_text import suggestion
 from r2bspec.check.python_target import PythonTarget, python_target
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import suggestion
-from r2bspec.diagnostics.model import Certainty, Severity
+from r2bspec.diagnostics.diagnostic import Certainty, Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.interfaces import reference_table
+from r2bspec.wiring.node_interface import reference_table
 
 _REFERENCE = "r2bspec.nodes"
 
@@ -39,8 +39,8 @@ def _find(context: Context) -> Iterator[Finding]:
             help=suggestion(target.name, _public(names), "it has"),
             severity=None if certain else Severity.WARNING,
             certainty=Certainty.CERTAIN if certain else Certainty.ENVIRONMENT,
-            about=frozenset({subjects.value(path)}),
-            explains=frozenset({subjects.value(node.path)}),
+            about=frozenset({suppression_keys.value(path)}),
+            explains=frozenset({suppression_keys.value(node.path)}),
         )
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.model import Endpoint, PhaseWiring
+from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -51,8 +51,8 @@ def _finding(
         help=f"write {quote(f'{field}: {offered}')} for {_who(reader)}, or "
         f"{quote(f'{field}: {asked}')} for {_who(writer)}",
         related=(Pointer("the other side", other.qos_path or other.path),),
-        about=frozenset({subjects.topic(phase.phase, writer.topic)}),
-        explains=frozenset({subjects.flow(phase.phase)}),
+        about=frozenset({suppression_keys.topic(phase.phase, writer.topic)}),
+        explains=frozenset({suppression_keys.flow(phase.phase)}),
     )
 
 

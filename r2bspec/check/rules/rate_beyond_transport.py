@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Certainty, Path, Severity
-from r2bspec.plan.compile import has_own_rate
-from r2bspec.plan.topics import straight_from
-from r2bspec.spec.tree import ListNode
-from r2bspec.wiring.build import harness_topic
+from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
+from r2bspec.language.located_tree import ListNode
+from r2bspec.plan.compile_plan import has_own_rate
+from r2bspec.plan.topic_plans import straight_from
+from r2bspec.wiring.build_wiring import harness_topic
 
 _CAPACITY = {"udp": 250e6, "shared_memory": 3e9}
 """Bytes per second between two processes on one host. Estimates: a 2-core x86-64 machine carried

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
-from r2bspec.measure.catalogue import METRICS
-from r2bspec.plan.compile import has_own_rate
-from r2bspec.spec.model import Objective
+from r2bspec.diagnostics.diagnostic import Severity
+from r2bspec.language.spec import Objective
+from r2bspec.measure.metric_catalogue import METRICS
+from r2bspec.plan.compile_plan import has_own_rate
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -28,7 +28,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 help=f"played are {rates}; add it under 'benchmark.rates'"
                 if played
                 else "add it under 'benchmark.rates', which is empty",
-                explains=frozenset({subjects.value(("slos", name, "at"))}),
+                explains=frozenset({suppression_keys.value(("slos", name, "at"))}),
             )
 
 

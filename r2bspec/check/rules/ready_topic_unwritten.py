@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
+from r2bspec.check.message_text import listed, suggestion
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import listed, suggestion
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.build import harness_topic
+from r2bspec.wiring.build_wiring import harness_topic
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -33,7 +33,7 @@ def _find(context: Context) -> Iterator[Finding]:
             path=("ready", name, "topic"),
             help=advice,
             severity=Severity.WARNING if unknown else None,
-            about=frozenset({subjects.topic(phase.phase, topic)}),
+            about=frozenset({suppression_keys.topic(phase.phase, topic)}),
         )
 
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.certainty import CERTAIN, as_of
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
+from r2bspec.check.message_text import listed
 from r2bspec.check.rule import Rule
-from r2bspec.check.sources import CERTAIN, as_of
-from r2bspec.check.words import listed
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.model import NodeWiring
-from r2bspec.wiring.names import expand, remap
+from r2bspec.wiring.name_resolution import expand, remap
+from r2bspec.wiring.wiring import NodeWiring
 
 _OF_EVERY_NODE = ("/rosout", "/parameter_events", "/clock")
 
@@ -75,7 +75,9 @@ def _consequences(
     rules = node.node.remappings
     topics = {expand(name, node.key, node.namespace) for name in rule}
     topics |= {remap(name, rules, node.key, node.namespace).name for name in own}
-    return frozenset({subjects.flow(phase)} | {subjects.topic(phase, name) for name in topics})
+    return frozenset(
+        {suppression_keys.flow(phase)} | {suppression_keys.topic(phase, name) for name in topics}
+    )
 
 
 def _no_topic(phase: str, node: NodeWiring, left: str) -> Finding:
@@ -87,7 +89,7 @@ def _no_topic(phase: str, node: NodeWiring, left: str) -> Finding:
         help=f"write it as {quote(instead)} of the node"
         if instead
         else "the node is called like its key here",
-        explains=frozenset({subjects.flow(phase)}),
+        explains=frozenset({suppression_keys.flow(phase)}),
     )
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.names import expand
+from r2bspec.wiring.name_resolution import expand
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -31,7 +31,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 help="ROS applies the first of them; remove one",
                 related=(Pointer("remapped here already", (*place, first[full]), key=True),),
                 explains=frozenset(
-                    {subjects.topic(phase, expand(right, node.key, node.namespace))}
+                    {suppression_keys.topic(phase, expand(right, node.key, node.namespace))}
                 ),
             )
 

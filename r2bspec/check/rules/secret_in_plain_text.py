@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Path, Severity
+from r2bspec.diagnostics.diagnostic import Path, Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.spec.tree import ListNode, MapNode, ScalarNode, TreeNode
+from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 
 _NAME = re.compile(
     r"(?:^|[_.\-])(?:passw(?:or)?d|passphrase|secret|token|api_?key|access_?key|private_?key"

@@ -5,11 +5,11 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 
-from r2bspec.check.context import Context
+from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Certainty, Severity
-from r2bspec.spec.quantities import Size
+from r2bspec.diagnostics.diagnostic import Certainty, Severity
+from r2bspec.language.quantities import Size
 
 _FOLDER = "/dev/shm"  # noqa: S108 -- looked at, not written to
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.metrics import known_metrics
+from r2bspec.check.requirement_metrics import known_metrics
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
 
@@ -27,7 +27,9 @@ def _find(context: Context) -> Iterator[Finding]:
                 path=placed.path,
                 help="set 'benchmark.iterations' to 2 at least; 5 or more make a useful interval",
                 related=(Pointer("one iteration", ("benchmark", "iterations")),),
-                about=frozenset({placed.subject, subjects.value(("slos", placed.objective, "at"))}),
+                about=frozenset(
+                    {placed.subject, suppression_keys.value(("slos", placed.objective, "at"))}
+                ),
             )
 
 

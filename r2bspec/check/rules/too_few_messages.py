@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.metrics import Known, known_metrics
+from r2bspec.check.requirement_metrics import Known, known_metrics
 from r2bspec.check.rule import Rule
-from r2bspec.check.settling import least_messages
-from r2bspec.diagnostics.model import Severity
+from r2bspec.check.sample_size import least_messages
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.spec.quantities import Rate
+from r2bspec.language.quantities import Rate
 
 # Values that an iteration has fewer than messages: what lies between them, and between those.
 _FEWER = {"interval": 1, "jitter": 2}
@@ -78,7 +78,7 @@ def _too_few(context: Context, each: Known, at: Rate, needed: int) -> Finding | 
         )
         + "; with some messages over the bound it takes several times as many",
         about=frozenset(
-            {each.placed.subject, subjects.value(("slos", each.placed.objective, "at"))}
+            {each.placed.subject, suppression_keys.value(("slos", each.placed.objective, "at"))}
         ),
     )
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
+from r2bspec.check.message_text import suggestion
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import suggestion
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
 
@@ -25,7 +25,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 path=("data_loader", "topics", name),
                 key=True,
                 help=suggestion(name, bag.topics, "its topics"),
-                explains=frozenset({subjects.value(("data_loader", "topics", name))}),
+                explains=frozenset({suppression_keys.value(("data_loader", "topics", name))}),
             )
 
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.model import Endpoint, PhaseWiring
-from r2bspec.wiring.names import SHARED_TOPICS
+from r2bspec.wiring.name_resolution import SHARED_TOPICS
+from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 
 _HARNESS = {"loader": "the data loader", "player": "the player"}
 
@@ -39,8 +39,8 @@ def _finding(context: Context, phase: PhaseWiring, first: Endpoint, second: Endp
         help="give one of the two topics another name",
         related=(Pointer("the other one", first.path, first.at_key),),
         severity=Severity.ERROR if mixed else None,
-        about=frozenset({subjects.topic(phase.phase, first.topic)}),
-        explains=frozenset({subjects.flow(phase.phase)}) if mixed else frozenset(),
+        about=frozenset({suppression_keys.topic(phase.phase, first.topic)}),
+        explains=frozenset({suppression_keys.flow(phase.phase)}) if mixed else frozenset(),
     )
 
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
+from r2bspec.check.message_text import MOST_SUGGESTIONS, suggestion
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import MOST_SUGGESTIONS, suggestion
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.model import Endpoint, PhaseWiring
-from r2bspec.wiring.names import SHARED_TOPICS
+from r2bspec.wiring.name_resolution import SHARED_TOPICS
+from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -46,7 +46,7 @@ def _finding(context: Context, phase: PhaseWiring, writer: Endpoint, read: list[
         path=writer.path,
         key=writer.at_key,
         help=suggestion(shown, read, "topics that are read"),
-        about=frozenset({subjects.topic(phase.phase, writer.topic)}),
+        about=frozenset({suppression_keys.topic(phase.phase, writer.topic)}),
     )
 
 

@@ -6,17 +6,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.message_text import MOST_SUGGESTIONS, listed
 from r2bspec.check.rule import Rule
-from r2bspec.check.words import MOST_SUGGESTIONS, listed
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.model import Endpoint, NodeWiring, PhaseWiring
-from r2bspec.wiring.names import SHARED_TOPICS
+from r2bspec.wiring.name_resolution import SHARED_TOPICS
+from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -90,8 +90,8 @@ def _finding(place: _Place) -> Finding:
         help="; or ".join(part for part in (_advice(place), state) if part),
         related=_misspelt(place),
         severity=Severity.WARNING if unknown else None,
-        about=frozenset({subjects.topic(phase.phase, reader.topic)})
-        | {subjects.value(node.path) for node in phase.may_write},
+        about=frozenset({suppression_keys.topic(phase.phase, reader.topic)})
+        | {suppression_keys.value(node.path) for node in phase.may_write},
         explains=_consequences(place),
     )
 
@@ -134,8 +134,8 @@ def _consequences(place: _Place) -> frozenset[str]:
         for name in place.published
         if not phase.readers(name) and (name == place.close or place.fits(name))
     }
-    topics = {subjects.topic(phase.phase, name) for name in (place.reader.topic, *instead)}
-    return frozenset({subjects.flow(phase.phase)} | topics)
+    topics = {suppression_keys.topic(phase.phase, name) for name in (place.reader.topic, *instead)}
+    return frozenset({suppression_keys.flow(phase.phase)} | topics)
 
 
 RULE = Rule(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 
 _WINDOW = ("data_loader", "window")
 
@@ -22,7 +22,7 @@ def _find(context: Context) -> Iterator[Finding]:
             path=(*_WINDOW, "end"),
             help="both count from the beginning of the bag; 'end' is not a length",
             related=(Pointer("it starts here", (*_WINDOW, "start")),),
-            explains=frozenset({subjects.value(_WINDOW)}),
+            explains=frozenset({suppression_keys.value(_WINDOW)}),
         )
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.spec.quantities import Duration
+from r2bspec.language.quantities import Duration
 
 _WINDOW = ("data_loader", "window")
 
@@ -28,7 +28,7 @@ def _find(context: Context) -> Iterator[Finding]:
             message=f"the window starts at {window.start}, but {lasts}",
             path=(*_WINDOW, "start"),
             help="a window counts from the beginning of the bag",
-            explains=frozenset({subjects.value(_WINDOW)}),
+            explains=frozenset({suppression_keys.value(_WINDOW)}),
         )
     elif window.end is not None and window.end.ns > lasts_ns:
         yield Finding(
@@ -38,13 +38,13 @@ def _find(context: Context) -> Iterator[Finding]:
             if rendered
             else "what is there is used; leave 'end' out to say so",
             severity=None if rendered else Severity.WARNING,
-            explains=frozenset({subjects.value(_WINDOW)}) if rendered else frozenset(),
+            explains=frozenset({suppression_keys.value(_WINDOW)}) if rendered else frozenset(),
         )
 
 
 def _duration_ns(context: Context) -> int:
     """Up to where a window may reach: a rendered sequence goes on a little after its messages."""
-    from r2bspec.data.sequences import DURATION_NS
+    from r2bspec.datasets.sequences import DURATION_NS
 
     if context.bag_location is not None and context.bag_location.path is None:
         return DURATION_NS

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check import subjects
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
+from r2bspec.check import suppression_keys
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.recorded import amounts
 from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.model import Severity
+from r2bspec.check.window_counts import amounts
+from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
 _WINDOW = ("data_loader", "window")
@@ -35,8 +35,8 @@ def _find(context: Context) -> Iterator[Finding]:
             help=""
             if empty
             else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} in each second",
-            about=frozenset({subjects.value(_WINDOW)}),
-            explains=frozenset({subjects.value(("data_loader", "topics", name))}),
+            about=frozenset({suppression_keys.value(_WINDOW)}),
+            explains=frozenset({suppression_keys.value(("data_loader", "topics", name))}),
         )
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics import Diagnostic, Severity
-from r2bspec.diagnostics.pages import FAMILIES
+from r2bspec.diagnostics.code_pages import FAMILIES
 from r2bspec.diagnostics.quote import printable
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.quote import printable
-from r2bspec.report.findings.excerpt import excerpt
+from r2bspec.report.findings.source_excerpt import excerpt
 
 _COLOURS = {Severity.ERROR: "31;1", Severity.WARNING: "33;1", Severity.INFO: "36;1"}
 _QUIET = "34;1"

@@ -1,1 +1,1 @@
-"""Reports that are one file each: a module for each format, found by `r2bspec.report.registry`."""
+"""Reports of one file each: one module per format; see `r2bspec.report.format_registry`."""

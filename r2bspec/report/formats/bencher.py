@@ -9,9 +9,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from r2bspec.measure.model import RateMetrics
+from r2bspec.compare.report_input import Reported
+from r2bspec.measure.metrics import RateMetrics
 from r2bspec.measure.units import rate_name
-from r2bspec.report.reported import Reported
 
 _MEASURES = (
     ("latency", "latency.mean", 1e9),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from r2bspec.compare.report_input import Reported
 from r2bspec.report.action_benchmark import to_json
-from r2bspec.report.reported import Reported
 
 
 def render(reported: Reported) -> bytes:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import io
 
-from r2bspec.report.flat import rows
-from r2bspec.report.reported import Reported
+from r2bspec.compare.report_input import Reported
+from r2bspec.report.result_rows import rows
 
 HEADER = ("run_id", "name", "offered_hz", "iteration", "monitor", "metric", "unit", "value")
 

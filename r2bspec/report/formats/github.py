@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from r2bspec.diagnostics.model import Span
+from r2bspec.compare.report_input import Reported
+from r2bspec.diagnostics.diagnostic import Span
+from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.units import at_rate
-from r2bspec.report.places import Places, read_places
-from r2bspec.report.reported import Reported
-from r2bspec.report.wording import requirement_text, sentences, several_monitors
-from r2bspec.slo.model import RequirementVerdict
+from r2bspec.report.report_wording import requirement_text, sentences, several_monitors
+from r2bspec.report.requirement_locations import Places, read_places
 
 MOST = 9
 """Annotations of requirements; the verdict is the tenth."""

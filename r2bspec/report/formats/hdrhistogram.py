@@ -14,9 +14,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.compare.report_input import Reported
 from r2bspec.measure.percentiles import rank
 from r2bspec.report.errors import ReportError
-from r2bspec.report.reported import Reported
 
 _TICKS_PER_HALF = 5
 """Lines for each halving of the distance to 100 %, as HdrHistogram's own tools write."""

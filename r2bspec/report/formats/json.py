@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from r2bspec.report.reported import Reported
-from r2bspec.report.result import to_json
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.judge_run import to_json
 
 
 def render(reported: Reported) -> bytes:

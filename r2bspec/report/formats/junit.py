@@ -12,10 +12,11 @@ import datetime
 import io
 from typing import TYPE_CHECKING
 
+from r2bspec.compare.report_input import Reported
 from r2bspec.diagnostics.quote import printable
+from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.units import at_rate, show
-from r2bspec.report.reported import Reported
-from r2bspec.report.wording import (
+from r2bspec.report.report_wording import (
     bounds_text,
     comparison,
     estimate_text,
@@ -25,7 +26,6 @@ from r2bspec.report.wording import (
     several_monitors,
     verdict_word,
 )
-from r2bspec.slo.model import RequirementVerdict
 
 if TYPE_CHECKING:
     from junitparser import TestCase

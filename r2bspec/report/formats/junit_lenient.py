@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from r2bspec.compare.report_input import Reported
 from r2bspec.report.formats.junit import to_xml
-from r2bspec.report.reported import Reported
 
 
 def render(reported: Reported) -> bytes:

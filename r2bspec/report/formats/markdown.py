@@ -9,10 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from r2bspec.measure.model import RunMetrics
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
-from r2bspec.report.reported import Reported
-from r2bspec.report.wording import (
+from r2bspec.report.report_wording import (
     OUTCOME_WORDS,
     bounds_text,
     comparison,
@@ -25,7 +26,6 @@ from r2bspec.report.wording import (
     several_monitors,
     verdict_word,
 )
-from r2bspec.slo.model import RequirementVerdict, Verdict
 
 _MOST_ROWS = 60
 """Rows of a table that are shown at most."""

@@ -18,10 +18,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from r2bspec.record.store import Run
-from r2bspec.report.reported import Reported
-from r2bspec.report.result import to_json
-from r2bspec.report.timeline import loads, messages, phases
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.judge_run import to_json
+from r2bspec.record.run_folder import Run
+from r2bspec.report.trace_timeline import loads, messages, phases
 
 _NUMBER = {"type": "number"}
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from r2bspec.measure.catalogue import quantile
-from r2bspec.measure.model import Distribution, RateMetrics
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.verdict import EXIT_CODES
+from r2bspec.measure.metric_catalogue import quantile
+from r2bspec.measure.metrics import Distribution, RateMetrics
 from r2bspec.measure.units import rate_name
-from r2bspec.report.reported import Reported
-from r2bspec.report.wording import own_pace
-from r2bspec.slo.model import EXIT_CODES
+from r2bspec.report.report_wording import own_pace
 
 _SUMMARIES = {
     "latency": "Time from publication of the input to reception of the output.",

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.compare.report_input import Reported
 from r2bspec.interop.ros2_benchmark import BASIC, METADATA, MODES, RESOURCE
-from r2bspec.measure.asked import asked_and_seen
+from r2bspec.measure.expected_steps import asked_and_seen
 from r2bspec.measure.latency import arrivals
-from r2bspec.measure.resources import MACHINE
-from r2bspec.plan.model import MonitorPlan
-from r2bspec.record.model import Segment
-from r2bspec.record.store import Run
-from r2bspec.report.reported import Reported
-from r2bspec.report.wording import peak_text
+from r2bspec.measure.resource_usage import MACHINE
+from r2bspec.plan.plan import MonitorPlan
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import Segment
+from r2bspec.report.report_wording import peak_text
 
 
 def render(reported: Reported) -> bytes:

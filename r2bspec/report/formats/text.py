@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.report.reported import Reported
+from r2bspec.compare.report_input import Reported
 from r2bspec.report.terminal import to_text
 
 

@@ -11,11 +11,11 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from r2bspec.measure.model import pace_of
+from r2bspec.compare.report_input import Reported
+from r2bspec.measure.metrics import pace_of
 from r2bspec.measure.units import show_rate
-from r2bspec.record.store import Run
-from r2bspec.report.reported import Reported
-from r2bspec.report.timeline import loads, messages, phases
+from r2bspec.record.run_folder import Run
+from r2bspec.report.trace_timeline import loads, messages, phases
 
 _RUN, _LOADS, _MESSAGES = 1, 2, 3
 """Groups of tracks; the format calls them processes."""

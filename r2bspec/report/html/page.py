@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from r2bspec.measure.model import RunMetrics
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.html.canvas import Chart
-from r2bspec.report.html.numbers import Numbers, pointer
+from r2bspec.report.html.number_links import Numbers, pointer
 from r2bspec.report.html.svg import PALETTE
-from r2bspec.report.reported import Reported
-from r2bspec.report.wording import (
+from r2bspec.report.report_wording import (
     OUTCOME_WORDS,
     bounds_text,
     comparison,
@@ -28,10 +29,9 @@ from r2bspec.report.wording import (
     several_monitors,
     verdict_word,
 )
-from r2bspec.slo.model import RequirementVerdict
 
 if TYPE_CHECKING:
-    from r2bspec.report.html.graph import Drawing
+    from r2bspec.report.html.graph_drawing import Drawing
 
 _ORDER = ("fail", "inconclusive", "pass")
 
@@ -144,14 +144,14 @@ def _charts(reported: Reported, monitors: list[str]) -> dict[str, list[Chart]]:
     metrics = reported.result.metrics
     found: dict[str, list[Chart]] = {"latency": [], "offered": [], "loads": [], "baseline": []}
     if any(rate.offered_hz for rate in metrics.rates):
-        from r2bspec.report.html.offered import offered_chart
+        from r2bspec.report.html.load_curve import offered_chart
 
         verdict = reported.result.verdict
         found["offered"].append(offered_chart("offered", metrics, reported.run, verdict))
     if reported.run is not None:
         found["latency"] = [*_latency_charts(reported, monitors)]
         found["baseline"] = [*_baseline_charts(reported, monitors)]
-        from r2bspec.report.html.loads import loads_chart
+        from r2bspec.report.html.load_chart import loads_chart
 
         loads = loads_chart("loads", reported.run)
         found["loads"] = [loads] if loads is not None else []
@@ -159,8 +159,8 @@ def _charts(reported: Reported, monitors: list[str]) -> dict[str, list[Chart]]:
 
 
 def _latency_charts(reported: Reported, monitors: list[str]) -> Iterator[Chart]:
-    from r2bspec.report.html.messages import messages_chart
-    from r2bspec.report.html.percentiles import percentile_chart
+    from r2bspec.report.html.message_chart import messages_chart
+    from r2bspec.report.html.percentile_curve import percentile_chart
 
     samples, run = reported.samples, reported.run
     verdict = reported.result.verdict
@@ -173,7 +173,7 @@ def _latency_charts(reported: Reported, monitors: list[str]) -> Iterator[Chart]:
 
 
 def _baseline_charts(reported: Reported, monitors: list[str]) -> Iterator[Chart]:
-    from r2bspec.report.html.ecdf import ecdf_chart
+    from r2bspec.report.html.latency_distribution import ecdf_chart
 
     samples, baseline = reported.samples, reported.baseline_samples
     if samples is None or baseline is None:
@@ -187,7 +187,7 @@ def _baseline_charts(reported: Reported, monitors: list[str]) -> Iterator[Chart]
 def _graph(reported: Reported) -> Drawing | None:
     if reported.run is None:
         return None
-    from r2bspec.report.html.graph import lay_out
+    from r2bspec.report.html.graph_drawing import lay_out
 
     return lay_out(reported.run.plan, _told(reported.result.metrics))
 

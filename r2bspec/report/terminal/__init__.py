@@ -10,16 +10,16 @@ import msgspec
 from rich.console import Console
 from rich.text import Text
 
-from r2bspec.report.findings.show import wants_colour
-from r2bspec.report.model import Result
-from r2bspec.report.result import to_json
-from r2bspec.report.terminal.hops import hop_sections
-from r2bspec.report.terminal.load import floor_section, load_section
-from r2bspec.report.terminal.monitors import monitor_sections
-from r2bspec.report.terminal.notes import header, notes_section, overall, search_section
-from r2bspec.report.terminal.verdicts import verdict_section
-from r2bspec.report.wording import own_pace
-from r2bspec.slo.model import Verdict
+from r2bspec.judge.judge_run import to_json
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import Verdict
+from r2bspec.report.findings.print_findings import wants_colour
+from r2bspec.report.report_wording import own_pace
+from r2bspec.report.terminal.cost_tables import floor_section, load_section
+from r2bspec.report.terminal.header_and_footer import header, notes_section, overall, search_section
+from r2bspec.report.terminal.hop_table import hop_sections
+from r2bspec.report.terminal.monitor_tables import monitor_sections
+from r2bspec.report.terminal.verdict_lines import verdict_section
 
 _LEAST_WIDTH = 60
 """Narrower terminals wrap; the tables do not shrink below this."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from rich.table import Table
 from rich.text import Text
 
-from r2bspec.report.wording import OUTCOME_WORDS, verdict_word
-from r2bspec.slo.model import OverallOutcome, RequirementVerdict
+from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict
+from r2bspec.report.report_wording import OUTCOME_WORDS, verdict_word
 
 _STYLES: dict[OverallOutcome, str] = {
     "pass": "bold green",

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from r2bspec.check import check
-from r2bspec.check.registry import all_rules
 from r2bspec.check.rule import Rule
+from r2bspec.check.rule_registry import all_rules
+from r2bspec.language.load_spec import load_spec
 from r2bspec.report.findings import text
-from r2bspec.spec.load import load_spec
 
 HERE = Path(__file__).parent
 REWRITE = bool(os.environ.get("R2BSPEC_REWRITE"))

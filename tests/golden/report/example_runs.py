@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.record.model import SearchRecord
+from r2bspec.record.run_record import SearchRecord
 from run_simulation import Played, Simulation, objective, probe
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from example_runs import BROKEN, USUAL
 
-from r2bspec.report.registry import renderer
-from r2bspec.report.reported import Reported
-from r2bspec.report.result import result_of
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.judge_run import result_of
+from r2bspec.report.format_registry import renderer
 from run_simulation import Simulation
 
 SPEC = """\

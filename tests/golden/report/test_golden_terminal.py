@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from example_runs import BROKEN, USUAL
 
-from r2bspec.report.result import result_of
+from r2bspec.judge.judge_run import result_of
 from r2bspec.report.terminal import to_text
 from run_simulation import Simulation
 

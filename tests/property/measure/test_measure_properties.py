@@ -11,7 +11,7 @@ from r2bspec.measure.matching import Ratio, match
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.throughput import silence, throughput
 from r2bspec.measure.units import show
-from r2bspec.record.arrays import MONITOR, PLAYBACK, Rows
+from r2bspec.record.sample_arrays import MONITOR, PLAYBACK, Rows
 from run_simulation import EPOCH_NS
 
 finite = st.floats(min_value=0, max_value=1e3, allow_nan=False)

@@ -10,7 +10,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic
-from r2bspec.spec.load import load_spec
+from r2bspec.language.load_spec import load_spec
 
 STRING = "std_msgs/msg/String"
 START_NS = 1_700_000_000_000_000_000

@@ -8,11 +8,11 @@ import msgspec
 import pytest
 from check_specs import STRING, codes, findings, write_bag
 
-from r2bspec.check.context import Context
-from r2bspec.check.example import example
-from r2bspec.check.recorded import Amount, amounts
+from r2bspec.check.check_context import Context
+from r2bspec.check.example_spec import example
 from r2bspec.check.rules.topic_serialized_otherwise import RULE as SERIALIZED
-from r2bspec.spec.load import load_spec
+from r2bspec.check.window_counts import Amount, amounts
+from r2bspec.language.load_spec import load_spec
 
 SECOND = 1_000_000_000
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from check_specs import findings
 
-from r2bspec.check.differences import place_differences
-from r2bspec.diagnostics.model import Severity
-from r2bspec.record.model import Difference
-from r2bspec.spec.load import load_spec
+from r2bspec.check.runtime_mismatches import place_differences
+from r2bspec.diagnostics.diagnostic import Severity
+from r2bspec.language.load_spec import load_spec
+from r2bspec.record.run_record import Difference
 
 SPEC = """\
 r2bspec: 1

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from check_specs import codes, findings
 
-from r2bspec.check.example import example
+from r2bspec.check.example_spec import example
 from r2bspec.diagnostics import Severity
-from r2bspec.spec.load import load_spec
+from r2bspec.language.load_spec import load_spec
 
 ROOT = Path(__file__).parents[3]
 MISSPELT = example(
@@ -110,7 +110,7 @@ def test_checking_imports_neither_ros_nor_anything_heavy() -> None:
     script = (
         "import sys, pathlib\n"
         "from r2bspec.check import check\n"
-        "from r2bspec.spec.load import load_spec\n"
+        "from r2bspec.language.load_spec import load_spec\n"
         "for file in pathlib.Path('specs').glob('*.yaml'):\n"
         "    assert not check(load_spec(file))\n"
         "heavy = {'rclpy', 'cv2', 'numpy', 'scipy', 'networkx', 'rosbags', 'r2bspec.nodes'}\n"

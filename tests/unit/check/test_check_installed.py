@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from check_specs import codes, findings
 
-from r2bspec.check.example import example
-from r2bspec.check.installed import find_module, package_executables, top_level_names
+from r2bspec.check.example_spec import example
+from r2bspec.check.installed_packages import find_module, package_executables, top_level_names
 from r2bspec.diagnostics import Certainty
 
 KNOWN = "subscribes: {image: sensor_msgs/msg/Image}, publishes: {output: sensor_msgs/msg/Image}"

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from r2bspec.bags import has_header
 from r2bspec.check import message_types
-from r2bspec.check.parameters import parameter_type
-from r2bspec.check.settling import CONFIDENCE, least_messages
-from r2bspec.check.words import counted, listed, suggestion
-from r2bspec.data import headers
+from r2bspec.check.message_text import counted, listed, suggestion
+from r2bspec.check.parameter_types import parameter_type
+from r2bspec.check.sample_size import CONFIDENCE, least_messages
 
 
 @pytest.mark.parametrize(
@@ -41,8 +41,8 @@ def test_it_is_the_least_number_that_is_enough(allowed: float) -> None:
 
 
 def test_the_statistics_of_verdicts_agree() -> None:
-    from r2bspec.slo.model import CONFIDENCE as OF_VERDICTS
-    from r2bspec.slo.statistics.binomial import upper_bound
+    from r2bspec.judge.statistics.binomial import upper_bound
+    from r2bspec.judge.verdict import CONFIDENCE as OF_VERDICTS
 
     assert CONFIDENCE == OF_VERDICTS
     for allowed in (0.001, 0.01, 0.05, 0.5):
@@ -53,7 +53,7 @@ def test_the_statistics_of_verdicts_agree() -> None:
 
 def test_the_frequent_types_are_what_rosbags_says() -> None:
     for name in message_types.WITH_HEADER | message_types.WITHOUT_HEADER:
-        assert headers.begins_with_header(name) is (name in message_types.WITH_HEADER)
+        assert has_header.begins_with_header(name) is (name in message_types.WITH_HEADER)
     assert message_types.begins_with_header("geometry_msgs/msg/WrenchStamped") is True
     assert message_types.begins_with_header("geometry_msgs/msg/Wrench") is False
     assert message_types.begins_with_header("my_msgs/msg/Thing") is None

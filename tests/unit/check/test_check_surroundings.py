@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from check_specs import codes, findings, write_bag
 
-from r2bspec.check.bag_cache import cached_index
-from r2bspec.check.example import example
-from r2bspec.data import locate_bag
+from r2bspec.check.bag_index_cache import cached_index
+from r2bspec.check.example_spec import example
+from r2bspec.datasets.locate_bag import locate as locate_bag
 from r2bspec.diagnostics import Certainty
 
 
@@ -134,7 +134,7 @@ def test_indexes_of_large_bags_are_kept_until_a_file_changes(
     location = locate_bag("./bag", tmp_path)
     cached_index(location)
     assert not (tmp_path / "cache").exists(), "small bags are not worth it"
-    monkeypatch.setattr("r2bspec.check.bag_cache._SLOWER_THAN_BYTES", 1)
+    monkeypatch.setattr("r2bspec.check.bag_index_cache._SLOWER_THAN_BYTES", 1)
     first = cached_index(location)
     (entry,) = (tmp_path / "cache/r2bspec/indexes").iterdir()
     assert cached_index(location) == first

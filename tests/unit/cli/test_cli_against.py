@@ -8,14 +8,14 @@ from pathlib import Path
 import click
 import pytest
 
-from r2bspec.cli.chosen import Chosen, base_of
 from r2bspec.cli.main import command as r2bspec
+from r2bspec.cli.spec_selection import Chosen, base_of
+from r2bspec.compare.base_reference import BadReferenceError, parse_references
+from r2bspec.compare.history import Entry, HistoryError, open_history
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.environment import inherited
 from r2bspec.execute.errors import EnvironmentRefusedError
-from r2bspec.execute.workspaces import inside, workspace, workspaces
-from r2bspec.history import Entry, HistoryError, open_history
-from r2bspec.regressions.reference import BadReferenceError, parse_references
+from r2bspec.execute.processes.environment import inherited
+from r2bspec.execute.processes.workspaces import inside, workspace, workspaces
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+import r2bspec.cli.check_files as check_files_module
 from r2bspec.api import InvalidSpecError, prepare
-from r2bspec.check.example import example
-from r2bspec.cli import bulk
-from r2bspec.cli.bulk import Options, check_files
+from r2bspec.check.example_spec import example
+from r2bspec.cli.check_files import Options, check_files
 from r2bspec.cli.main import main
 
 
@@ -28,7 +28,7 @@ def test_several_processes_say_what_one_says(
     files: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     alone = list(check_files(files, Options(offline=True, resolved=True)))
-    monkeypatch.setattr(bulk, "FEWEST", 2)
+    monkeypatch.setattr(check_files_module, "FEWEST", 2)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
     together = list(check_files(files, Options(offline=True, resolved=True)))
     assert together == alone

@@ -11,7 +11,7 @@ import pytest
 from r2bspec.api import compile_plan, validate
 from r2bspec.cli.main import main
 from r2bspec.diagnostics import Certainty
-from r2bspec.spec.templates import SUFFIX, filled, purpose, templates
+from r2bspec.language.templates import SUFFIX, filled, purpose, templates
 
 ROOT = Path(__file__).parents[3]
 

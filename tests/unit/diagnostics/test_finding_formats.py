@@ -8,7 +8,7 @@ import pytest
 
 from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Related, Severity, Span
 from r2bspec.report.findings import github, json, text
-from r2bspec.report.findings.excerpt import WIDEST, excerpt
+from r2bspec.report.findings.source_excerpt import WIDEST, excerpt
 
 SOURCES = {"a.yaml": "name: x\nrate: 30\n"}
 FOUND = Diagnostic(

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.execute.environment import (
+from r2bspec.execute.processes.environment import (
     RunEnvironment,
     inherited,
     segment_bytes,
     transport_profile,
 )
-from r2bspec.plan.model import Plan
+from r2bspec.plan.plan import Plan
 from run_simulation import Simulation
 
 NAMESPACE = {"dds": "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"}

@@ -9,11 +9,17 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from r2bspec.execute.budget import Budget
-from r2bspec.execute.iterations import Iterating
-from r2bspec.plan.model import GatePlan, PlayPlan
-from r2bspec.record.model import Segment
-from r2bspec.slo.model import EXIT_CODES, DisturbedIteration, Outcome, RequirementVerdict, Verdict
+from r2bspec.execute.measurement.iterations import Iterating
+from r2bspec.execute.measurement.time_budget import Budget
+from r2bspec.judge.verdict import (
+    EXIT_CODES,
+    DisturbedIteration,
+    Outcome,
+    RequirementVerdict,
+    Verdict,
+)
+from r2bspec.plan.plan import GatePlan, PlayPlan
+from r2bspec.record.run_record import Segment
 from run_simulation import Simulation
 
 PLAN = msgspec.structs.replace(

@@ -11,9 +11,9 @@ from collections.abc import Callable
 import numpy as np
 
 from family_trees import wait_for
-from r2bspec.execute.resources import ResourceSampler
-from r2bspec.measure.resources import CONTROLLER, MACHINE
-from r2bspec.record.arrays import RESOURCES, SURROUNDINGS
+from r2bspec.execute.host.resource_sampler import ResourceSampler
+from r2bspec.measure.resource_usage import CONTROLLER, MACHINE
+from r2bspec.record.sample_arrays import RESOURCES, SURROUNDINGS
 
 BUSY = "while True: pass"
 HAS_A_BUSY_CHILD = (

@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.timeline import make_timeline
-from r2bspec.execute.transforms import place_transforms
-from r2bspec.harness.buffers import BufferIndex
-from r2bspec.harness.schedule import NO_STEP, Timeline
-from r2bspec.plan.model import InputPlan, TimelinePlan
-from r2bspec.spec.model import QoS
+from r2bspec.execute.inputs.timeline import make_timeline
+from r2bspec.execute.inputs.transform_schedule import place_transforms
+from r2bspec.ipc.buffers import BufferIndex
+from r2bspec.ipc.schedule import NO_STEP, Timeline
+from r2bspec.language.spec import QoS
+from r2bspec.plan.plan import InputPlan, TimelinePlan
 
 PLAN = TimelinePlan(speed=1.0, recorded=False, shift_tf=True)
 T = 1_000_000

@@ -13,11 +13,11 @@ import pytest
 
 from r2bspec.check import check
 from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Related, Severity, Span
+from r2bspec.language.load_spec import load_spec
 from r2bspec.report.findings import sarif
-from r2bspec.spec.load import load_spec
 
 GOLDEN = Path(__file__).parents[2] / "golden"
-BROKEN = sorted([*(GOLDEN / "spec").glob("*.yaml"), *(GOLDEN / "check").glob("*.yaml")])
+BROKEN = sorted([*(GOLDEN / "language").glob("*.yaml"), *(GOLDEN / "check").glob("*.yaml")])
 
 FOUND = Diagnostic(
     "R2B109",

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from r2bspec.check import check
-from r2bspec.check.example import example
+from r2bspec.check.example_spec import example
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.waivers import apply_waivers, waivers_in
-from r2bspec.spec.load import load_spec
+from r2bspec.language.load_spec import load_spec
 
 CODES = ("R2B204", "R2B207", "R2B302", "R2B101")
 

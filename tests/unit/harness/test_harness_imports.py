@@ -9,11 +9,21 @@ import pytest
 
 
 @pytest.mark.parametrize(
-    "module", ["protocol", "channel", "rows", "buffers", "stamps", "pacing", "reaping", "watchdog"]
+    "module",
+    [
+        "harness.control_channel",
+        "harness.pacing",
+        "harness.watchdog",
+        "ipc.buffers",
+        "ipc.header_stamps",
+        "ipc.process_cleanup",
+        "ipc.protocol",
+        "ipc.sample_files",
+    ],
 )
 def test_shared_modules_import_neither_ros_nor_numpy(module: str) -> None:
     program = (
-        f"import sys, r2bspec.harness.{module}; "
+        f"import sys, r2bspec.{module}; "
         "print([name for name in ('rclpy', 'numpy', 'scipy') if name in sys.modules])"
     )
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)

@@ -11,10 +11,10 @@ import pytest
 from r2bspec.cli.main import main
 from r2bspec.interop.judging import judge_report
 from r2bspec.interop.ros2_benchmark import parse_report
-from r2bspec.slo.model import RequirementVerdict
-from r2bspec.spec.model import Objective
-from r2bspec.spec.quantities import Rate
-from r2bspec.spec.requirement import parse_requirement
+from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.language.quantities import Rate
+from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.language.spec import Objective
 
 
 def figures(**values: float) -> dict[str, float]:

@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
+from r2bspec.compare.report_input import Reported
 from r2bspec.interop.ros2_benchmark import (
     NotAReportError,
     parse_report,
     read_report,
     to_json,
 )
+from r2bspec.judge.judge_run import result_of
 from r2bspec.report.formats.ros2_benchmark import render
-from r2bspec.report.reported import Reported
-from r2bspec.report.result import result_of
 from run_simulation import Played, Simulation
 
 

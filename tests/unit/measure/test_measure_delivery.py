@@ -7,9 +7,9 @@ from collections import deque
 import numpy as np
 import pytest
 
-from r2bspec.measure.delivery import Delivery, delivery
+from r2bspec.measure.completion_rate import Delivery, delivery
 from r2bspec.measure.matching import match
-from r2bspec.record.arrays import MONITOR, PLAYBACK, Rows
+from r2bspec.record.sample_arrays import MONITOR, PLAYBACK, Rows
 
 START_NS = 10**15
 

@@ -8,12 +8,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.measure.hops import HopSamples, hop_samples, pool_hops
+from r2bspec.language.spec import QoS
+from r2bspec.measure.hop_latency import HopSamples, hop_samples, pool_hops
 from r2bspec.measure.matching import Ratio, match
-from r2bspec.plan.model import InputPlan, MonitorPlan, Plan, TapPlan, TopicPlan
+from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan, TapPlan, TopicPlan
 from r2bspec.plan.taps import PLAYER, all_taps, hops_to, tap_watches
-from r2bspec.record.arrays import MONITOR, Rows
-from r2bspec.spec.model import QoS
+from r2bspec.record.sample_arrays import MONITOR, Rows
 from run_simulation import Played, Simulation, playback_rows
 
 STEPS = 5

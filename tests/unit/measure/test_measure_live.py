@@ -9,16 +9,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.measure.asked import asked_and_seen
-from r2bspec.measure.catalogue import METRICS, known_live
-from r2bspec.measure.compute import measure_run
+from r2bspec.judge.judge_samples import judge
+from r2bspec.measure.compute_metrics import measure_run
+from r2bspec.measure.expected_steps import asked_and_seen
+from r2bspec.measure.metric_catalogue import METRICS, known_live
+from r2bspec.measure.metric_values import value
 from r2bspec.measure.samples import read_samples
-from r2bspec.measure.values import value
-from r2bspec.plan.canonical import canonical_json, plan_hash
-from r2bspec.record.arrays import MONITOR, PLAYBACK
-from r2bspec.record.model import Segment
-from r2bspec.record.store import Run, RunFolder, open_run
-from r2bspec.slo.judge import judge
+from r2bspec.plan.canonical_json import canonical_json, plan_hash
+from r2bspec.record.run_folder import Run, RunFolder, open_run
+from r2bspec.record.run_record import Segment
+from r2bspec.record.sample_arrays import MONITOR, PLAYBACK
 from run_simulation import EPOCH_NS, STAMP_NS, Simulation, objective
 
 MS = 1_000_000

@@ -8,14 +8,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.holding import Criterion, judge_end, planned_looks, see
-from r2bspec.measure.compute import measure_segment
+from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.rate_test import Criterion, judge_end, planned_looks, see
+from r2bspec.measure.compute_metrics import measure_segment
 from r2bspec.measure.latency import latencies
 from r2bspec.measure.matching import UNKNOWN, Ratio, match, ratio_of
 from r2bspec.measure.samples import MonitorSamples, read_samples
-from r2bspec.plan.model import MonitorPlan, Plan
-from r2bspec.record.arrays import MONITOR, Rows
-from r2bspec.slo.judge import judge
+from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.record.sample_arrays import MONITOR, Rows
 from run_simulation import EPOCH_NS, Played, Simulation, objective, playback_rows
 
 

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.measure.catalogue import names, resolve
-from r2bspec.measure.compute import measure_run
-from r2bspec.measure.model import RunMetrics
+from r2bspec.measure.compute_metrics import measure_run
+from r2bspec.measure.metric_catalogue import names, resolve
+from r2bspec.measure.metric_values import value
+from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.samples import read_samples
-from r2bspec.measure.values import value
 from run_simulation import Played, Simulation
 
 NAN = float("nan")

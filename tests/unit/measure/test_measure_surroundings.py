@@ -6,10 +6,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.measure.resources import CONTROLLER, MACHINE, SPACING_NS, spaced
-from r2bspec.measure.surroundings import slower_by, surroundings
-from r2bspec.record.arrays import RESOURCES, SURROUNDINGS, Rows
-from r2bspec.record.model import FloorRecord
+from r2bspec.measure.interference import slower_by, surroundings
+from r2bspec.measure.resource_usage import CONTROLLER, MACHINE, SPACING_NS, spaced
+from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.sample_arrays import RESOURCES, SURROUNDINGS, Rows
 from run_simulation import EPOCH_NS
 
 S = 10**9

@@ -8,9 +8,9 @@ import pytest
 from r2bspec.measure.latency import arrivals, intervals, jitter, latencies, latencies_from_due
 from r2bspec.measure.matching import match
 from r2bspec.measure.percentiles import percentile, rank
-from r2bspec.measure.resources import use
+from r2bspec.measure.resource_usage import use
 from r2bspec.measure.throughput import mean_rate, silence, throughput
-from r2bspec.record.arrays import RESOURCES, Rows
+from r2bspec.record.sample_arrays import RESOURCES, Rows
 from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows
 
 NAN = float("nan")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from r2bspec.measure.catalogue import METRICS
+from r2bspec.measure.metric_catalogue import METRICS
 from r2bspec.measure.samples import SegmentSamples, read_samples
 from r2bspec.measure.windows import has_windows, window_values, windows
 from run_simulation import Played, Simulation

@@ -20,10 +20,11 @@ pytest.importorskip("cv2")
 from rosbags.typesys import Stores, get_typestore
 from tag_rendering import angle_deg, rotation_of
 
-from r2bspec.data import Window, read_messages
-from r2bspec.data.ground_truth import TagSighting, read_ground_truth
-from r2bspec.data.synthesis import make
-from r2bspec.nodes import camera, images, tags
+from r2bspec.bags.bag_reader import read_messages
+from r2bspec.bags.recording import Window
+from r2bspec.datasets.ground_truth import TagSighting, read_ground_truth
+from r2bspec.datasets.synthesis import make
+from r2bspec.nodes import camera, images, tag_poses
 
 IMAGE = "d455_1_rgb_image"
 CAMERA_INFO = "d455_1_rgb_camera_info"
@@ -70,9 +71,9 @@ def _frame(start_ns: int, cache: Path) -> Frame:
     return Frame(image, info, tag.family, tag.id, tag.size_m, sightings[0])
 
 
-def _detect(image: Any, info: Any, frame: Frame) -> tags.Detection:
+def _detect(image: Any, info: Any, frame: Frame) -> tag_poses.Detection:
     gray = images.gray(images.view(image), image.encoding)
-    (found,) = tags.detect(
+    (found,) = tag_poses.detect(
         gray, camera.matrix(info), camera.distortion(info), frame.family, frame.size_m
     )
     return found
@@ -94,7 +95,7 @@ def _resized(frame: Frame, width: int, height: int) -> tuple[Any, Any]:
     return smaller, info
 
 
-def _assert_true(found: tags.Detection, frame: Frame) -> None:
+def _assert_true(found: tag_poses.Detection, frame: Frame) -> None:
     true = frame.sighting
     assert found.id == frame.tag_id
     error_m = np.linalg.norm(np.subtract(found.position_m, true.position_m))

@@ -23,7 +23,7 @@ def test_the_package_loads_neither_rclpy_nor_opencv() -> None:
 
 
 def test_a_missing_opencv_is_named_with_its_remedy() -> None:
-    code = "import sys; sys.modules['cv2'] = None; import r2bspec.nodes.tags"
+    code = "import sys; sys.modules['cv2'] = None; import r2bspec.nodes.tag_poses"
     assert "ImportError: this node needs OpenCV" in _python(code).stderr
     assert "pip install 'r2bspec[vision]'" in _python(code).stderr
 

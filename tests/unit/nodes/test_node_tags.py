@@ -17,7 +17,7 @@ from tag_rendering import (
     rotation_xyz,
 )
 
-from r2bspec.nodes import tags
+from r2bspec.nodes import tag_poses
 
 SIZE_M = 0.162
 NO_DISTORTION = np.zeros(5)
@@ -54,7 +54,7 @@ def test_an_upright_tag_before_the_camera_has_no_rotation(family: str, tag_id: i
     cells = cells_of_code(*PUBLISHED[family, tag_id])
     position = np.array([0.05, -0.03, 0.8])
     image = photograph(cells, np.eye(3), position, SIZE_M)
-    (found,) = tags.detect(image, CAMERA, NO_DISTORTION, family, SIZE_M)
+    (found,) = tag_poses.detect(image, CAMERA, NO_DISTORTION, family, SIZE_M)
     assert found.id == tag_id
     assert found.position_m == pytest.approx(position, abs=POSITION_SHARE * 0.8)
     assert angle_deg(found.quaternion_xyzw, np.eye(3)) < ANGLE_DEG
@@ -70,7 +70,7 @@ def test_a_tilted_tag_is_where_it_was_rendered(
     rotation = rotation_xyz(*tilt)
     position = distance_m * np.array([-0.3, 0.1, 1.0])
     image = photograph(cells_of_code(*PUBLISHED["36h11", 0]), rotation, position, SIZE_M)
-    (found,) = tags.detect(image, CAMERA, NO_DISTORTION, "36h11", SIZE_M)
+    (found,) = tag_poses.detect(image, CAMERA, NO_DISTORTION, "36h11", SIZE_M)
     assert found.id == 0
     error_m = np.linalg.norm(np.array(found.position_m) - position)
     assert error_m < POSITION_SHARE * np.linalg.norm(position)
@@ -84,7 +84,7 @@ def test_corners_start_top_left_of_the_printed_tag() -> None:
         np.array([0, 0, 1.0]),
         0.2,
     )
-    (found,) = tags.detect(image, CAMERA, NO_DISTORTION, "36h11", 0.2)
+    (found,) = tag_poses.detect(image, CAMERA, NO_DISTORTION, "36h11", 0.2)
     # A quarter turn clockwise brings the top left corner to the top right.
     assert found.corners_px[0] == pytest.approx((652 + 64, 351.5 - 64.5), abs=0.5)
 
@@ -96,7 +96,9 @@ def test_corners_start_top_left_of_the_printed_tag() -> None:
 def test_every_refinement_finds_the_tag(refinement: str, tolerance_px: float) -> None:
     rotation, position = rotation_xyz(0.5, 0.3, 0), np.array([0.0, 0.0, 0.7])
     image = photograph(cells_of_code(*PUBLISHED["36h11", 1]), rotation, position, SIZE_M)
-    (found,) = tags.detect(image, CAMERA, NO_DISTORTION, "36h11", SIZE_M, refinement=refinement)
+    (found,) = tag_poses.detect(
+        image, CAMERA, NO_DISTORTION, "36h11", SIZE_M, refinement=refinement
+    )
     assert found.id == 1
     assert found.position_m == pytest.approx(position, abs=0.02 * 0.7)
     # Corners may be too far out or in, but not all to one side: pixel centres are whole numbers,
@@ -111,13 +113,16 @@ def test_several_tags_come_by_id_and_then_from_left_to_right() -> None:
     for column, one in enumerate(cells):
         square = np.kron(one, np.full((16, 16), 255)).astype(np.uint8)
         scene[80 : 80 + 128, 80 + 300 * column : 208 + 300 * column] = square
-    found = tags.detect(scene, CAMERA, NO_DISTORTION, "36h11", SIZE_M)
+    found = tag_poses.detect(scene, CAMERA, NO_DISTORTION, "36h11", SIZE_M)
     assert [tag.id for tag in found] == [0, 1, 1]
     assert found[1].corners_px[0][0] < found[2].corners_px[0][0]
 
 
 def test_an_image_without_tags_gives_none() -> None:
-    assert tags.detect(np.full((90, 160), 128, np.uint8), CAMERA, NO_DISTORTION, "36h11", 1.0) == []
+    assert (
+        tag_poses.detect(np.full((90, 160), 128, np.uint8), CAMERA, NO_DISTORTION, "36h11", 1.0)
+        == []
+    )
 
 
 @pytest.mark.parametrize("count", [0, 5, 8])
@@ -125,7 +130,9 @@ def test_exact_corners_give_the_exact_pose_through_a_distorting_lens(count: int)
     lens = np.array([-0.3, 0.12, 1e-3, -2e-3, 0.01, 0.02, 0.01, -0.01])[:count]
     rotation, position = rotation_xyz(0.4, -0.5, 0.2), np.array([0.4, -0.2, 1.3])
     corners, _ = cv2.projectPoints(SQUARE, cv2.Rodrigues(rotation)[0], position, CAMERA, lens)
-    found_m, quaternion = tags.pose(np.array(corners, float).reshape(4, 2), CAMERA, lens, SIZE_M)
+    found_m, quaternion = tag_poses.pose(
+        np.array(corners, float).reshape(4, 2), CAMERA, lens, SIZE_M
+    )
     assert found_m == pytest.approx(position, abs=1e-3)
     assert angle_deg(quaternion, rotation) < 0.1
     assert np.linalg.norm(quaternion) == pytest.approx(1.0)
@@ -141,7 +148,7 @@ def test_the_pose_is_exact_at_full_half_and_quarter_turns(
     rotation = rotation_xyz(0, tilt, 0) @ rotation_xyz(0, 0, turns * np.pi / 2)
     position = np.array([*place, 1.0])
     corners = project_square(rotation, position)
-    found_m, quaternion = tags.pose(corners, CAMERA, NO_DISTORTION, SIZE_M)
+    found_m, quaternion = tag_poses.pose(corners, CAMERA, NO_DISTORTION, SIZE_M)
     assert found_m == pytest.approx(position, abs=1e-5)
     assert angle_deg(quaternion, rotation) < 0.01
 
@@ -151,12 +158,12 @@ def test_the_orientation_of_opencvs_dictionary_is_found_out(turns: int) -> None:
     printed = cells_of_code(*PUBLISHED["36h11", 0])[1:-1, 1:-1].astype(np.uint8)
     held = np.ascontiguousarray(np.rot90(printed, turns))
     dictionary = cv2.aruco.Dictionary(cv2.aruco.Dictionary.getByteListFromBits(held), 6, 5)
-    assert tags.quarter_turns(dictionary, "36h11") == turns
+    assert tag_poses.quarter_turns(dictionary, "36h11") == turns
 
 
 def test_unknown_names_are_refused_with_the_known_ones() -> None:
     image = np.zeros((9, 9), np.uint8)
     with pytest.raises(ValueError, match="'36h12' is none of 16h5, 25h9, 36h10, 36h11"):
-        tags.detect(image, CAMERA, NO_DISTORTION, "36h12", 1.0)
+        tag_poses.detect(image, CAMERA, NO_DISTORTION, "36h12", 1.0)
     with pytest.raises(ValueError, match="'best' is none of none, subpix, contour, apriltag"):
-        tags.detect(image, CAMERA, NO_DISTORTION, "36h11", 1.0, refinement="best")
+        tag_poses.detect(image, CAMERA, NO_DISTORTION, "36h11", 1.0, refinement="best")

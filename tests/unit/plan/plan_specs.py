@@ -7,11 +7,11 @@ from typing import Any
 
 import msgspec
 
-from r2bspec.data.model import BagIndex, TopicInfo
-from r2bspec.plan.compile import compile_plan
-from r2bspec.plan.model import Plan
-from r2bspec.spec import codec
-from r2bspec.spec.model import Spec
+from r2bspec.bags.recording import BagIndex, TopicInfo
+from r2bspec.language import value_codec
+from r2bspec.language.spec import Spec
+from r2bspec.plan.compile_plan import compile_plan
+from r2bspec.plan.plan import Plan
 
 IMAGE = "sensor_msgs/msg/Image"
 INFO = "sensor_msgs/msg/CameraInfo"
@@ -106,7 +106,9 @@ BAG = BagIndex(
 
 def spec(document: dict[str, Any], **sections: Any) -> Spec:
     """A spec of a document with some sections replaced."""
-    return msgspec.convert({**copy.deepcopy(document), **sections}, Spec, dec_hook=codec.decode)
+    return msgspec.convert(
+        {**copy.deepcopy(document), **sections}, Spec, dec_hook=value_codec.decode
+    )
 
 
 def plan(document: dict[str, Any] = PREPROCESSED, **sections: Any) -> Plan:

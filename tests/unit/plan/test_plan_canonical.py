@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from plan_specs import PREPROCESSED, STRAIGHT, plan
 
-from r2bspec.plan.canonical import canonical_json, parse_plan, plan_hash, read_plan
+from r2bspec.plan.canonical_json import canonical_json, parse_plan, plan_hash, read_plan
 from r2bspec.plan.errors import PlanError
 
 ROOT = Path(__file__).parents[3]
@@ -72,10 +72,10 @@ def test_the_order_of_keys_in_the_spec_makes_no_difference_to_parameters() -> No
 
 
 SCRIPT = """
-from r2bspec.spec.load import load_spec
-from r2bspec.data.sequences import describe
-from r2bspec.plan.canonical import canonical_json
-from r2bspec.plan.compile import compile_plan
+from r2bspec.language.load_spec import load_spec
+from r2bspec.datasets.sequences import describe
+from r2bspec.plan.canonical_json import canonical_json
+from r2bspec.plan.compile_plan import compile_plan
 import pathlib, sys
 loaded = load_spec(pathlib.Path(sys.argv[1]))
 sys.stdout.buffer.write(canonical_json(compile_plan(loaded.spec, describe("r2b_storage"))))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.cli.main import main
-from r2bspec.plan.canonical import read_plan
+from r2bspec.plan.canonical_json import read_plan
 
 RELAY = Path(__file__).parents[3] / "specs" / "relay.r2b.yaml"
 

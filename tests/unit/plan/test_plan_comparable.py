@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from r2bspec.plan.comparable import (
+from r2bspec.plan.comparability import (
     graph_differences,
     measured_hash,
     offered_otherwise,
@@ -12,7 +12,7 @@ from r2bspec.plan.comparable import (
     pairs_of,
     told,
 )
-from r2bspec.plan.model import GatePlan, PlayPlan, SearchPlan
+from r2bspec.plan.plan import GatePlan, PlayPlan, SearchPlan
 from run_simulation import Simulation, objective
 
 PLAY = PlayPlan(rate_hz=30.0, duration_ns=10**9, iterations=7, max_iterations=28)

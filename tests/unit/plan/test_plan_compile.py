@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from plan_specs import BAG, IMAGE, INFO, PREPROCESSED, STRAIGHT, plan, spec
 
-from r2bspec.data.model import TopicInfo
-from r2bspec.plan.argv import HARNESS_ARGV, parameter_text
-from r2bspec.plan.compile import compile_plan
-from r2bspec.plan.model import BagTopicPlan, PlayPlan, ProcessPlan, TopicPlan
-from r2bspec.plan.processes import process_names
-from r2bspec.wiring.build import build_wiring
+from r2bspec.bags.recording import TopicInfo
+from r2bspec.plan.command_lines import HARNESS_ARGV, parameter_text
+from r2bspec.plan.compile_plan import compile_plan
+from r2bspec.plan.plan import BagTopicPlan, PlayPlan, ProcessPlan, TopicPlan
+from r2bspec.plan.process_plans import process_names
+from r2bspec.wiring.build_wiring import build_wiring
 
 
 def process(name: str, **sections: Any) -> ProcessPlan:

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 from plan_specs import BAG, IMAGE, PREPROCESSED, STRAIGHT, plan, spec
 
-from r2bspec.plan.argv import INCLUDED_LAUNCH
-from r2bspec.plan.compile import compile_plan
+from r2bspec.plan.command_lines import INCLUDED_LAUNCH
+from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.dot import to_dot
-from r2bspec.plan.model import Plan, ProcessPlan, TapPlan
+from r2bspec.plan.plan import Plan, ProcessPlan, TapPlan
 from r2bspec.plan.unsupported import unsupported
-from r2bspec.wiring.beside import Beside
+from r2bspec.wiring.companion_files import Beside
 from r2bspec.wiring.parameter_files import ParameterFile
 
 RECTIFY = {"package": "image_proc", "plugin": "image_proc::RectifyNode"}

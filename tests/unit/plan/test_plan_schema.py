@@ -11,8 +11,8 @@ import pytest
 from jsonschema import Draft202012Validator
 from plan_specs import PREPROCESSED, STRAIGHT, plan
 
-from r2bspec.plan.canonical import canonical_json
-from r2bspec.plan.schema import FILE_NAME, plan_schema, plan_schema_text
+from r2bspec.plan.canonical_json import canonical_json
+from r2bspec.plan.plan_schema import FILE_NAME, plan_schema, plan_schema_text
 
 PUBLISHED = Path(__file__).parents[3] / "schemas" / FILE_NAME
 

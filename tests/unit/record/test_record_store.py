@@ -9,10 +9,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.record.arrays import MONITOR, PLAYBACK
+from r2bspec.record.atomic_files import write_whole
 from r2bspec.record.errors import RecordError
-from r2bspec.record.files import write_whole
-from r2bspec.record.store import RunFolder, open_run
+from r2bspec.record.run_folder import RunFolder, open_run
+from r2bspec.record.sample_arrays import MONITOR, PLAYBACK
 from run_simulation import Played, Simulation, objective
 
 SIMULATION = Simulation(

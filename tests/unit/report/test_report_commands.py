@@ -22,8 +22,9 @@ from r2bspec.cli.compare import command as compare
 from r2bspec.cli.import_ import command as import_
 from r2bspec.cli.report import command as report
 from r2bspec.cli.run import command as run_verb
+from r2bspec.compare.errors import IncomparableError, UnreadableResultError
 from r2bspec.errors import R2bspecError
-from r2bspec.report.errors import IncomparableError, ReportUsageError, UnreadableResultError
+from r2bspec.report.errors import ReportUsageError
 from report_runs import EMPTY, USUAL
 from run_simulation import Played
 
@@ -136,7 +137,7 @@ def test_a_run_that_fails_still_has_its_reports(
 
 def test_listing_formats_imports_nothing_heavy() -> None:
     code = (
-        "import sys; from r2bspec.report.registry import FORMATS, check_installed;"
+        "import sys; from r2bspec.report.format_registry import FORMATS, check_installed;"
         "[check_installed(name) for name in FORMATS];"
         "heavy = {'matplotlib', 'jinja2', 'scipy', 'mcap', 'junitparser', 'rich'};"
         "sys.exit(', '.join(heavy & set(sys.modules)) or 0)"

@@ -11,18 +11,18 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.plan.model import Plan
-from r2bspec.record.model import SearchRecord
-from r2bspec.record.store import RunFolder
-from r2bspec.report.compare.decide import compare
-from r2bspec.report.compare.model import Comparison, Line
-from r2bspec.report.compare.show import to_json, to_markdown, to_text
-from r2bspec.report.compare.subject import read_subject
-from r2bspec.report.errors import IncomparableError, UnreadableResultError
+from r2bspec.compare.comparison import Comparison, Line
+from r2bspec.compare.comparison_subject import read_subject
+from r2bspec.compare.errors import IncomparableError, UnreadableResultError
+from r2bspec.compare.report_input import Reported
+from r2bspec.compare.result_comparison import compare
+from r2bspec.judge.judge_run import result_of
+from r2bspec.judge.judge_run import to_json as result_json
+from r2bspec.plan.plan import Plan
+from r2bspec.record.run_folder import RunFolder
+from r2bspec.record.run_record import SearchRecord
+from r2bspec.report.comparison.text import to_json, to_markdown, to_text
 from r2bspec.report.formats.ros2_benchmark import render
-from r2bspec.report.reported import Reported
-from r2bspec.report.result import result_of
-from r2bspec.report.result import to_json as result_json
 from report_runs import TWO, skewed
 from run_simulation import Played, Simulation, probe
 

@@ -15,10 +15,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from r2bspec.compare.errors import SamplesMissingError
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.judge_run import from_json, result_of
 from r2bspec.report.errors import ReportError
-from r2bspec.report.registry import FORMATS, renderer
-from r2bspec.report.reported import Reported
-from r2bspec.report.result import from_json, result_of
+from r2bspec.report.format_registry import FORMATS, renderer
 from report_runs import HOSTILE_RUN, SIMULATIONS, TWO, USUAL
 from run_simulation import Simulation
 
@@ -49,7 +50,7 @@ def test_every_run_gives_every_report(tmp_path: Path, name: str, simulation: Sim
 @pytest.mark.parametrize("name", ["trace", "mcap", "ros2_benchmark", "hdrhistogram"])
 def test_formats_that_need_samples_say_so(tmp_path: Path, name: str) -> None:
     source = reported(USUAL, tmp_path)
-    with pytest.raises(ReportError, match="needs the samples"):
+    with pytest.raises(SamplesMissingError, match="needs the samples"):
         renderer(name)(Reported(result=source.result))
 
 
@@ -249,7 +250,7 @@ def test_github_commands_stay_on_their_lines(tmp_path: Path) -> None:
 
 
 def test_ranks_of_a_large_run_stay_few(tmp_path: Path) -> None:
-    from r2bspec.report.html.percentiles import _ranks
+    from r2bspec.report.html.percentile_curve import _ranks
 
     ranks = _ranks(200_000)
     assert ranks.size <= 300

@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.judge_run import result_of
 from r2bspec.measure.units import show
 from r2bspec.report.html import render
-from r2bspec.report.reported import Reported
-from r2bspec.report.result import result_of
 from report_runs import HOSTILE_RUN, SIMULATIONS, USUAL
 from run_simulation import Played, Simulation, objective
 

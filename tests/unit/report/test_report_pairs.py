@@ -12,12 +12,12 @@ from pair_simulation import Comparison
 from r2bspec.cli.compare import command as compare
 from r2bspec.cli.judge import command as judge
 from r2bspec.cli.report import command as report
-from r2bspec.record.pairs import Pairs
-from r2bspec.report.registry import FORMATS, check_installed, renderer
-from r2bspec.report.reported import Reported
-from r2bspec.report.sources import read_folder
-from r2bspec.report.wording import bounds_text
-from r2bspec.slo.model import RequirementVerdict
+from r2bspec.compare.load_results import read_folder
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.record.comparison_folder import Pairs
+from r2bspec.report.format_registry import FORMATS, check_installed, renderer
+from r2bspec.report.report_wording import bounds_text
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
 SHOWN = ("text", "markdown", "html", "junit", "github")

@@ -7,12 +7,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from r2bspec.measure.model import Distribution, HopMetrics
-from r2bspec.record.model import Difference, SilenceRecord
-from r2bspec.report.model import Result
-from r2bspec.report.registry import renderer
-from r2bspec.report.reported import Reported
-from r2bspec.report.result import from_json, result_of, to_json
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.judge_run import from_json, result_of, to_json
+from r2bspec.judge.result import Result
+from r2bspec.measure.metrics import Distribution, HopMetrics
+from r2bspec.record.run_record import Difference, SilenceRecord
+from r2bspec.report.format_registry import renderer
 from r2bspec.report.terminal import to_text
 from report_runs import USUAL
 

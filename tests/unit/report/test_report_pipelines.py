@@ -104,7 +104,7 @@ def test_no_input_is_pasted_into_a_script() -> None:
 
 def test_the_options_of_the_pipelines_exist() -> None:
     from r2bspec.cli.run import command
-    from r2bspec.report.write import parse_asked
+    from r2bspec.report.write_reports import parse_asked
 
     known = {name for option in command.params for name in option.opts}
     template = yaml.safe_load((ROOT / "ci" / "gitlab" / "r2bspec.gitlab-ci.yml").read_text())

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.judge_run import result_of
 from r2bspec.report.formats.github import render
-from r2bspec.report.reported import Reported
-from r2bspec.report.result import result_of
 from report_runs import USUAL
 from run_simulation import objective
 

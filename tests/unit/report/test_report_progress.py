@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from r2bspec.report.progress import loads, shown_progress, told
+from r2bspec.report.progress_display import loads, shown_progress, told
 
 
 class Seen:
@@ -43,7 +43,7 @@ def test_without_a_terminal_a_stretch_is_one_line_unless_it_is_long(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen, now = Seen(), [100.0]
-    monkeypatch.setattr("r2bspec.report.progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("r2bspec.report.progress_display.time.monotonic", lambda: now[0])
     with shown_progress() as listener:
         listener.segment("20 Hz, iteration 1 of 2", 100)
         for _ in range(100):

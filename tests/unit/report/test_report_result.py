@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
-from r2bspec.report.result import from_json, result_of, to_json
-from r2bspec.report.schema import FILE_NAME, result_schema, result_schema_text
+from r2bspec.judge.judge_run import from_json, result_of, to_json
+from r2bspec.report.result_schema import FILE_NAME, result_schema, result_schema_text
 from r2bspec.report.terminal import to_text
 from run_simulation import Played, Simulation, objective
 

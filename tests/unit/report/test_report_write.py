@@ -13,10 +13,10 @@ import pytest
 
 from r2bspec.cli.judge import command as judge
 from r2bspec.cli.main import main
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.judge_run import result_of
 from r2bspec.report.errors import ReportError, ReportUsageError
-from r2bspec.report.reported import Reported
-from r2bspec.report.result import result_of
-from r2bspec.report.write import Asked, parse_asked, takes_stdout, write_reports
+from r2bspec.report.write_reports import Asked, parse_asked, takes_stdout, write_reports
 from report_runs import EMPTY, TWO, USUAL
 
 

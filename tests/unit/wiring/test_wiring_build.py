@@ -7,17 +7,17 @@ from typing import Any
 import msgspec
 import pytest
 
-from r2bspec.spec import codec
-from r2bspec.spec.model import Node, Spec
-from r2bspec.wiring.build import build_wiring
-from r2bspec.wiring.interfaces import (
+from r2bspec.language import value_codec
+from r2bspec.language.spec import Node, Spec
+from r2bspec.wiring.build_wiring import build_wiring
+from r2bspec.wiring.node_interface import (
     Interface,
     ParameterInfo,
     TableEntry,
     interface_of,
     reference_table,
 )
-from r2bspec.wiring.model import Endpoint
+from r2bspec.wiring.wiring import Endpoint
 
 IMAGE = "sensor_msgs/msg/Image"
 INFO = "sensor_msgs/msg/CameraInfo"
@@ -47,7 +47,7 @@ def spec(**sections: Any) -> Spec:
         "monitors": {"result": {"topic": "out", "format": IMAGE}},
         **sections,
     }
-    return msgspec.convert(document, Spec, dec_hook=codec.decode)
+    return msgspec.convert(document, Spec, dec_hook=value_codec.decode)
 
 
 def owners(endpoints: tuple[Endpoint, ...]) -> list[str]:

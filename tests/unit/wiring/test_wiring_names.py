@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.wiring.names import Resolved, expand, join_namespaces, node_name, remap
+from r2bspec.wiring.name_resolution import Resolved, expand, join_namespaces, node_name, remap
 
 TOKEN = st.from_regex(r"[a-z_][a-z0-9_]{0,4}", fullmatch=True)
 NAME = st.lists(TOKEN, min_size=1, max_size=3).map("/".join)

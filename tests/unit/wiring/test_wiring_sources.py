@@ -8,21 +8,21 @@ from typing import Any
 import msgspec
 import pytest
 
-from r2bspec.spec import codec
-from r2bspec.spec.model import Node, ParameterSource, Spec
-from r2bspec.wiring.beside import interface_file, read_beside
-from r2bspec.wiring.build import build_wiring
-from r2bspec.wiring.literal import read_literally
-from r2bspec.wiring.model import NodeWiring
+from r2bspec.language import value_codec
+from r2bspec.language.spec import Node, ParameterSource, Spec
+from r2bspec.wiring.ast_reader import read_literally
+from r2bspec.wiring.build_wiring import build_wiring
+from r2bspec.wiring.companion_files import interface_file, read_beside
+from r2bspec.wiring.known_packages import nodes_of, packages, well_known
 from r2bspec.wiring.parameter_files import matches, merged_parameters, read_parameter_file
-from r2bspec.wiring.wellknown import nodes_of, packages, well_known
+from r2bspec.wiring.wiring import NodeWiring
 
 IMAGE = "sensor_msgs/msg/Image"
 INFO = "sensor_msgs/msg/CameraInfo"
 
 
 def node(**fields: Any) -> Node:
-    return msgspec.convert(fields, Node, dec_hook=codec.decode)
+    return msgspec.convert(fields, Node, dec_hook=value_codec.decode)
 
 
 def wired(node: dict[str, Any], base_dir: Path | None = None) -> NodeWiring:
@@ -34,7 +34,7 @@ def wired(node: dict[str, Any], base_dir: Path | None = None) -> NodeWiring:
         "graph": {"nodes": {"n": node}},
         "monitors": {"out": {"topic": "out", "format": IMAGE}},
     }
-    spec = msgspec.convert(document, Spec, dec_hook=codec.decode)
+    spec = msgspec.convert(document, Spec, dec_hook=value_codec.decode)
     if base_dir is None:
         return build_wiring(spec).measure.nodes[0]
     return build_wiring(spec, beside=read_beside(spec, base_dir)).measure.nodes[0]
@@ -94,7 +94,7 @@ def test_camera_info_is_looked_for_beside_the_remapped_image(
         },
         "monitors": {"out": {"topic": "image_rect", "format": IMAGE}},
     }
-    measure = build_wiring(msgspec.convert(document, Spec, dec_hook=codec.decode)).measure
+    measure = build_wiring(msgspec.convert(document, Spec, dec_hook=value_codec.decode)).measure
     ends = measure.owned_by("/r2b/rectify")
     assert {each.own_name: each.topic for each in ends if not each.writes} == topics
 
@@ -275,7 +275,7 @@ def test_an_interface_file_that_cannot_be_used_is_said_to_be_so(tmp_path: Path) 
         "graph": {"nodes": {"n": {"command": ["x"]}}},
         "monitors": {},
     }
-    spec = msgspec.convert(document, Spec, dec_hook=codec.decode)
+    spec = msgspec.convert(document, Spec, dec_hook=value_codec.decode)
     for text in (
         "x: [",
         "[1]",

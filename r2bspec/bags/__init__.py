@@ -1,0 +1,1 @@
+"""Recorded data: locating storage, indexing, reading, hashing and verifying rosbags."""

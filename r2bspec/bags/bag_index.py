@@ -1,0 +1,229 @@
+"""What a bag holds, learnt from its metadata and cross-checked with its storage."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from pathlib import Path
+from typing import Literal, cast
+
+import msgspec
+
+from r2bspec.bags.dataset_record import read_record
+from r2bspec.bags.errors import (
+    BAG_NOT_FOUND,
+    METADATA_DISAGREES,
+    METADATA_UNREADABLE,
+    STORAGE_UNREADABLE,
+    DataError,
+)
+from r2bspec.bags.metadata import (
+    BagMetadata,
+    TopicMetadata,
+    read_metadata,
+)
+from r2bspec.bags.recording import BagIndex, StorageName, TopicInfo
+from r2bspec.bags.storage.storage import STORAGE_SUFFIXES, Storage, open_storages, storage_paths
+
+_FOLDERS = ("mcap", "sqlite3")
+_FORMAT_NOTES = {".bag": ("recorded by ROS 1: messages are converted to those of ROS 2",)}
+
+
+class _Seen(msgspec.Struct):
+    """What the storage files themselves say, summed over all of them."""
+
+    types: dict[str, str]
+    serializations: dict[str, str]
+    counts: Counter[str]
+    start_ns: int
+    end_ns: int
+    notes: list[str]
+
+
+def index_bag(path: Path) -> BagIndex:
+    """Index a bag folder, or a lone .db3, .mcap or (ROS 1) .bag file, without message bodies.
+
+    Where metadata and storage differ in topics, types or counts the bag is refused; where they
+    differ in the times, which some recorders write wrongly, the storage is believed and a note
+    kept. Bags whose files are compressed as a whole are taken at their metadata's word.
+
+    Raises:
+        DataError: R2B301 to R2B305, R2B310 and R2B313, each with a hint.
+    """
+    path = Path(path)
+    # Unlike those of pathlib, these take a name that is too long for one that is not there.
+    if os.path.isdir(path):  # noqa: PTH112
+        return _index_folder(path)
+    if not os.path.exists(path):  # noqa: PTH110
+        raise DataError(
+            f"{path} does not exist",
+            code=BAG_NOT_FOUND,
+            hint="name a bag folder, a .db3, .mcap or .bag file, or a dataset",
+        )
+    if path.suffix not in STORAGE_SUFFIXES:
+        raise DataError(
+            f"{path} is neither a bag folder nor a .db3, .mcap or .bag file",
+            code=STORAGE_UNREADABLE,
+            hint=_instead_of(path),
+        )
+    return _index_file(path)
+
+
+def _instead_of(path: Path) -> str:
+    if path.suffix in {".zstd", ".zst"}:
+        return "name the folder that holds metadata.yaml, or unpack it with 'zstd -d'"
+    return "name the folder that holds metadata.yaml"
+
+
+def _index_folder(path: Path) -> BagIndex:
+    metadata = read_metadata(path)
+    storage = _storage_name(path, metadata)
+    paths = storage_paths(path, metadata.files)
+    compression = _compression(path, metadata)
+    if compression == "file":
+        start_ns, end_ns = metadata.start_ns, metadata.start_ns + metadata.duration_ns
+        notes: tuple[str, ...] = ("compressed as whole files: metadata.yaml is taken at its word",)
+    else:
+        with open_storages(paths, compressed_files=False) as storages:
+            seen = _look(storages)
+        _compare(path, metadata, seen)
+        start_ns, end_ns = seen.start_ns, seen.end_ns
+        notes = (*_time_notes(metadata, seen), *seen.notes)
+    if metadata.message_count == 0:
+        start_ns = end_ns = 0
+    index = BagIndex(
+        name=path.resolve().name,
+        storage=storage,
+        topics=_topics(metadata.topics, end_ns - start_ns),
+        start_ns=start_ns,
+        end_ns=end_ns,
+        message_count=metadata.message_count,
+        files=metadata.files,
+        compression=compression,
+        notes=notes,
+    )
+    record = read_record(path)
+    return index if record is None else record.complete(index)
+
+
+def _index_file(path: Path) -> BagIndex:
+    paths = storage_paths(path, ())
+    with open_storages(paths, compressed_files=False) as storages:
+        seen = _look(storages)
+    topics = tuple(
+        TopicMetadata(
+            name=name,
+            type=seen.types[name],
+            serialization=seen.serializations[name],
+            qos="",
+            count=count,
+        )
+        for name, count in seen.counts.items()
+    )
+    return BagIndex(
+        name=path.name,
+        storage=STORAGE_SUFFIXES[path.suffix],
+        topics=_topics(topics, seen.end_ns - seen.start_ns),
+        start_ns=seen.start_ns,
+        end_ns=seen.end_ns,
+        message_count=seen.counts.total(),
+        files=(path.name,),
+        notes=(*_FORMAT_NOTES.get(path.suffix, ()), *seen.notes),
+    )
+
+
+def _storage_name(path: Path, metadata: BagMetadata) -> StorageName:
+    if metadata.storage not in _FOLDERS:
+        raise DataError(
+            f"{path} is stored as {metadata.storage!r}; readable are {' and '.join(_FOLDERS)}",
+            code=METADATA_UNREADABLE,
+            hint="convert it with 'ros2 bag convert'",
+        )
+    return cast("StorageName", metadata.storage)
+
+
+def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message", "file"]:
+    mode = metadata.compression_mode or "none"
+    if mode not in {"none", "message", "file"} or (
+        mode != "none" and metadata.compression_format != "zstd"
+    ):
+        raise DataError(
+            f"{path} is compressed with {metadata.compression_format!r} by {mode!r};"
+            " readable is zstd by message or by file",
+            code=METADATA_UNREADABLE,
+            hint="convert it with 'ros2 bag convert'",
+        )
+    return cast("Literal['none', 'message', 'file']", mode)
+
+
+def _look(storages: list[Storage]) -> _Seen:
+    """Sum topics, counts and extents over storage files."""
+    seen = _Seen({}, {}, Counter(), 0, 0, [])
+    filled = [each for each in storages if each.message_count]
+    if filled:
+        seen.start_ns = min(each.start_ns for each in filled)
+        seen.end_ns = max(each.end_ns for each in filled)
+    for storage in storages:
+        for topic in storage.topics:
+            known = seen.types.setdefault(topic.name, topic.type)
+            if known != topic.type:
+                seen.notes.append(f"{topic.name} was recorded as {known} and as {topic.type}")
+            seen.serializations.setdefault(topic.name, topic.serialization)
+            seen.counts[topic.name] += topic.count
+    return seen
+
+
+def _compare(path: Path, metadata: BagMetadata, seen: _Seen) -> None:
+    """Refuse a bag whose metadata promises other content than the storage has."""
+    stated = Counter({topic.name: 0 for topic in metadata.topics})
+    for topic in metadata.topics:
+        stated[topic.name] += topic.count
+    wrong = [
+        f"{name}: {stated[name]:,} stated, {seen.counts[name]:,} stored"
+        for name in sorted(stated.keys() | seen.counts.keys())
+        if stated[name] != seen.counts[name]
+    ]
+    wrong += [
+        f"{topic.name}: {topic.type} stated, {seen.types[topic.name]} stored"
+        for topic in metadata.topics
+        if seen.types.get(topic.name, topic.type) != topic.type
+    ]
+    if stated.total() != metadata.message_count:
+        wrong.append(f"in all {metadata.message_count:,} stated, {stated.total():,} by topic")
+    if wrong:
+        shown = "; ".join(wrong[:3]) + (f"; and {len(wrong) - 3} more" if len(wrong) > 3 else "")
+        raise DataError(
+            f"{path / 'metadata.yaml'} disagrees with the storage: {shown}",
+            code=METADATA_DISAGREES,
+            hint=f"if the recording was cut short, 'ros2 bag reindex {path}' writes what is there",
+        )
+
+
+def _time_notes(metadata: BagMetadata, seen: _Seen) -> list[str]:
+    if not metadata.message_count:
+        return []
+    stated = (metadata.start_ns, metadata.start_ns + metadata.duration_ns)
+    if stated == (seen.start_ns, seen.end_ns):
+        return []
+    note = (
+        f"metadata.yaml says {stated[0]} to {stated[1]} ns, the storage holds"
+        f" {seen.start_ns} to {seen.end_ns} ns"
+    )
+    return [note]
+
+
+def _topics(topics: tuple[TopicMetadata, ...], duration_ns: int) -> dict[str, TopicInfo]:
+    """Merge the entries of a topic that was recorded from several publishers, and sort."""
+    merged: dict[str, TopicInfo] = {}
+    for topic in sorted(topics, key=lambda topic: topic.name):
+        before = merged.get(topic.name)
+        count = topic.count + (before.count if before else 0)
+        merged[topic.name] = TopicInfo(
+            name=topic.name,
+            type=before.type if before else topic.type,
+            count=count,
+            rate_hz=(count - 1) * 1e9 / duration_ns if count > 1 and duration_ns > 0 else 0.0,
+            serialization=topic.serialization,
+            qos=before.qos if before else topic.qos,
+        )
+    return merged

@@ -1,0 +1,232 @@
+"""Reading messages of a bag in time order, as the bytes that a publisher sent."""
+
+from __future__ import annotations
+
+import difflib
+import heapq
+from collections import Counter
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from r2bspec.bags.bag_index import index_bag
+from r2bspec.bags.errors import (
+    METADATA_DISAGREES,
+    SERIALIZATION_UNSUPPORTED,
+    STORAGE_UNREADABLE,
+    TOPIC_NOT_IN_BAG,
+    WINDOW_OUTSIDE_BAG,
+    DataError,
+)
+from r2bspec.bags.metadata import FileSpan, read_metadata
+from r2bspec.bags.recording import BagIndex, Message, Window
+from r2bspec.bags.storage.storage import Storage, open_storages, reported, storage_paths
+
+
+def read_messages(
+    path: Path, topics: Collection[str], window: Window | None = None
+) -> Iterator[Message]:
+    """Yield the messages of the named topics in time order; equal times in stored order.
+
+    Memory is bounded by a few messages (sqlite3) or chunks (MCAP). Only the named topics are
+    touched: others may have any type or serialization. The arguments are checked before the
+    first message is asked for.
+
+    Args:
+        path: bag folder or storage file.
+        topics: names as in the index; a leading slash more or less makes no difference.
+        window: relative to the index's `start_ns`; None for everything.
+
+    Raises:
+        DataError: as `index_bag`; a topic is not there (R2B308) or not CDR (R2B306); the window
+            lies outside the bag (R2B309); while iterating, damaged storage (R2B304), also where a
+            bag that is read whole gives fewer messages than it states.
+    """
+    path = Path(path)
+    index = index_bag(path)
+    names = resolve_topics(path, index, topics)
+    check_window(path, index, window)
+    return _read(path, index, names, window)
+
+
+def resolve_topics(path: Path, index: BagIndex, topics: Collection[str]) -> frozenset[str]:
+    """The recorded names of topics that can be read.
+
+    Raises:
+        DataError: R2B306 or R2B308.
+    """
+    names = set()
+    for topic in topics:
+        info = index.find(topic)
+        if info is None:
+            close = difflib.get_close_matches(topic, index.topics, n=1, cutoff=0.5)
+            raise DataError(
+                f"{path} has no topic {topic}",
+                code=TOPIC_NOT_IN_BAG,
+                hint=f"did you mean {close[0]}?"
+                if close
+                else f"it has {', '.join(index.topics) or 'no topics at all'}",
+            )
+        if info.serialization != "cdr":
+            raise DataError(
+                f"{path} holds {info.name} serialised as {info.serialization!r}; only 'cdr' is"
+                " readable",
+                code=SERIALIZATION_UNSUPPORTED,
+                hint="convert the bag with 'ros2 bag convert' where that format is installed",
+            )
+        names.add(info.name)
+    return frozenset(names)
+
+
+def check_window(path: Path | str, index: BagIndex, window: Window | None) -> None:
+    """Refuse a window that is empty or begins after the last message.
+
+    Raises:
+        DataError: R2B309.
+    """
+    if window is None:
+        return
+    if window.start_ns < 0 or (window.end_ns is not None and window.end_ns <= window.start_ns):
+        raise DataError(
+            f"the window from {window.start_ns / 1e9:g} s to {(window.end_ns or 0) / 1e9:g} s of"
+            f" {path} is empty",
+            code=WINDOW_OUTSIDE_BAG,
+            hint="its end must come after its start, and its start not before 0 s",
+        )
+    if index.message_count and window.start_ns > index.duration_ns:
+        raise DataError(
+            f"the window begins at {window.start_ns / 1e9:g} s, but {path} ends after"
+            f" {index.duration_ns / 1e9:g} s",
+            code=WINDOW_OUTSIDE_BAG,
+            hint="windows count from the start of the bag",
+        )
+
+
+def _read(
+    path: Path, index: BagIndex, names: frozenset[str], window: Window | None
+) -> Iterator[Message]:
+    if not names or not index.message_count:
+        return
+    start_ns = stop_ns = None
+    if window is not None:
+        start_ns = index.start_ns + window.start_ns
+        stop_ns = None if window.end_ns is None else index.start_ns + window.end_ns
+    # What is read whole can be counted; of a window only the reading tells what is in it.
+    missing = Counter({name: index.topics[name].count for name in names} if window is None else ())
+    last_ns = index.start_ns
+    for message in _read_groups(path, index, names, start_ns, stop_ns):
+        if not last_ns <= message.time_ns <= index.end_ns:
+            raise DataError(
+                f"{path} gives a message of {message.time_ns} ns after one of {last_ns} ns, in a"
+                f" recording that ends at {index.end_ns} ns",
+                code=STORAGE_UNREADABLE,
+                hint="its index is damaged; copy or record the bag again",
+            )
+        last_ns = message.time_ns
+        missing[message.topic] -= 1
+        yield message
+    if window is None and any(missing.values()):
+        _report_missing(path, index, missing)
+
+
+def _report_missing(path: Path, index: BagIndex, missing: Counter[str]) -> None:
+    """Refuse, at the end of a whole reading, a bag that gave other counts than it states.
+
+    Raises:
+        DataError: R2B304.
+    """
+    wrong = "; ".join(
+        f"{name}: {index.topics[name].count - count:,} of {index.topics[name].count:,}"
+        for name, count in sorted(missing.items())
+        if count
+    )
+    raise DataError(
+        f"{path} gives other numbers of messages than it states: {wrong}",
+        code=STORAGE_UNREADABLE,
+        hint="the bag is damaged or incomplete; copy or record it again",
+    )
+
+
+def _read_groups(
+    path: Path, index: BagIndex, names: frozenset[str], start_ns: int | None, stop_ns: int | None
+) -> Iterator[Message]:
+    packed = index.compression == "file"
+    paths = storage_paths(path, index.files)
+    # Unpacked files take room: no more of them are there at once than have to be.
+    spans = {span.name: span for span in read_metadata(path).spans} if packed else {}
+    for group in _groups(paths, spans, start_ns, stop_ns):
+        with open_storages(group, compressed_files=packed) as storages:
+            for file, storage in zip(group, storages, strict=True):
+                _check_span(file, storage, spans.get(file.name))
+            streams = [
+                _read_file(file, storage, names, start_ns, stop_ns)
+                for file, storage in zip(group, storages, strict=True)
+                if storage.message_count
+            ]
+            # The files of a split recording overlap where writers were buffered.
+            yield from (
+                streams[0]
+                if len(streams) == 1
+                else heapq.merge(*streams, key=lambda message: message.time_ns)
+            )
+
+
+def _groups(
+    paths: tuple[Path, ...],
+    spans: dict[str, FileSpan],
+    start_ns: int | None,
+    stop_ns: int | None,
+) -> Iterator[tuple[Path, ...]]:
+    """The files to read, those together whose times overlap; files outside are left out.
+
+    Without the times of every file, all of them are one group.
+    """
+    by_name = {path.name: path for path in paths}
+    if not spans or not spans.keys() <= by_name.keys():
+        yield paths
+        return
+    group: list[Path] = []
+    until_ns = 0
+    for span in sorted(spans.values(), key=lambda span: span.start_ns):
+        if (start_ns is not None and span.end_ns < start_ns) or (
+            stop_ns is not None and span.start_ns >= stop_ns
+        ):
+            continue
+        if group and span.start_ns > until_ns:
+            yield tuple(group)
+            group, until_ns = [], 0
+        group.append(by_name[span.name])
+        until_ns = max(until_ns, span.end_ns)
+    if group:
+        yield tuple(group)
+
+
+def _check_span(file: Path, storage: Storage, span: FileSpan | None) -> None:
+    """Refuse a file whose times are not those by which it was chosen.
+
+    Raises:
+        DataError: R2B310.
+    """
+    if span is None or not storage.message_count:
+        return
+    if storage.start_ns < span.start_ns or storage.end_ns > span.end_ns:
+        raise DataError(
+            f"{file} holds {storage.start_ns} to {storage.end_ns} ns, metadata.yaml says"
+            f" {span.start_ns} to {span.end_ns} ns",
+            code=METADATA_DISAGREES,
+            hint=f"unpack the file, and run 'ros2 bag reindex {file.parent}'",
+        )
+
+
+def _read_file(
+    file: Path, storage: Storage, names: frozenset[str], start_ns: int | None, stop_ns: int | None
+) -> Iterator[Message]:
+    types: dict[str, str] = {}
+    for topic in storage.topics:
+        if topic.name in names and types.setdefault(topic.name, topic.type) != topic.type:
+            raise DataError(
+                f"{file} holds {topic.name} as {types[topic.name]} and as {topic.type}",
+                code=STORAGE_UNREADABLE,
+                hint="a topic can be played with one type only",
+            )
+    with reported(file):
+        yield from storage.messages(names, start_ns, stop_ns)

@@ -1,0 +1,176 @@
+"""Parsing metadata.yaml, the page that rosbag2 writes beside its storage files."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path, PurePath
+from typing import Any
+
+import msgspec
+import yaml
+
+from r2bspec.bags.errors import (
+    LFS_POINTER,
+    METADATA_UNREADABLE,
+    DataError,
+    reason,
+    way_out,
+)
+
+METADATA_NAME = "metadata.yaml"
+
+_LFS_MAGIC = b"version https://git-lfs.github.com/spec/"
+_NEWEST_VERSION = 9
+_OLD_TYPE = re.compile(r"(?P<package>[^/]+)/(?P<name>[^/]+)")
+
+
+class TopicMetadata(msgspec.Struct, frozen=True, kw_only=True):
+    """A topic as metadata.yaml states it; the type is normalised."""
+
+    name: str
+    type: str
+    serialization: str
+    qos: str
+    count: int
+
+
+class FileSpan(msgspec.Struct, frozen=True, kw_only=True):
+    """When the messages of one storage file were recorded, in ns; both ends are inside."""
+
+    name: str
+    start_ns: int
+    end_ns: int
+
+
+class BagMetadata(msgspec.Struct, frozen=True, kw_only=True):
+    """metadata.yaml, reduced to what r2bspec uses; times in ns.
+
+    Attributes:
+        spans: one for each file that has messages; empty before version 5.
+    """
+
+    version: int
+    storage: str
+    files: tuple[str, ...]
+    start_ns: int
+    duration_ns: int
+    message_count: int
+    topics: tuple[TopicMetadata, ...]
+    compression_format: str
+    compression_mode: str
+    spans: tuple[FileSpan, ...]
+
+
+def normalise_type(name: str) -> str:
+    """Write ``package/Name``, as bags of early ROS 2 have it, as ``package/msg/Name``."""
+    match = _OLD_TYPE.fullmatch(name)
+    return f"{match['package']}/msg/{match['name']}" if match else name
+
+
+def refuse_lfs_pointer(path: Path) -> None:
+    """Raise DataError (R2B305) where a file is the text that a clone without Git LFS leaves.
+
+    Raises:
+        OSError: the file cannot be opened.
+    """
+    with path.open("rb") as stream:
+        head = stream.read(len(_LFS_MAGIC))
+    if head == _LFS_MAGIC:
+        raise DataError(
+            f"{path} is a Git LFS pointer, not the recording itself",
+            code=LFS_POINTER,
+            hint="fetch the real file with 'git lfs install && git lfs pull' in that repository",
+        )
+
+
+def read_metadata(folder: Path) -> BagMetadata:
+    """Parse the metadata.yaml of a bag folder.
+
+    Raises:
+        DataError: it is missing, no YAML, an LFS pointer, or lacks what every bag has.
+    """
+    path = folder / METADATA_NAME
+    reindex = f"write it anew from the storage files with 'ros2 bag reindex {folder}'"
+    try:
+        refuse_lfs_pointer(path)
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise DataError(
+            f"{folder} has no {METADATA_NAME}, so it is no complete rosbag",
+            code=METADATA_UNREADABLE,
+            hint=f"{reindex}, or name the .db3, .mcap or .bag file itself",
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(
+            f"{path} cannot be read: {reason(error)}",
+            code=METADATA_UNREADABLE,
+            hint=way_out(error, reindex),
+        ) from error
+    try:
+        # BaseLoader leaves every scalar a string: a topic named 'on' or '010' stays what it is.
+        document: Any = yaml.load(text, Loader=_loader())  # noqa: S506 -- builds strings only
+        return _from_document(document["rosbag2_bagfile_information"])
+    except yaml.YAMLError as error:
+        raise DataError(
+            f"{path} is no valid YAML: {reason(error)}", code=METADATA_UNREADABLE, hint=reindex
+        ) from error
+    except KeyError as error:
+        raise DataError(
+            f"{path} lacks the key {error}", code=METADATA_UNREADABLE, hint=reindex
+        ) from error
+    except (TypeError, ValueError, AttributeError, IndexError, RecursionError) as error:
+        raise DataError(
+            f"{path} is not what rosbag2 writes: {error}", code=METADATA_UNREADABLE, hint=reindex
+        ) from error
+
+
+def _loader() -> type[yaml.BaseLoader]:
+    return getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+
+
+def _from_document(info: Any) -> BagMetadata:
+    """Build the value; missing keys and wrong kinds raise what Python raises for them."""
+    version = int(info["version"])
+    if version > _NEWEST_VERSION:
+        msg = f"its version is {version}, the newest known is {_NEWEST_VERSION}"
+        raise ValueError(msg)
+    compression_mode = info.get("compression_mode", "").lower()
+    return BagMetadata(
+        version=version,
+        storage=info["storage_identifier"],
+        # Early versions wrote the folder's name in front.
+        files=tuple(PurePath(name).name for name in info["relative_file_paths"] or ()),
+        start_ns=int(info["starting_time"]["nanoseconds_since_epoch"]),
+        duration_ns=int(info["duration"]["nanoseconds"]),
+        message_count=int(info["message_count"]),
+        topics=tuple(_topic(entry) for entry in info["topics_with_message_count"] or ()),
+        compression_format=info.get("compression_format", ""),
+        compression_mode="" if compression_mode == "none" else compression_mode,
+        spans=tuple(_span(entry) for entry in info.get("files") or () if _filled(entry)),
+    )
+
+
+def _filled(entry: Any) -> bool:
+    return int(entry["message_count"]) > 0
+
+
+def _span(entry: Any) -> FileSpan:
+    start_ns = int(entry["starting_time"]["nanoseconds_since_epoch"])
+    return FileSpan(
+        name=PurePath(entry["path"]).name,
+        start_ns=start_ns,
+        end_ns=start_ns + int(entry["duration"]["nanoseconds"]),
+    )
+
+
+def _topic(entry: Any) -> TopicMetadata:
+    topic = entry["topic_metadata"]
+    qos = topic.get("offered_qos_profiles", "")
+    return TopicMetadata(
+        name=topic["name"],
+        type=normalise_type(topic["type"]),
+        serialization=topic["serialization_format"],
+        # Version 9 nests the profiles instead of quoting them as a block of YAML.
+        qos=qos if isinstance(qos, str) else yaml.safe_dump(qos, sort_keys=False).strip(),
+        count=int(entry["message_count"]),
+    )

@@ -1,0 +1,209 @@
+"""MCAP storage: `rosbags` reads it; how it was written decides in which way.
+
+Files with a complete index are read chunk by chunk. `rosbags` leaves out, without a word, what
+the index does not list: messages outside of chunks beside others in chunks, and chunks that
+were written without an index of their messages. Such files are read from end to end.
+"""
+
+from __future__ import annotations
+
+import heapq
+import struct
+from binascii import crc32
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from r2bspec.bags.compression import uncompressed
+from r2bspec.bags.errors import STORAGE_UNREADABLE, DataError
+from r2bspec.bags.metadata import normalise_type
+from r2bspec.bags.recording import Message
+from r2bspec.bags.storage.storage import StoredTopic
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+
+_MAGIC = b"\x89MCAP0\r\n"
+_HEADER_RECORD = 1
+# Opcode and length, then two offsets and a checksum, then the magic.
+_FOOTER = struct.Struct("<BQQQI8s")
+# Opcode and length, then the times of the first and the last message.
+_CHUNK = struct.Struct("<BQQQ")
+_CHUNK_RECORD = 6
+_BLOCK_BYTES = 1 << 20
+
+
+class McapStorage:
+    """An open .mcap file."""
+
+    def __init__(self, path: Path, shown: Path) -> None:
+        from rosbags.rosbag2 import Reader
+
+        _refuse_other_profiles(path, shown)
+        _check_summary(path)
+        with ExitStack() as stack:
+            reader = stack.enter_context(Reader(path))
+            file: Any = reader.storage
+            _check_chunks(path, file.chunks)
+            self._indexed = _is_indexed(file)
+            if not self._indexed:
+                stated: Counter[int] = Counter(file.statistics.channel_message_counts)
+                file.meta_scan()
+                _compare(stated, Counter(file.statistics.channel_message_counts), shown)
+            self._stack = stack.pop_all()
+        self._file = file
+        statistics = file.statistics
+        self._connections: list[Connection] = reader.connections
+        self.topics = tuple(
+            StoredTopic(
+                each.topic,
+                normalise_type(each.msgtype),
+                str(getattr(each.ext, "serialization_format", "cdr")),
+                statistics.channel_message_counts.get(each.id, 0),
+            )
+            for each in self._connections
+        )
+        self.message_count = statistics.message_count
+        self.start_ns = statistics.start_time
+        self.end_ns = statistics.end_time
+
+    def messages(
+        self, names: Collection[str], start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[Message]:
+        """As `Storage.messages`."""
+        connections = [each for each in self._connections if each.topic in names]
+        if not connections:
+            return
+        found = (
+            self._file.messages(connections, start_ns, stop_ns)
+            if self._indexed
+            else self._sorted(connections, start_ns, stop_ns)
+        )
+        for connection, time_ns, data in found:
+            yield Message(topic=connection.topic, time_ns=time_ns, data=uncompressed(data))
+
+    def close(self) -> None:
+        """As `Storage.close`."""
+        self._stack.close()
+
+    def _sorted(
+        self, connections: list[Connection], start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Messages of a file without index, in time order; memory holds what stands out of order.
+
+        A first pass takes down the times. In the second a message is kept back as long as one
+        that is older is still to come.
+        """
+        import numpy as np
+
+        scan = self._file.messages_scan
+        times = np.fromiter((each[1] for each in scan(connections, start_ns, stop_ns)), np.int64)
+        # oldest[i]: the smallest time of message i and all after it.
+        oldest = np.minimum.accumulate(times[::-1])[::-1]
+        held: list[tuple[int, int, Connection, bytes]] = []
+        numbers = count()
+        for number, (connection, time_ns, data) in zip(
+            numbers, scan(connections, start_ns, stop_ns), strict=False
+        ):
+            heapq.heappush(held, (time_ns, number, connection, data))
+            while held and (number + 1 == len(times) or held[0][0] <= oldest[number + 1]):
+                earliest_ns, _, of, content = heapq.heappop(held)
+                yield of, earliest_ns, content
+
+
+def _is_indexed(file: Any) -> bool:
+    """Whether the index lists every message that the statistics count."""
+    if any(not each.message_index_offsets for each in file.chunks):
+        return False
+    listed: Counter[int] = Counter()
+    for chunk in file.chunks:
+        listed.update(chunk.channel_count)
+    return +listed == +Counter(file.statistics.channel_message_counts)
+
+
+def _compare(stated: Counter[int], found: Counter[int], shown: Path) -> None:
+    # A file that was written without statistics states nothing.
+    if +stated and +stated != +found:
+        raise DataError(
+            f"{shown} cannot be read: its summary counts {stated.total():,} messages, and"
+            f" {found.total():,} are there",
+            code=STORAGE_UNREADABLE,
+            hint="the file is damaged; 'mcap recover' writes what is there to a new one",
+        )
+
+
+def _refuse_other_profiles(path: Path, shown: Path) -> None:
+    """Refuse MCAP that is sound but of another world than ROS 2.
+
+    Raises:
+        DataError: R2B304.
+    """
+    with path.open("rb") as stream:
+        head = stream.read(len(_MAGIC) + 13)
+        if len(head) < len(_MAGIC) + 13 or not head.startswith(_MAGIC) or head[8] != _HEADER_RECORD:
+            raise DataError(
+                f"{shown} cannot be read: it does not begin as MCAP does",
+                code=STORAGE_UNREADABLE,
+                hint="the file is damaged or incomplete; copy or record it again",
+            )
+        (length,) = struct.unpack_from("<I", head, 17)
+        profile = stream.read(min(length, 64)).decode(errors="replace")
+    if profile != "ros2":
+        raise DataError(
+            f"{shown} is MCAP with the profile {profile!r}; only 'ros2' can be played",
+            code=STORAGE_UNREADABLE,
+            hint="convert it with 'mcap convert', or record it with 'ros2 bag record'",
+        )
+
+
+def _check_chunks(path: Path, chunks: list[Any]) -> None:
+    """Compare the times by which windows are cut with those that the chunks themselves state.
+
+    See https://mcap.dev/spec, "Chunk" and "Chunk Index".
+
+    Raises:
+        ValueError, struct.error: they differ, or there is no chunk where one should be.
+    """
+    with path.open("rb") as stream:
+        for chunk in chunks:
+            stream.seek(chunk.chunk_start_offset)
+            # A chunk that is cut short raises here what `struct` raises.
+            kind, _, start_ns, end_ns = _CHUNK.unpack(stream.read(_CHUNK.size))
+            stated = (chunk.message_start_time, chunk.message_end_time)
+            if kind != _CHUNK_RECORD or (start_ns, end_ns) != stated:
+                msg = "its index says something else of a chunk than the chunk itself"
+                raise ValueError(msg)
+
+
+def _check_summary(path: Path) -> None:
+    """Compare the summary, which holds the index, with its checksum (0: there is none).
+
+    See https://mcap.dev/spec, "Footer".
+
+    Raises:
+        ValueError: they differ, or there is no footer.
+    """
+    with path.open("rb") as stream:
+        size = stream.seek(0, 2)
+        if size < _FOOTER.size + len(_MAGIC):
+            msg = "it ends before its footer"
+            raise ValueError(msg)
+        stream.seek(size - _FOOTER.size)
+        _, _, start, _, stated, magic = _FOOTER.unpack(stream.read(_FOOTER.size))
+        if magic != _MAGIC:
+            msg = "it ends before its footer"
+            raise ValueError(msg)
+        if not stated:
+            return
+        end = size - len(_MAGIC) - 4
+        begin = stream.seek(start or size - _FOOTER.size)
+        found = 0
+        while begin < end and (block := stream.read(min(_BLOCK_BYTES, end - begin))):
+            found = crc32(block, found)
+            begin += len(block)
+    if found != stated:
+        msg = "the checksum of its summary is wrong"
+        raise ValueError(msg)

@@ -1,0 +1,176 @@
+"""sqlite3 storage: `rosbags` reads it; what it would take silently is refused here first."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+from r2bspec.bags.compression import uncompressed_ahead
+from r2bspec.bags.errors import RECORDING_NOT_CLOSED, STORAGE_UNREADABLE, DataError
+from r2bspec.bags.metadata import normalise_type
+from r2bspec.bags.recording import Message
+from r2bspec.bags.storage.storage import StoredTopic
+
+_MAGIC = b"SQLite format 3\x00"
+_HEADER_BYTES = 100
+# What may lie beside a database: the journals that hold changes which the file itself lacks.
+_JOURNALS = {
+    "-wal": (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83"),
+    "-journal": (b"\xd9\xd5\x05\xf9",),
+}
+# Characters that have a meaning in the URI by which the file is opened.
+_SPECIAL = frozenset("?#%")
+
+
+class SqliteStorage:
+    """An open .db3 file."""
+
+    def __init__(self, path: Path, shown: Path) -> None:
+        from rosbags.rosbag2 import Reader
+
+        real = path.resolve()
+        _refuse_incomplete(real, shown)
+        self._path = real
+        self._has_index = _has_index(real)
+        with ExitStack() as stack:
+            self._reader = stack.enter_context(Reader(_plainly_named(real, stack)))
+            self._stack = stack.pop_all()
+        self.topics = tuple(
+            StoredTopic(
+                each.topic,
+                normalise_type(each.msgtype),
+                str(getattr(each.ext, "serialization_format", "cdr")),
+                each.msgcount,
+            )
+            for each in self._reader.connections
+        )
+        self.message_count = self._reader.message_count
+        self.start_ns = self._reader.start_time
+        # rosbags gives the first instant after the last message.
+        self.end_ns = self._reader.end_time - 1
+        counted = sum(each.count for each in self.topics)
+        if counted != self.message_count:
+            self.close()
+            raise DataError(
+                f"{shown} cannot be read: it has {self.message_count:,} messages by its index and"
+                f" {counted:,} by its topics",
+                code=STORAGE_UNREADABLE,
+                hint="the file is damaged; copy or record it again",
+            )
+
+    def messages(
+        self, names: Collection[str], start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[Message]:
+        """As `Storage.messages`."""
+        connections = [each for each in self._reader.connections if each.topic in names]
+        if not connections:
+            return
+        stored = (
+            (
+                ((connection.topic, time_ns), data)
+                for connection, time_ns, data in self._reader.messages(
+                    connections, start_ns, stop_ns
+                )
+            )
+            if self._has_index
+            else _row_by_row(
+                self._path, {each.id: each.topic for each in connections}, start_ns, stop_ns
+            )
+        )
+        for (topic, time_ns), data in uncompressed_ahead(stored):
+            yield Message(topic=topic, time_ns=time_ns, data=data)
+
+    def close(self) -> None:
+        """As `Storage.close`."""
+        self._stack.close()
+
+
+def _open(path: Path) -> sqlite3.Connection:
+    # A recording may lie on a read-only disk, where no lock file can be made.
+    return sqlite3.connect(f"{path.as_uri()}?immutable=1", uri=True)
+
+
+def _has_index(path: Path) -> bool:
+    """Whether messages are indexed by their times, as those of rosbag2 are."""
+    with closing(_open(path)) as database:
+        first_columns = database.execute(
+            "SELECT of_index.name FROM pragma_index_list('messages') AS list"
+            " JOIN pragma_index_info(list.name) AS of_index WHERE of_index.seqno = 0"
+        )
+        return ("timestamp",) in list(first_columns)
+
+
+def _row_by_row(
+    path: Path, topics: dict[int, str], start_ns: int | None, stop_ns: int | None
+) -> Iterator[tuple[tuple[str, int], bytes]]:
+    """Messages of a file without index; sqlite would sort them with their bodies, in memory."""
+    marks = ", ".join("?" * len(topics))
+    first_ns = -(2**63) if start_ns is None else start_ns
+    past_ns = 2**63 - 1 if stop_ns is None else stop_ns
+    with closing(_open(path)) as database:
+        rows = database.execute(
+            f"SELECT rowid, topic_id, timestamp FROM messages WHERE topic_id IN ({marks})"  # noqa: S608 - question marks
+            " AND timestamp >= ? AND timestamp < ? ORDER BY timestamp, rowid",
+            (*topics, first_ns, past_ns),
+        )
+        for row, topic, time_ns in rows:
+            ((data,),) = database.execute("SELECT data FROM messages WHERE rowid = ?", (row,))
+            yield (topics[topic], time_ns), data
+
+
+def _refuse_incomplete(path: Path, shown: Path) -> None:
+    """Refuse what sqlite would open without a word although part of it is missing.
+
+    A recording is opened as immutable, because it may lie on a read-only disk, where no lock
+    file can be made. sqlite then neither looks for a journal nor at the size of the file
+    (https://www.sqlite.org/fileformat2.html, sections 1.3 and 4).
+
+    Raises:
+        DataError: R2B304 or R2B313.
+    """
+    with path.open("rb") as stream:
+        head = stream.read(_HEADER_BYTES)
+    if len(head) < _HEADER_BYTES or not head.startswith(_MAGIC):
+        raise DataError(
+            f"{shown} cannot be read: it is no sqlite3 database",
+            code=STORAGE_UNREADABLE,
+            hint="the file is damaged or incomplete; copy or record it again",
+        )
+    (page_bytes,) = struct.unpack_from(">H", head, 16)
+    changed, pages = struct.unpack_from(">II", head, 24)
+    (valid_for,) = struct.unpack_from(">I", head, 92)
+    # 65,536 does not fit into the field and is written as 1.
+    expected = pages * (65_536 if page_bytes == 1 else page_bytes)
+    found = path.stat().st_size
+    if changed == valid_for and found < expected:
+        raise DataError(
+            f"{shown} cannot be read: it has {found:,} bytes of {expected:,}",
+            code=STORAGE_UNREADABLE,
+            hint="the file is incomplete; copy or record it again",
+        )
+    for suffix, magics in _JOURNALS.items():
+        journal = path.with_name(path.name + suffix)
+        if journal.is_file():
+            with journal.open("rb") as stream:
+                if stream.read(4) in magics:
+                    raise DataError(
+                        f"{shown} was not closed: {journal.name} beside it holds messages that it"
+                        " lacks",
+                        code=RECORDING_NOT_CLOSED,
+                        hint="end the recorder, or after a crash bring both together with"
+                        f" \"sqlite3 '{path}' 'PRAGMA wal_checkpoint(TRUNCATE)'\"",
+                    )
+
+
+def _plainly_named(path: Path, stack: ExitStack) -> Path:
+    """A path to the same file without characters that `rosbags` does not escape in its URI."""
+    if not _SPECIAL.intersection(str(path)):
+        return path
+    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="r2bspec-"))
+    link = Path(folder) / "bag.db3"
+    link.symlink_to(path)
+    return link

@@ -1,0 +1,153 @@
+"""Opening the storage files of a bag, whatever their format, with errors a person can use."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from r2bspec.bags.compression import unpack
+from r2bspec.bags.errors import (
+    BAG_NOT_FOUND,
+    STORAGE_MISSING,
+    STORAGE_UNREADABLE,
+    DataError,
+    reason,
+    way_out,
+)
+from r2bspec.bags.metadata import refuse_lfs_pointer
+from r2bspec.bags.recording import Message, StorageName
+
+STORAGE_SUFFIXES: dict[str, StorageName] = {".db3": "sqlite3", ".mcap": "mcap", ".bag": "ros1"}
+
+
+@dataclass(frozen=True)
+class StoredTopic:
+    """A topic as one storage file states it; the type is normalised."""
+
+    name: str
+    type: str
+    serialization: str
+    count: int
+
+
+class Storage(Protocol):
+    """One open storage file.
+
+    Attributes:
+        topics: one entry for each recorded publisher, so a topic may appear several times.
+        message_count: over all topics.
+        start_ns: time of the first message; meaningless without messages.
+        end_ns: time of the last message; meaningless without messages.
+    """
+
+    topics: tuple[StoredTopic, ...]
+    message_count: int
+    start_ns: int
+    end_ns: int
+
+    def messages(
+        self, names: Collection[str], start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[Message]:
+        """The messages of these topics with start <= time < stop, in time order, as CDR."""
+        ...
+
+    def close(self) -> None:
+        """Close the file."""
+        ...
+
+
+@contextmanager
+def reported(path: Path) -> Iterator[None]:
+    """Turn whatever a storage parser raises on damaged input into one DataError (R2B304).
+
+    The parsers of damaged files raise struct, index, type, database and decompression errors;
+    naming each would only list today's.
+    """
+    try:
+        yield
+    except DataError:
+        raise
+    except Exception as error:
+        raise DataError(
+            f"{path} cannot be read: {reason(error)}",
+            code=STORAGE_UNREADABLE,
+            hint=way_out(error),
+        ) from error
+
+
+def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
+    """The storage files of a bag; `path` is its folder, or the one file itself.
+
+    Raises:
+        DataError: one is missing (R2B303) or a Git LFS pointer (R2B305).
+    """
+    # Unlike its method of pathlib, this takes a name that is too long for one that is not there.
+    if not os.path.exists(path):  # noqa: PTH110
+        raise DataError(
+            f"{path} does not exist", code=BAG_NOT_FOUND, hint="check the path of the bag"
+        )
+    paths = tuple(path / name for name in files) if path.is_dir() else (path,)
+    missing = [candidate.name for candidate in paths if not os.path.isfile(candidate)]  # noqa: PTH113
+    if missing:
+        raise DataError(
+            f"{path} lacks {', '.join(missing)}, which its metadata.yaml names",
+            code=STORAGE_MISSING,
+            hint=f"copy the whole folder again, or run 'ros2 bag reindex {path}'",
+        )
+    for candidate in paths:
+        with reported(candidate):
+            refuse_lfs_pointer(candidate)
+    return paths
+
+
+@contextmanager
+def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterator[list[Storage]]:
+    """Open storage files, each by itself.
+
+    One reader per file, and not one for the folder: topics are then matched by what the storage
+    says, which is right where metadata.yaml disagrees about QoS, and files that overlap in time
+    can be merged.
+
+    Args:
+        paths: the storage files.
+        compressed_files: whether each is one zstd stream; they are unpacked to a temporary
+            folder, because all formats need random access.
+
+    Raises:
+        DataError: a file is no readable storage (R2B304), or was not closed (R2B313).
+    """
+    with ExitStack() as stack:
+        storages = []
+        for path in paths:
+            with reported(path):
+                plain = stack.enter_context(unpack(path)) if compressed_files else path
+                storage = _open(plain, path)
+            stack.callback(storage.close)
+            storages.append(storage)
+        yield storages
+
+
+def _open(path: Path, shown: Path) -> Storage:
+    """Open one file; `shown` is what errors call it."""
+    from r2bspec.bags.storage.mcap import McapStorage
+    from r2bspec.bags.storage.ros1 import Ros1Storage
+    from r2bspec.bags.storage.sqlite import SqliteStorage
+
+    match STORAGE_SUFFIXES.get(path.suffix):
+        case "sqlite3":
+            return SqliteStorage(path, shown)
+        case "mcap":
+            return McapStorage(path, shown)
+        case "ros1":
+            return Ros1Storage(path, shown)
+        case None:
+            raise DataError(
+                f"{shown} is not named as a storage file",
+                code=STORAGE_UNREADABLE,
+                hint="storage files end in .db3, .mcap or .bag; "
+                "if it is compressed, metadata.yaml must say so",
+            )

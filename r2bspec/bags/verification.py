@@ -1,0 +1,73 @@
+"""Whether a bag on disk still is what its metadata and its provenance say."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+from r2bspec.bags.bag_index import index_bag
+from r2bspec.bags.bag_reader import read_messages
+from r2bspec.bags.dataset_record import RECORD_NAME, DatasetRecord, read_record
+from r2bspec.bags.digest import ContentHash
+from r2bspec.bags.errors import DataError
+from r2bspec.bags.recording import BagIndex
+
+
+def verify(path: Path) -> list[str]:
+    """Read a whole bag and list what is wrong with it, one sentence each.
+
+    Every message must be readable and the counts those of the metadata. Of a synthetic dataset
+    also the content hash, the counts and the file sizes must be those that were recorded when
+    it was made.
+
+    Returns:
+        Nothing where all is well. A bag that cannot be read is a problem, and no exception.
+    """
+    path = Path(path)
+    try:
+        index = index_bag(path)
+        content, counts = _read(path, index)
+    except DataError as error:
+        return [f"{error} ({error.code}): {error.hint}"]
+    problems = [
+        f"{name}: {info.count:,} messages in the metadata, {counts[name]:,} readable"
+        for name, info in index.topics.items()
+        if info.serialization == "cdr" and counts[name] != info.count
+    ]
+    record = read_record(path)
+    if record is not None:
+        problems += _against_record(path, index, record, content)
+    elif (path / RECORD_NAME).exists():
+        problems.append(f"{RECORD_NAME} is not what 'r2bspec data make' writes")
+    return problems
+
+
+def _read(path: Path, index: BagIndex) -> tuple[str, Counter[str]]:
+    """Content hash and counts of all topics that can be read."""
+    readable = {
+        name: info.type for name, info in index.topics.items() if info.serialization == "cdr"
+    }
+    content = ContentHash(readable, index.start_ns)
+    counts: Counter[str] = Counter()
+    for message in read_messages(path, readable):
+        content.add(message)
+        counts[message.topic] += 1
+    return content.hexdigest(), counts
+
+
+def _against_record(
+    path: Path, index: BagIndex, record: DatasetRecord, content: str
+) -> Iterator[str]:
+    if content != record.content_sha256:
+        yield f"the content hashes to {content}, {RECORD_NAME} says {record.content_sha256}"
+    for name in sorted(record.topics.keys() | index.topics.keys()):
+        made = record.topics[name].count if name in record.topics else 0
+        there = index.topics[name].count if name in index.topics else 0
+        if made != there:
+            yield f"{name}: {made:,} messages in {RECORD_NAME}, {there:,} in the bag"
+    for name, size_bytes in record.file_bytes.items():
+        file = path / name
+        there = file.stat().st_size if file.is_file() else 0
+        if there != size_bytes:
+            yield f"{name} has {there:,} bytes, {size_bytes:,} when it was made"

@@ -1,0 +1,75 @@
+"""Indexes of bags, kept between checks by the identity of their files.
+
+Indexing a recording opens every file of it, which for a bag of many files takes longer than all
+rules together. What is kept is the index and the size, time and inode of each file that it was
+made from; as soon as one of them differs, it is made anew. A cache that cannot be read or written
+is no cache.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from r2bspec.bags.recording import BagIndex, BagLocation
+
+_FORMAT = 2
+"""To be raised with every change of what an index holds."""
+
+_MOST_FILES = 10_000
+_SLOWER_THAN_BYTES = 1_000_000
+"""Smaller recordings are indexed faster than anything could be looked up."""
+
+
+def cached_index(location: BagLocation) -> BagIndex:
+    """The index of a located bag.
+
+    Raises:
+        DataError: the bag cannot be used; this is never kept.
+    """
+    from r2bspec.datasets.locate_bag import index as index_location
+
+    entry = _entry(location.path) if location.path is not None else None
+    if entry is None:
+        return index_location(location)
+    import msgspec
+
+    from r2bspec.bags.recording import BagIndex
+
+    try:
+        return msgspec.json.decode(entry.read_bytes(), type=BagIndex)
+    except (OSError, msgspec.MsgspecError):
+        pass
+    found = index_location(location)
+    _keep(entry, msgspec.json.encode(found))
+    return found
+
+
+def _entry(bag: Path) -> Path | None:
+    """The file in which the index of a bag is kept; None where it is not worth while."""
+    try:
+        files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
+        stats = [(file, file.stat()) for file in files[:_MOST_FILES]]
+    except OSError:
+        return None
+    if len(files) > _MOST_FILES or sum(each.st_size for _, each in stats) < _SLOWER_THAN_BYTES:
+        return None
+    identity = hashlib.sha256(f"{_FORMAT}\0{bag.resolve()}\0".encode())
+    for file, stat in stats:
+        values = (file.name, stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns)
+        identity.update(repr(values).encode())
+    base = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
+    return Path(base) / "r2bspec" / "indexes" / f"{identity.hexdigest()}.json"
+
+
+def _keep(entry: Path, content: bytes) -> None:
+    scratch = entry.with_name(f".{entry.name}.{os.getpid()}")
+    try:
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        scratch.write_bytes(content)
+        scratch.replace(entry)
+    except OSError:
+        scratch.unlink(missing_ok=True)

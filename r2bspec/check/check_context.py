@@ -1,0 +1,168 @@
+"""What the rules of one check look at; everything is worked out when it is first asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, NamedTuple
+
+from r2bspec.check.bag_index_cache import cached_index
+from r2bspec.check.spec_requirements import Placed, placed_requirements
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
+from r2bspec.language.spec import BagSource, Spec
+from r2bspec.plan.compile_plan import bag_types
+from r2bspec.plan.process_plans import process_names
+from r2bspec.record.calibration_file import NoiseFile, noise_path, read_noise
+from r2bspec.record.errors import RecordError
+from r2bspec.wiring.build_wiring import build_wiring
+from r2bspec.wiring.companion_files import Beside, read_beside
+from r2bspec.wiring.merge_bags import merge_indexes
+from r2bspec.wiring.wiring import NodeWiring, Wiring
+
+if TYPE_CHECKING:
+    from r2bspec.bags.errors import DataError
+    from r2bspec.bags.recording import BagIndex, BagLocation
+    from r2bspec.language.load_spec import Loaded
+
+
+class Recording(NamedTuple):
+    """One bag of a spec: its place there, where it is, what is in it, or why it cannot be used."""
+
+    path: Path
+    location: BagLocation | None
+    content: BagIndex | None
+    error: DataError | None
+
+
+class Context:
+    """A spec and what can be known around it without executing anything.
+
+    Attributes:
+        loaded: the document as it was read.
+        spec: its typed value.
+        offline: whether to leave recorded data alone.
+    """
+
+    def __init__(self, loaded: Loaded, spec: Spec, *, offline: bool = False) -> None:
+        self.loaded = loaded
+        self.spec = spec
+        self.offline = offline
+
+    @cached_property
+    def beside(self) -> Beside:
+        """What was read beside the spec: recorded interfaces, parameter files, Python files."""
+        return read_beside(self.spec, self.loaded.base_dir)
+
+    @property
+    def noise(self) -> NoiseFile | None:
+        """What was calibrated; None if nothing was, or if its file cannot be used."""
+        return self._noise[0]
+
+    @property
+    def noise_problem(self) -> str:
+        """Why the file of the calibration cannot be used; empty if it can, or is not there."""
+        return self._noise[1]
+
+    @cached_property
+    def _noise(self) -> tuple[NoiseFile | None, str]:
+        path = noise_path(self.loaded.base_dir / FilePath(self.loaded.file).name)
+        try:
+            return read_noise(path), ""
+        except RecordError as error:
+            return None, str(error).replace(str(path), path.name)
+
+    @cached_property
+    def wiring(self) -> Wiring:
+        """Who writes and who reads which topic."""
+        types = bag_types(self.spec, self.bag)
+        return build_wiring(self.spec, bag_types=types, beside=self.beside)
+
+    @cached_property
+    def bag(self) -> BagIndex | None:
+        """What is known of all recordings together; None offline, or if one cannot be used."""
+        found = [each.content for each in self.recordings if each.content is not None]
+        return merge_indexes(found) if len(found) == len(self.recordings) else None
+
+    @property
+    def bag_location(self) -> BagLocation | None:
+        """Where the bag is; None offline, if it cannot be found, or if there are several."""
+        return self.recordings[0].location if len(self.recordings) == 1 else None
+
+    @cached_property
+    def recordings(self) -> tuple[Recording, ...]:
+        """Every bag of the spec, as far as it can be known; none offline, or if none is named."""
+        if self.offline:
+            return ()
+        sources = self.spec.data_loader.sources
+        several = bool(self.spec.data_loader.bags)
+        return tuple(
+            self._recording(
+                source,
+                ("data_loader", "bags", position) if several else ("data_loader", "bag"),
+            )
+            for position, source in enumerate(sources)
+        )
+
+    def _recording(self, source: BagSource, place: Path) -> Recording:
+        from r2bspec.bags.errors import DataError
+        from r2bspec.datasets.locate_bag import locate as locate_bag
+
+        # A path that is one word is still a path if the spec says so.
+        path = source.path if "/" in source.path or not source.path else f"./{source.path}"
+        place = self._named_in(place)
+        location = None
+        try:
+            location = locate_bag(path or source.dataset, self.loaded.base_dir)
+            return Recording(place, location, cached_index(location), None)
+        except DataError as error:
+            return Recording(place, location, None, error)
+
+    def _named_in(self, place: Path) -> Path:
+        """The place of a bag's name: its own value, or below it."""
+        for key in ("dataset", "path"):
+            if self.value_at((*place, key)) is not None:
+                return (*place, key)
+        return place
+
+    def value_at(self, path: Path) -> TreeNode | None:
+        """The value at a path of the document, or None."""
+        return lookup(self.loaded.tree, path) if self.loaded.tree is not None else None
+
+    def parameter_path(self, node: NodeWiring, name: str) -> Path | None:
+        """Where the spec itself gives a node a parameter; None for one from a parameter file.
+
+        Of several maps that give it, the last counts.
+        """
+        place: Path = (*node.path, "parameters")
+        given = self.value_at(place)
+        if isinstance(given, MapNode) or given is None:
+            return (*place, name) if name in node.node.parameters else None
+        found = None
+        for index, part in enumerate(given.items if isinstance(given, ListNode) else ()):
+            if child(part, name) is not None:
+                found = (*place, index, name)
+        return found
+
+    @property
+    def nodes(self) -> Iterator[tuple[str, NodeWiring]]:
+        """Every node with the name of its phase."""
+        for phase in self.wiring.phases:
+            for node in phase.nodes:
+                yield phase.phase, node
+
+    @cached_property
+    def requirements(self) -> tuple[Placed, ...]:
+        """Every requirement with its place."""
+        return tuple(placed_requirements(self.spec))
+
+    @cached_property
+    def processes(self) -> tuple[str, ...]:
+        """The names of the processes that run while measuring."""
+        return process_names(self.spec, self.wiring)
+
+    def shown(self, topic: str, namespace: str = "") -> str:
+        """A full topic name as one would write it in a namespace, the spec's by default."""
+        inside = f"{(namespace or self.wiring.namespace).rstrip('/')}/"
+        return topic.removeprefix(inside) if topic.startswith(inside) else topic

@@ -1,0 +1,71 @@
+"""The ROS type that a value of the language has as a parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from r2bspec.check.check_context import Context
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.language.located_tree import ListNode
+from r2bspec.language.spec import ParameterValue
+from r2bspec.wiring.node_interface import ParameterType
+from r2bspec.wiring.wiring import NodeWiring
+
+# bool comes before int, of which it is a kind in Python.
+_TYPES: tuple[tuple[type, ParameterType, ParameterType], ...] = (
+    (bool, "bool", "bool_array"),
+    (int, "integer", "integer_array"),
+    (float, "double", "double_array"),
+    (str, "string", "string_array"),
+)
+
+
+def parameter_type(value: ParameterValue) -> ParameterType | None:
+    """The type of a parameter, or None for a list that is empty or of different types."""
+    if not isinstance(value, list):
+        return next(name for kind, name, _ in _TYPES if isinstance(value, kind))
+    types = {parameter_type(item) if not isinstance(item, list) else None for item in value}
+    only = next(iter(types)) if len(types) == 1 else None
+    return next((array for _, name, array in _TYPES if name == only), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """A parameter that a node gets.
+
+    Attributes:
+        path: where: the value in the spec, or the name of the parameter file that gives it.
+        file: that parameter file; empty if the spec itself gives it.
+    """
+
+    name: str
+    value: ParameterValue
+    path: Path
+    file: str = ""
+
+
+def given_parameters(context: Context, node: NodeWiring) -> Iterator[Given]:
+    """What a node gets in the end, each parameter with the place that gives it."""
+    for name, value in node.parameters.items():
+        path = context.parameter_path(node, name)
+        if path is not None and name in node.node.parameters:
+            yield Given(name, value, path)
+            continue
+        for index, source in enumerate(node.node.parameter_sources):
+            file = context.beside.parameter_files.get(source.file)
+            if file is not None and any(name in values for _, values in file.nodes):
+                place: Path = (*node.path, "parameters")
+                listed = isinstance(context.value_at(place), ListNode)
+                path = (*place, index) if listed else place
+                yield Given(name, value, path, source.file)
+                break
+
+
+def parameter_file_paths(context: Context, node: NodeWiring) -> Iterator[tuple[Path, str]]:
+    """The parameter files that the spec gives a node, each with its place."""
+    place: Path = (*node.path, "parameters")
+    listed = isinstance(context.value_at(place), ListNode)
+    for index, source in enumerate(node.node.parameter_sources):
+        if source.file:
+            yield ((*place, index) if listed else place), source.file

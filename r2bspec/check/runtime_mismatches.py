@@ -1,0 +1,70 @@
+"""What a run found to be otherwise than the spec says, at its place in the document.
+
+``r2bspec validate`` knows a node only as far as somebody has written down what it has; a run sees
+the node itself. Where both find the same, they report it under the same code and at the same place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from r2bspec.check.check_context import Context
+from r2bspec.check.finding import Finding
+from r2bspec.check.finding_location import place
+from r2bspec.diagnostics.diagnostic import Diagnostic, Path, Severity
+from r2bspec.record.run_record import Difference
+from r2bspec.wiring.wiring import NodeWiring
+
+if TYPE_CHECKING:
+    from r2bspec.language.load_spec import Loaded
+
+
+def place_differences(differences: Iterable[Difference], loaded: Loaded) -> tuple[Diagnostic, ...]:
+    """The diagnostics of differences between a spec and the real graph, sorted by place.
+
+    Args:
+        differences: what the run found.
+        loaded: the document that its plan was compiled from.
+    """
+    if loaded.spec is None:
+        return ()
+    context = Context(loaded, loaded.spec, offline=True)
+    found = [
+        place(
+            Finding(message=each.message, path=path, key=key, help=each.help),
+            each.code,
+            Severity.WARNING if each.harmless else Severity.ERROR,
+            loaded,
+        )
+        for each in differences
+        for path, key in [_path(each, context)]
+    ]
+    return tuple(sorted(found, key=lambda each: each.sort_key))
+
+
+def _path(difference: Difference, context: Context) -> tuple[Path, bool]:
+    """The place that a difference is about, and whether its key is meant there."""
+    node = next((node for _, node in context.nodes if node.name == difference.owner), None)
+    if difference.part == "endpoint" or node is None:
+        return _endpoint(difference, context, node)
+    if difference.part == "remapping":
+        return (*node.path, "remappings", difference.name), True
+    path = context.parameter_path(node, difference.name)
+    return (path, True) if path is not None else ((*node.path, "parameters"), False)
+
+
+def _endpoint(
+    difference: Difference, context: Context, node: NodeWiring | None
+) -> tuple[Path, bool]:
+    """What in the spec gives a node, the player or a monitor this topic."""
+    ends = [
+        each
+        for phase in context.wiring.phases
+        for each in phase.endpoints
+        if each.topic == difference.name
+    ]
+    own = [each for each in ends if each.owner == difference.owner]
+    for each in own or ends:
+        return each.path, each.at_key
+    return (node.path, True) if node is not None else ((), False)

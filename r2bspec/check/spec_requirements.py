@@ -1,0 +1,66 @@
+"""Every requirement of a spec, with its place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.language.quantities import Rate
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.spec import Spec
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A requirement of an objective, or a condition of the search.
+
+    Attributes:
+        objective: the name of the objective; empty for a condition of the search.
+        at: the rate of the objective.
+        needs_rate: whether the objective says neither a rate nor that the peak is meant.
+        confidence: that its verdicts are asked to have.
+    """
+
+    requirement: Requirement
+    path: Path
+    role: Literal["objective", "holds"]
+    objective: str = ""
+    at: Rate | None = None
+    needs_rate: bool = False
+    confidence: float = 0.95
+
+    @property
+    def metric_part(self) -> tuple[int, int]:
+        """Offset and length of the metric in the requirement's text."""
+        return (self.requirement.metric_column, len(self.requirement.metric))
+
+    @property
+    def bound_part(self) -> tuple[int, int]:
+        """Offset and length of the bound in the requirement's text."""
+        column = self.requirement.bound_column
+        return (column, len(self.requirement.text.rstrip()) - column)
+
+    @property
+    def subject(self) -> str:
+        """The requirement as a subject of findings."""
+        return f"requirement:{self.path}"
+
+
+def placed_requirements(spec: Spec) -> Iterator[Placed]:
+    """The conditions of the search, then the requirements of all objectives."""
+    if spec.benchmark.search is not None:
+        for index, each in enumerate(spec.benchmark.search.holds):
+            yield Placed(each, ("benchmark", "search", "holds", index), "holds")
+    for name, objective in spec.slos.items():
+        for index, each in enumerate(objective.require):
+            yield Placed(
+                each,
+                ("slos", name, "require", index),
+                "objective",
+                name,
+                objective.at,
+                needs_rate=objective.at is None and not objective.at_peak,
+                confidence=(objective.confidence or spec.benchmark.gate.confidence).fraction,
+            )

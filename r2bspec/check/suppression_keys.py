@@ -1,0 +1,29 @@
+"""Names of what findings are about, by which consequences find their cause.
+
+See `r2bspec.check.engine` for what is done with them.
+"""
+
+from __future__ import annotations
+
+from r2bspec.diagnostics.diagnostic import Path
+
+FLOW = "flow"
+"""Whether messages get from the playback inputs to the monitors."""
+
+FEED = "feed"
+"""Whether messages get from the bag through the preprocessors to the playback inputs."""
+
+
+def flow(phase: str) -> str:
+    """The way of the messages in a phase."""
+    return FEED if phase == "preprocess" else FLOW
+
+
+def topic(phase: str, name: str) -> str:
+    """Who writes and who reads a topic, by its full name."""
+    return f"topic:{phase}:{name}"
+
+
+def value(path: Path) -> str:
+    """Whether a value of the document is right."""
+    return f"value:{'.'.join(map(str, path))}"

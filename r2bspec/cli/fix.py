@@ -1,0 +1,97 @@
+"""`validate --fix` and `--diff`: safe edits, made in files or shown."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+
+from r2bspec.diagnostics import Diagnostic
+from r2bspec.diagnostics.edits import Fixed, fix, unified_diff
+from r2bspec.errors import UsageError
+
+_BOM = "\ufeff"
+
+
+def repair(
+    files: Sequence[str],
+    check_text: Callable[[str, str], Sequence[Diagnostic]],
+    *,
+    write: bool,
+) -> int:
+    """Repair each file by the safe edits of its findings, or print what that would change.
+
+    Args:
+        files: the files to repair; no other file is touched.
+        check_text: what is wrong with a text, given with the name of its file.
+        write: write the files; otherwise print a unified diff of each.
+
+    Returns:
+        The number of files that were, or would be, changed.
+
+    Raises:
+        UsageError: a file cannot be written.
+    """
+    changed = made = 0
+    for file in files:
+        before = read_text(file)
+        if before is None:
+            continue  # that it cannot be read is a finding of its own
+        bom = _BOM if before.startswith(_BOM) else ""
+        fixed = _fixed(before.removeprefix(bom), file, check_text)
+        if not fixed.applied:
+            continue
+        changed += 1
+        made += len(fixed.applied)
+        if write:
+            write_text(file, bom + fixed.text)
+        else:
+            click.echo(unified_diff(before, bom + fixed.text, file), nl=False)
+    if write or changed:
+        verb = "repaired" if write else "to repair by --fix"
+        problems = f"{made} problem" if made == 1 else f"{made} problems"
+        click.echo(f"{problems} {verb} in {changed} of {len(files)} files", err=True)
+    return changed
+
+
+def _fixed(text: str, file: str, check_text: Callable[[str, str], Sequence[Diagnostic]]) -> Fixed:
+    return fix(text, file, lambda changed: check_text(changed, file))
+
+
+def read_text(file: str) -> str | None:
+    """The text of a file; None if it cannot be read, or is too large for a spec."""
+    from r2bspec.language.source_text import LARGEST_BYTES
+
+    try:
+        with Path(file).open("rb") as stream:
+            data = stream.read(LARGEST_BYTES + 1)
+        return data.decode("utf-8") if len(data) <= LARGEST_BYTES else None
+    except (OSError, ValueError):
+        return None
+
+
+def write_text(file: str, text: str) -> None:
+    """Replace a file's content whole or not at all; a link stays, and so does the mode.
+
+    Raises:
+        UsageError: it cannot be written.
+    """
+    path = Path(os.path.realpath(file))
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        mode = path.stat().st_mode
+        with temporary.open("xb") as stream:
+            stream.write(text.encode("utf-8"))
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.chmod(mode & 0o7777)
+        temporary.replace(path)
+    except OSError as error:
+        raise UsageError(f"{file} cannot be written: {error.strerror or error}") from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)

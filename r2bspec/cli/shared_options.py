@@ -1,0 +1,93 @@
+"""Options that several verbs share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from r2bspec.report.write_reports import Asked
+
+sets_option = click.option(
+    "--set",
+    "sets",
+    multiple=True,
+    metavar="PATH=VALUE",
+    help="Replace a value of the spec, such as benchmark.iterations=3; may be repeated.",
+)
+
+variables_option = click.option(
+    "--var",
+    "variables",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Give a declared variable another value; may be repeated.",
+)
+
+case_option = click.option(
+    "--case",
+    default="",
+    metavar="CASE",
+    help="The case of the matrix that is meant, such as threads=2.",
+)
+
+allow_path_option = click.option(
+    "--allow-path",
+    "allow_paths",
+    multiple=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="PATH",
+    help="A folder from which files may be extended, beside that of the spec; may be repeated.",
+)
+
+
+def parse_variables(options: Iterable[str]) -> dict[str, str]:
+    """Split ``NAME=VALUE`` options.
+
+    Raises:
+        click.UsageError: one has no equals sign.
+    """
+    found = {}
+    for option in options:
+        name, equals, value = option.partition("=")
+        if not equals:
+            raise click.UsageError(f"--var takes NAME=VALUE, not {option!r}")
+        found[name] = value
+    return found
+
+
+def _asked_reports(
+    _ctx: click.Context, _param: click.Parameter, options: tuple[str, ...]
+) -> tuple[Asked, ...]:
+    if not options:
+        return ()
+    from r2bspec.report.write_reports import parse_asked
+
+    return parse_asked(options)
+
+
+reports_option = click.option(
+    "--report",
+    "reports",
+    multiple=True,
+    metavar="FORMAT=PATH",
+    callback=_asked_reports,
+    help="Write a report, such as html=report.html or markdown=- for standard output; may be "
+    "repeated. 'r2bspec report --formats' lists the formats.",
+)
+
+
+def _asked_junit(ctx: click.Context, param: click.Parameter, path: str | None) -> tuple[Asked, ...]:
+    return _asked_reports(ctx, param, (f"junit={path}",) if path is not None else ())
+
+
+junit_option = click.option(
+    "--junit-xml",
+    "junit",
+    metavar="PATH",
+    callback=_asked_junit,
+    help="The same as --report junit=PATH, under the name that ROS test runners use.",
+)

@@ -1,0 +1,70 @@
+"""A spec as a user chose it on the command line, prepared, with what is said about it shown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from r2bspec.api import Prepared
+    from r2bspec.compare.base_reference import Reference
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A spec with the values that the command line gives it; see `r2bspec.api.prepare`."""
+
+    spec: Path
+    sets: tuple[str, ...]
+    variables: dict[str, str]
+    case: str
+    allow_paths: tuple[Path, ...]
+
+
+def prepare_shown(chosen: Chosen) -> Prepared:
+    """Prepare a spec; findings about it go to standard error.
+
+    Raises:
+        InvalidSpecError: it has errors.
+        PlanError: the file is no plan that can be used.
+        DataError: the bag is not there or not readable.
+    """
+    from r2bspec import api
+    from r2bspec.report.findings.print_findings import show
+
+    try:
+        prepared = api.prepare(
+            chosen.spec,
+            sets=chosen.sets,
+            variables=chosen.variables,
+            case=chosen.case,
+            allow_paths=chosen.allow_paths,
+        )
+    except api.InvalidSpecError as error:
+        show(error.diagnostics, error.loaded.texts)
+        raise
+    if prepared.loaded is not None:
+        show(prepared.diagnostics, prepared.loaded.texts)
+    return prepared
+
+
+def base_of(head: Chosen, reference: Reference) -> Chosen:
+    """The base that a reference names.
+
+    With the head's own spec it has all that the command line says of the head, but for what the
+    reference says. Another spec stands for itself.
+    """
+    if reference.spec is not None:
+        return replace(
+            head,
+            spec=reference.spec,
+            sets=reference.sets,
+            variables=dict(reference.variables),
+            case="",
+        )
+    return replace(
+        head,
+        sets=(*head.sets, *reference.sets),
+        variables=head.variables | dict(reference.variables),
+    )

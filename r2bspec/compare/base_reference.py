@@ -1,0 +1,103 @@
+"""What ``--against`` names: the base of a comparison.
+
+    SPEC                another spec, or a plan that 'r2bspec plan' wrote
+    var:NAME=VALUE      the same spec with another value of a declared variable
+    set:PATH=VALUE      the same spec with another value anywhere
+    env:FILE            another workspace: its setup file, the folder of its installation,
+    env:FOLDER          or a single variable of the environment
+    env:NAME=VALUE
+
+Several are taken together: a spec and its variables, in an environment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from r2bspec.errors import UsageError
+
+_WAY_OUT = (
+    "Name a spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup file, an installed "
+    "workspace or NAME=VALUE."
+)
+
+
+class BadReferenceError(UsageError):
+    """What is named as the base of a comparison is none."""
+
+    code = "R2B656"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The base of a comparison, as it was named.
+
+    Attributes:
+        text: all of it, for a reader.
+        spec: another spec or plan; None for that of the head.
+        variables: values of variables that differ from the head's.
+        sets: values that differ from the head's, each as ``path=value``.
+        environments: what `r2bspec.execute.processes.workspaces.workspace` reads, in order.
+    """
+
+    text: str
+    spec: Path | None = None
+    variables: Mapping[str, str] = field(default_factory=dict)
+    sets: tuple[str, ...] = ()
+    environments: tuple[str, ...] = ()
+
+    @property
+    def changes_spec(self) -> bool:
+        """Whether the base has another spec, or other values, and not only an environment."""
+        return bool(self.spec or self.variables or self.sets)
+
+
+def parse_references(texts: Sequence[str]) -> Reference:
+    """Read what ``--against`` names.
+
+    Raises:
+        BadReferenceError: it names nothing, two specs, or a spec that is not there.
+    """
+    specs: list[Path] = []
+    variables: dict[str, str] = {}
+    sets: list[str] = []
+    environments: list[str] = []
+    for text in texts:
+        kind, colon, rest = text.partition(":")
+        if colon and kind in {"var", "set"}:
+            name, equals, value = rest.partition("=")
+            if not equals or not name:
+                raise BadReferenceError(f"{kind}: takes NAME=VALUE, not {rest!r}", hint=_WAY_OUT)
+            if kind == "var":
+                variables[name] = value
+            else:
+                sets.append(rest)
+        elif colon and kind == "env":
+            environments.append(rest)
+        else:
+            specs.append(_existing(text))
+    if len(specs) > 1:
+        raise BadReferenceError(
+            f"there is one base, not two: {specs[0]} and {specs[1]}",
+            hint="Compare them one after the other.",
+        )
+    return Reference(
+        text=", ".join(texts),
+        spec=specs[0] if specs else None,
+        variables=variables,
+        sets=tuple(sets),
+        environments=tuple(environments),
+    )
+
+
+def _existing(text: str) -> Path:
+    path = Path(text)
+    if not path.is_file():
+        what = "is a folder" if path.is_dir() else "is not there"
+        hint = _WAY_OUT
+        if (path / "record.json").exists() or (path / "pairs.json").exists():
+            hint = "A stored run cannot be played again; --baseline compares with one, as advice."
+        raise BadReferenceError(f"{text!r} {what}, so that nothing can be compared", hint=hint)
+    return path

@@ -1,0 +1,177 @@
+"""What can be compared: run folders, results, and reports of the reference tool."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from r2bspec.compare.comparison import Side
+from r2bspec.compare.errors import UnreadableResultError
+from r2bspec.compare.load_results import read_folder
+from r2bspec.errors import R2bspecError
+from r2bspec.interop.ros2_benchmark import Figures, ReferenceReport, parse_report
+from r2bspec.judge.judge_run import from_json
+from r2bspec.judge.result import Result
+from r2bspec.measure.metric_catalogue import quantile
+from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
+from r2bspec.measure.percentiles import rank
+from r2bspec.plan.plan import Plan
+from r2bspec.record.run_record import SearchRecord
+
+Key = tuple[float | None, str, str]
+"""Offered rate, monitor, and the metric's name in the catalogue."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """A metric in the iterations of one run.
+
+    Attributes:
+        values: None where an iteration has none, or where it is a message that never came.
+        single: whether it is one value that summarises an unknown number of iterations.
+        bracket: for the peak, what held and what did not.
+    """
+
+    values: tuple[float | None, ...]
+    unit: str
+    single: bool = False
+    bracket: tuple[float | None, float | None] | None = None
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One side of a comparison; what is None is not known."""
+
+    side: Side
+    series: dict[Key, Series]
+    plan: Plan | None
+    plan_hash: str | None
+    dataset: str | None
+    machine: dict[str, Any] | None
+    versions: dict[str, str]
+    tool: str = "r2bspec"
+
+
+def read_subject(path: Path) -> Subject:
+    """Read a run folder, that of a comparison, a ``result.json``, or a report of ros2_benchmark.
+
+    A comparison is represented by its head.
+
+    Raises:
+        RecordError: a folder is neither that of a run nor of a comparison.
+        UnreadableResultError: a file is none of these.
+    """
+    if path.is_dir():
+        found = read_folder(path)
+        return _of_result(str(path), found.result, found.run.plan if found.run else None)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
+    try:
+        return _of_result(str(path), from_json(content), None)
+    except ValueError as not_a_result:  # msgspec's errors are such
+        try:
+            return _of_report(str(path), parse_report(content, str(path)))
+        except R2bspecError as not_a_report:
+            raise UnreadableResultError(
+                f"{path} is neither a result ({not_a_result}) nor a report ({not_a_report})",
+                hint="Name a run folder, a result.json, or a report of ros2_benchmark.",
+            ) from not_a_report
+
+
+def _of_result(source: str, result: Result, plan: Plan | None) -> Subject:
+    series: dict[Key, Series] = {}
+    graph = {
+        each.name for each in result.processes if each.role in {"host", "command", "container"}
+    }
+    for rate in result.metrics.rates:
+        series |= _of_rate(rate, graph)
+    if result.metrics.search is not None:
+        series[None, "", "peak.rate"] = _peak(result.metrics.search)
+    return Subject(
+        side=Side(
+            source=source, name=result.name, run_id=result.run_id, started_at=result.started_at
+        ),
+        series=series,
+        plan=plan,
+        plan_hash=result.plan_hash,
+        dataset=str(result.dataset.get("sha256") or result.dataset.get("source") or "") or None,
+        machine=result.machine,
+        versions=result.versions,
+    )
+
+
+def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[Key, Series]:
+    found: dict[Key, Series] = {}
+    for monitor in rate.pooled.monitors:
+        seen = [one.monitors[monitor] for one in rate.iterations]
+        for metric, unit, values in _of_monitor(seen):
+            found[rate.offered_hz, monitor, metric] = Series(tuple(values), unit)
+    for process in rate.pooled.processes:
+        if process in graph:
+            uses = [one.processes.get(process) for one in rate.iterations]
+            values = [use.cpu_mean if use is not None else None for use in uses]
+            found[rate.offered_hz, "", f"cpu.{process}.mean"] = Series(tuple(values), "share")
+    return found
+
+
+def _of_monitor(
+    seen: Sequence[MonitorMetrics],
+) -> Iterator[tuple[str, str, list[float | None]]]:
+    yield "throughput.mean", "Hz", [one.throughput_hz for one in seen]
+    for part in ("mean", "p50", "p90", "p99"):
+        yield f"latency.{part}", "s", [_latency(one, part) for one in seen]
+    yield "drop_rate", "share", [one.drop_rate for one in seen]
+
+
+def _latency(seen: MonitorMetrics, part: str) -> float | None:
+    """A part of the latency; None if the percentile is a message that never came."""
+    q = quantile(part)
+    if q is not None and seen.expected and rank(q, seen.expected) > (seen.answered or 0):
+        return None
+    value: float | None = getattr(seen.latency, part)
+    return value
+
+
+def _peak(search: SearchRecord) -> Series:
+    return Series((search.holds_hz,), "Hz", bracket=(search.holds_hz, search.upper_hz))
+
+
+def _of_report(source: str, report: ReferenceReport) -> Subject:
+    series: dict[Key, Series] = {}
+    for rate, monitors in report.rates.items():
+        for monitor, figures in monitors.items():
+            for metric, unit, value in _known(figures):
+                series[float(rate), monitor, metric] = Series((value,), unit, single=True)
+    if report.peak_hz is not None:
+        series[None, "", "peak.rate"] = Series((report.peak_hz,), "Hz", single=True)
+    return Subject(
+        side=Side(
+            source=source,
+            name=report.name,
+            run_id="",
+            started_at=str(report.metadata.get("TEST_DATETIME", "")),
+        ),
+        series=series,
+        plan=None,
+        plan_hash=None,
+        dataset=None,
+        machine={"architecture": report.metadata.get("DEVICE_ARCH")},
+        versions={},
+        tool="ros2_benchmark",
+    )
+
+
+def _known(figures: Figures) -> Iterator[tuple[str, str, float]]:
+    found = {
+        ("throughput.mean", "Hz"): figures.throughput_hz,
+        ("latency.mean", "s"): figures.latency_mean,
+        ("drop_rate", "share"): figures.drop_rate,
+    }
+    for (metric, unit), value in found.items():
+        if value is not None and math.isfinite(value):
+            yield metric, unit, value

@@ -1,0 +1,66 @@
+"""A run that earlier ones have a say in: made, judged, confirmed where it fails, remembered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from r2bspec.compare.history import open_history
+from r2bspec.compare.history_gate import baseline_of_history, keep, remember
+from r2bspec.judge.history_comparison import fails_by_history
+from r2bspec.judge.judge_run import result_of, to_json
+from r2bspec.judge.result import Result
+from r2bspec.plan.plan import Plan
+from r2bspec.record.baseline_file import CONFIRM, BaselineRecord
+from r2bspec.record.run_folder import RunFolder, open_run
+
+RunInto = Callable[[RunFolder, Plan], Result]
+"""Carries a plan out, into a folder."""
+
+
+def run_against_earlier(
+    run_into: RunInto,
+    plan: Plan,
+    folder: RunFolder,
+    *,
+    history: Path | None,
+    stored: BaselineRecord | None,
+) -> Result:
+    """Make a run and judge it by earlier ones.
+
+    Args:
+        run_into: makes a run.
+        plan: of the run.
+        folder: where it goes.
+        history: gates, and remembers the run.
+        stored: advises, where there is no history.
+
+    Raises:
+        HistoryError: the history cannot be used; that is found out before the run is made.
+        RunError: the run failed.
+    """
+    if history is not None:
+        with open_history(history, create=True):
+            pass
+    result = run_into(folder, plan)
+    baseline = baseline_of_history(history, open_run(folder.path)) if history else stored
+    if baseline is None:
+        return result
+    keep(folder.path, baseline)
+    result = _judge(folder)
+    if fails_by_history(result.verdict) and plan.gate.confirm:
+        # Confirmed by a run of its own: it says nothing new of what failed without the history.
+        once = msgspec.structs.replace(plan.gate, confirm=False)
+        run_into(RunFolder.create(folder.path / CONFIRM), msgspec.structs.replace(plan, gate=once))
+        result = _judge(folder)
+    if history is not None:
+        remember(history, open_run(folder.path), result)
+    return result
+
+
+def _judge(folder: RunFolder) -> Result:
+    result = result_of(open_run(folder.path))
+    folder.write_result(to_json(result))
+    return result

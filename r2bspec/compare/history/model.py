@@ -1,0 +1,48 @@
+"""What a history remembers of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metric:
+    """A metric of a whole run: the mean of its iterations, in its SI unit.
+
+    Attributes:
+        at_hz: the offered rate; None for the run as a whole.
+        monitor: None for a metric that belongs to none.
+        value: None where an iteration had none.
+    """
+
+    at_hz: float | None
+    monitor: str | None
+    metric: str
+    unit: str
+    value: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One run.
+
+    Attributes:
+        host: fingerprint of the kind of machine (`r2bspec.record.machine_fingerprint`).
+        machine: the same in words.
+        plan: names what was measured (`r2bspec.plan.comparability.measured_hash`).
+        dataset: hash of the recorded data.
+        outcome: of the verdict. A run that failed is no baseline for the next, unless `accepted`.
+        started_at: ISO 8601, UTC.
+    """
+
+    run_id: str
+    name: str
+    started_at: str
+    host: str
+    machine: str
+    plan: str
+    dataset: str
+    version: str
+    outcome: str
+    accepted: bool = False
+    metrics: tuple[Metric, ...] = ()

@@ -1,0 +1,119 @@
+"""A comparison from its two sides to its result: what may be compared, played, and judged."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from pathlib import Path
+
+from r2bspec.compare.errors import IncomparableError
+from r2bspec.compare.interleaved_runs import Comparing, Contender, run_pairs
+from r2bspec.compare.judge_pairs import judge_pairs_folder, read_batch
+from r2bspec.errors import R2bspecError
+from r2bspec.execute.errors import EnvironmentRefusedError
+from r2bspec.execute.processes.environment import inherited
+from r2bspec.execute.progress import Progress, Silent
+from r2bspec.judge.decision_policy import terms_of
+from r2bspec.judge.judge_run import to_json
+from r2bspec.judge.pair_comparison import judge_batch
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import Verdict
+from r2bspec.plan.comparability import graph_differences, offered_otherwise, pairs_of, told
+from r2bspec.record.comparison_folder import PairsFolder, open_pairs
+
+
+def comparing(
+    base: Contender,
+    head: Contender,
+    *,
+    against: str,
+    pairs: int | None = None,
+    control: bool = False,
+    force: bool = False,
+) -> Comparing:
+    """What is to be compared, if it can be.
+
+    Args:
+        base: what is compared with.
+        head: what is judged.
+        against: the base, as the user named it.
+        pairs: how many; as many as the head's spec has iterations if None.
+        control: whether base and head are meant to be the same.
+        force: compare graphs that are offered different loads, too.
+
+    Raises:
+        IncomparableError: the two are offered different loads, or are the same.
+    """
+    differences = graph_differences(base.plan, head.plan)
+    if not control and not differences and not base.environment:
+        raise IncomparableError(
+            f"the base, {against}, is the same as the head",
+            hint="--control compares a graph with itself, to see how much is noise.",
+        )
+    otherwise = offered_otherwise(base.plan, head.plan)
+    if otherwise and not force:
+        raise IncomparableError(
+            "base and head are not offered the same, or not watched in the same way:\n"
+            + "\n".join(f"  {each}" for each in told(otherwise)),
+            hint="--force compares them all the same.",
+        )
+    _see_that_it_arrives(head, base.environment)
+    return Comparing(
+        base=base,
+        head=head,
+        pairs=pairs or pairs_of(head.plan),
+        against=against,
+        control=control,
+        differences=tuple(told(differences)),
+    )
+
+
+def _see_that_it_arrives(head: Contender, environment: Mapping[str, str]) -> None:
+    """Most of an environment is not inherited: what no process gets, changes nothing."""
+    arrives = inherited(environment, head.plan.environment)
+    if environment and not arrives:
+        raise EnvironmentRefusedError(
+            f"no process of a run gets {', '.join(sorted(environment))}",
+            hint="Name what nodes read under 'environment' in the spec.",
+        )
+
+
+def compare(wanted: Comparing, output: Path, progress: Progress | None = None) -> Result:
+    """Play interleaved pairs on real ROS 2, and judge them.
+
+    Args:
+        wanted: what is compared.
+        output: the folder of the comparison, new or empty.
+        progress: is told what happens.
+
+    Raises:
+        RunError: a run failed; the folder has the pairs that were finished until then.
+        RecordError: the folder cannot be made.
+    """
+    folder = PairsFolder.create(output)
+    try:
+        run_pairs(
+            wanted,
+            folder,
+            progress or Silent(),
+            lambda confirms: _judge(folder.path, confirms=confirms),
+        )
+    except R2bspecError:
+        # What was measured before the failure is worth a result, marked as incomplete; should
+        # that fail, too, the first failure is the one to tell.
+        with contextlib.suppress(R2bspecError, OSError):
+            _write_result(folder)
+        raise
+    return _write_result(folder)
+
+
+def _judge(path: Path, *, confirms: bool) -> Verdict:
+    pairs = open_pairs(path)
+    batch = read_batch(pairs, confirms=confirms)
+    return judge_batch(pairs.plan.objectives, batch, terms_of(pairs.plan))
+
+
+def _write_result(folder: PairsFolder) -> Result:
+    result = judge_pairs_folder(open_pairs(folder.path)).result
+    folder.write_result(to_json(result))
+    return result

@@ -1,0 +1,258 @@
+"""Interleaved runs of a base and a head: A B B A, each in fresh processes, with a folder each.
+
+Every run is a whole one (`r2bspec.execute.controller`): it loads, starts, warms up, plays each rate
+once, and ends all that it started. Sharing what was loaded would save a second or two, and would
+leave the second run of a pair with warmer caches than the first.
+"""
+
+from __future__ import annotations
+
+import datetime
+import secrets
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from r2bspec.errors import R2bspecError
+from r2bspec.execute.controller import run_plan
+from r2bspec.execute.errors import RunError
+from r2bspec.execute.processes.signals import Interrupts
+from r2bspec.execute.processes.workspaces import inside
+from r2bspec.execute.progress import Progress
+from r2bspec.judge.confirmation import wants_confirmation
+from r2bspec.judge.pair_comparison import what_disturbed, why_unusable
+from r2bspec.judge.statistics.paired_ratio import abba
+from r2bspec.judge.verdict import Verdict
+from r2bspec.measure.samples import read_samples
+from r2bspec.plan.canonical_json import canonical_json, plan_hash
+from r2bspec.plan.comparability import one_of_a_pair
+from r2bspec.plan.plan import Plan
+from r2bspec.record.comparison_folder import PairRecord, PairsFolder, PairsRecord, Side
+from r2bspec.record.run_folder import RunFolder, open_run
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One side of a comparison.
+
+    Attributes:
+        plan: as it was compiled, with all iterations.
+        base_dir: the folder of its spec.
+        spec_text: the resolved spec.
+        environment: what its runs have otherwise than this process; see `workspaces.inside`.
+    """
+
+    plan: Plan
+    base_dir: Path
+    spec_text: str
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Comparing:
+    """What a comparison is of; see `PairsRecord` for the fields."""
+
+    base: Contender
+    head: Contender
+    pairs: int
+    against: str = ""
+    control: bool = False
+    differences: tuple[str, ...] = ()
+
+
+Judge = Callable[[bool], Verdict]
+"""The verdict on the pairs that have been played; with True, on those that confirm a failure."""
+
+
+def run_pairs(
+    wanted: Comparing, folder: PairsFolder, progress: Progress, judge: Judge
+) -> PairsRecord:
+    """Play all pairs and, if they fail, as many fresh ones that confirm it or do not.
+
+    The folder is complete when this returns or raises: it has every pair that was finished.
+
+    Args:
+        wanted: what is compared.
+        folder: where all of it goes.
+        progress: is told what happens.
+        judge: is asked once pairs are played, with the folder as it then is.
+
+    Raises:
+        RunError: a run failed twice in its place, or cannot be made here at all.
+        InterruptedRunError: a signal asked for an end.
+    """
+    folder.write_plan(canonical_json(wanted.head.plan).decode())
+    folder.write_base_plan(wanted.base.plan)
+    folder.write_spec(wanted.head.spec_text)
+    with Interrupts() as interrupts:
+        return _Pairing(wanted, folder, progress, interrupts, judge).play_all()
+
+
+class _Pairing:
+    """The state of one comparison."""
+
+    def __init__(
+        self,
+        wanted: Comparing,
+        folder: PairsFolder,
+        progress: Progress,
+        interrupts: Interrupts,
+        judge: Judge,
+    ) -> None:
+        self._wanted = wanted
+        self._folder = folder
+        self._progress = progress
+        self._interrupts = interrupts
+        self._judge = judge
+        self._began_s = time.monotonic()
+        self._plans: dict[Side, Plan] = {
+            "base": one_of_a_pair(wanted.base.plan),
+            "head": one_of_a_pair(wanted.head.plan),
+        }
+        self._pairs: list[PairRecord] = []
+        self._notes: list[str] = []
+        self._planned = wanted.pairs
+        self._started_at = _now()
+        self._run_id = secrets.token_hex(8)
+
+    def play_all(self) -> PairsRecord:
+        """Play what is wanted, and keep the record, whatever happens."""
+        reason = ""
+        self._keep("R2B671: the comparison was killed")
+        try:
+            verdict = self._play_batch(confirms=False)
+            if self._wanted.head.plan.gate.confirm and wants_confirmation(verdict):
+                self._note("the pairs fail: fresh ones are played to confirm that")
+                self._play_batch(confirms=True)
+        except R2bspecError as error:
+            reason = f"{error.code}: {error}"
+            raise
+        except BaseException as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise
+        finally:
+            record = self._keep(reason)
+        return record
+
+    def _play_batch(self, *, confirms: bool) -> Verdict:
+        """Play all pairs of a batch, and again those whose disturbance a verdict hangs on."""
+        orders = abba(self._planned)
+        disturbed: list[PairRecord] = []
+        for number in range(1, self._planned + 1):
+            order: Literal["AB", "BA"] = "AB" if orders[2 * number - 2] == "A" else "BA"
+            pair = self._play(number, order, confirms=confirms)
+            if pair.unusable:
+                self._play_again(pair, pair.unusable)
+            elif pair.disturbed:
+                disturbed.append(pair)
+            if self._over_budget(number) and not confirms:
+                self._note(f"the time budget ends the comparison after {number} pairs")
+                self._planned = number
+                break
+        self._keep("")
+        verdict = self._judge(confirms)
+        if not any(one.weakened for one in verdict.requirements):
+            return verdict
+        for pair in disturbed:
+            self._play_again(pair, f"the machine was disturbed ({pair.disturbed})")
+        self._keep("")
+        return self._judge(confirms)
+
+    def _play_again(self, pair: PairRecord, why: str) -> None:
+        self._note(f"pair {pair.number} is played again: {why}")
+        again = self._play(pair.number, pair.order, confirms=pair.confirms, again=True)
+        if again.unusable:
+            self._note(f"pair {pair.number} could not be judged again: {again.unusable}")
+
+    def _play(
+        self, number: int, order: Literal["AB", "BA"], *, confirms: bool, again: bool = False
+    ) -> PairRecord:
+        """Play one pair; it is in the record afterwards."""
+        name = f"{'confirm-' if confirms else ''}{number:03d}{'-again' if again else ''}"
+        sides: tuple[Side, Side] = ("base", "head") if order == "AB" else ("head", "base")
+        unusable, disturbed = "", ""
+        for side in sides:
+            title = f"pair {number} of {self._planned}{', to confirm' if confirms else ''}"
+            self._progress.note(f"{title}: {side}")
+            try:
+                found = self._run(side, name)
+            except RunError as error:
+                # What cannot be run here at all, and an interruption, are not tried again; a run
+                # that failed may be, once.
+                if error.exit_code != RunError.exit_code or again:
+                    raise
+                unusable = f"the {side} failed: {error}"
+                break
+            unusable = unusable or (found[0] and f"{side}: {found[0]}")
+            if found[1]:
+                disturbed += f"{'; ' if disturbed else ''}{side}: {found[1]}"
+        pair = PairRecord(
+            number=number,
+            order=order,
+            base=f"base/{name}",
+            head=f"head/{name}",
+            again=again,
+            confirms=confirms,
+            unusable=unusable,
+            disturbed=disturbed,
+        )
+        self._pairs.append(pair)
+        self._keep("R2B671: the comparison was killed")
+        return pair
+
+    def _run(self, side: Side, name: str) -> tuple[str, str]:
+        """One run: why nothing can be judged by it, and what disturbed it, or empty texts."""
+        self._interrupts.check()
+        one = self._wanted.base if side == "base" else self._wanted.head
+        folder = RunFolder.create(self._folder.path / side / name)
+        with inside(one.environment):
+            run_plan(
+                self._plans[side],
+                base_dir=one.base_dir,
+                folder=folder,
+                run_id=secrets.token_hex(8),
+                spec_text=one.spec_text,
+                progress=self._progress,
+            )
+        self._interrupts.check()
+        samples = read_samples(open_run(folder.path))
+        return why_unusable(samples), what_disturbed(samples)
+
+    def _over_budget(self, played: int) -> bool:
+        """Whether one pair more would take longer than the spec allows."""
+        budget_ns = self._wanted.head.plan.gate.time_budget_ns
+        if not budget_ns or played == self._wanted.pairs:
+            return False
+        spent_s = time.monotonic() - self._began_s
+        return spent_s * (played + 1) / played > budget_ns / 1e9
+
+    def _note(self, text: str) -> None:
+        self._notes.append(text)
+        self._progress.note(text)
+
+    def _keep(self, reason: str) -> PairsRecord:
+        wanted = self._wanted
+        record = PairsRecord(
+            run_id=self._run_id,
+            head_plan=plan_hash(wanted.head.plan),
+            base_plan=plan_hash(wanted.base.plan),
+            against=wanted.against,
+            control=wanted.control,
+            planned=self._planned,
+            started_at=self._started_at,
+            ended_at=_now(),
+            status="incomplete" if reason else "complete",
+            reason=reason,
+            pairs=tuple(self._pairs),
+            differences=wanted.differences,
+            environment=dict(wanted.base.environment),
+            notes=tuple(self._notes),
+        )
+        self._folder.write_pairs(record)
+        return record
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

@@ -1,0 +1,81 @@
+"""Results from wherever they are kept: a run folder, or a ``result.json`` by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+
+from r2bspec.compare.errors import UnreadableResultError
+from r2bspec.compare.judge_pairs import judge_pairs_folder
+from r2bspec.compare.report_input import Reported
+from r2bspec.judge.judge_run import from_json, result_of
+from r2bspec.judge.result import Result
+from r2bspec.language.spec import Objective
+from r2bspec.record.comparison_folder import is_pairs, open_pairs
+from r2bspec.record.run_folder import Run, open_run
+
+
+def read_reported(
+    path: Path, *, spec_file: Path | None = None, baseline: Run | None = None
+) -> Reported:
+    """What to report: a folder is measured and judged anew, a file is taken at its word.
+
+    Raises:
+        RecordError: a folder is neither that of a run nor of a comparison.
+        UnreadableResultError: a file is no result.
+    """
+    if path.is_dir():
+        return read_folder(path, spec_file=spec_file, baseline=baseline)
+    return Reported(result=read_result(path), spec_file=spec_file, baseline=baseline)
+
+
+def read_folder(
+    path: Path,
+    *,
+    spec_file: Path | None = None,
+    baseline: Run | None = None,
+    objectives: Mapping[str, Objective] | None = None,
+    judged_by: str = "",
+) -> Reported:
+    """The folder of a run, or of a comparison, measured and judged anew.
+
+    Args:
+        path: the folder.
+        spec_file: the spec whose objectives are judged, where it is known.
+        baseline: another run to be shown beside it; a comparison has its own.
+        objectives: what to judge by, if not by the folder's own objectives.
+        judged_by: the name of the spec that those are from.
+
+    Raises:
+        RecordError: it is neither, or a file of it is missing or damaged.
+    """
+    if is_pairs(path):
+        judged = judge_pairs_folder(open_pairs(path), objectives, judged_by)
+        return Reported(
+            result=judged.result,
+            run=judged.head,
+            spec_file=spec_file,
+            baseline=baseline or judged.base,
+        )
+    run = open_run(path)
+    result = result_of(run, objectives, judged_by)
+    return Reported(result=result, run=run, spec_file=spec_file, baseline=baseline)
+
+
+def read_result(path: Path) -> Result:
+    """Read a ``result.json``.
+
+    Raises:
+        UnreadableResultError: it is not there, or is none.
+    """
+    try:
+        return from_json(path.read_bytes())
+    except OSError as error:
+        raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise UnreadableResultError(
+            f"{path} is no result of this version: {error}",
+            hint="Name a run folder or the result.json in it.",
+        ) from error

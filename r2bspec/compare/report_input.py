@@ -1,0 +1,57 @@
+"""What a report is made from: the result, and the run folder where there is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from r2bspec.compare.errors import SamplesMissingError
+from r2bspec.judge.result import Result
+from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.record.run_folder import Run
+
+
+@dataclass(frozen=True)
+class Reported:
+    """A result, and what it was computed from.
+
+    Attributes:
+        result: what every report shows.
+        run: the opened run folder, with plan and samples; None where only the result is known.
+        spec_file: the spec whose objectives were judged, as the user named it, so that a report
+            can point at its lines; None where it is not known.
+        baseline: another run, shown beside this one where a report can.
+        monitor: the one monitor to report, where a format holds only one; None for all.
+        rate_hz: the one offered rate to report, likewise.
+    """
+
+    result: Result
+    run: Run | None = None
+    spec_file: Path | None = None
+    baseline: Run | None = None
+    monitor: str | None = None
+    rate_hz: float | None = None
+
+    def need_run(self, what: str) -> Run:
+        """The run folder, for a format that cannot do without.
+
+        Raises:
+            SamplesMissingError: only the result is known.
+        """
+        if self.run is None:
+            raise SamplesMissingError(
+                f"{what} needs the samples of the run, and only its result is known",
+                hint="Name the run folder instead of its result.json.",
+            )
+        return self.run
+
+    @cached_property
+    def samples(self) -> RunSamples | None:
+        """All matched samples of the run, read once; None without a run folder."""
+        return None if self.run is None else read_samples(self.run)
+
+    @cached_property
+    def baseline_samples(self) -> RunSamples | None:
+        """The same of the baseline."""
+        return None if self.baseline is None else read_samples(self.baseline)

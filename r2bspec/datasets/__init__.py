@@ -1,0 +1,1 @@
+"""The synthetic datasets: their sequences, rendering, cache, and ground truth."""

@@ -1,0 +1,108 @@
+"""The folder of made datasets: entries appear whole or not at all, once for all processes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from r2bspec.bags.errors import DATASET_NOT_WRITTEN, DataError
+
+_SCRATCH_PREFIX = ".making-"
+_LOCKS = ".locks"
+
+
+def datasets_dir(cache_dir: Path | None = None) -> Path:
+    """Where datasets are kept: `cache_dir`, or the user's cache folder ($XDG_CACHE_HOME)."""
+    if cache_dir is not None:
+        return Path(cache_dir)
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("r2bspec")) / "datasets"
+
+
+@contextmanager
+def locked(root: Path, name: str) -> Iterator[None]:
+    """Hold an entry's lock; waits while another process makes it.
+
+    The lock is the kernel's: it ends with the process that holds it, however that ends.
+
+    Raises:
+        DataError: the cache cannot be written (R2B311).
+    """
+    from filelock import FileLock
+
+    with writing(root):
+        (root / _LOCKS).mkdir(parents=True, exist_ok=True)
+        lock = FileLock(root / _LOCKS / f"{name}.lock")
+        lock.acquire()
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@contextmanager
+def scratch(root: Path, name: str) -> Iterator[Path]:
+    """A path to build an entry at; it becomes the entry if the block ends well.
+
+    The caller holds the entry's lock. What the block leaves behind when it fails is removed.
+
+    Yields:
+        A path that does not exist yet, named like the entry, on the same file system.
+    """
+    folder = root / f"{_SCRATCH_PREFIX}{name}"
+    shutil.rmtree(folder, ignore_errors=True)
+    try:
+        with writing(root):
+            folder.mkdir(parents=True)
+        yield folder / name
+        with writing(root):
+            final = root / name
+            if final.exists():
+                # A damaged entry: moved away first, for a full folder cannot be replaced.
+                final.rename(folder / "damaged")
+            (folder / name).replace(final)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def remove_leftovers(root: Path, held: str) -> None:
+    """Remove what processes left that were killed while making an entry.
+
+    A scratch folder whose lock can be had belongs to nobody.
+
+    Args:
+        root: the cache.
+        held: the entry whose lock the caller holds; `scratch` clears that one.
+    """
+    from filelock import FileLock, Timeout
+
+    for folder in root.glob(f"{_SCRATCH_PREFIX}*"):
+        name = folder.name.removeprefix(_SCRATCH_PREFIX)
+        if name == held:
+            continue
+        with (
+            suppress(Timeout, OSError),
+            FileLock(root / _LOCKS / f"{name}.lock", timeout=0),
+        ):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def writing(root: Path) -> Iterator[None]:
+    """Report a full or read-only disk as DataError (R2B311)."""
+    import sqlite3
+
+    try:
+        yield
+    except (OSError, sqlite3.Error) as error:
+        errno = getattr(error, "errno", None)
+        reason = str(error) if errno is None else os.strerror(errno)
+        raise DataError(
+            f"the dataset cannot be written to {root}: {reason}",
+            code=DATASET_NOT_WRITTEN,
+            hint="make room there, or name another place with XDG_CACHE_HOME",
+        ) from error

@@ -1,0 +1,98 @@
+"""From what a spec calls a bag to where it is."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from pathlib import Path
+
+from r2bspec.bags.bag_index import index_bag
+from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
+from r2bspec.bags.recording import BagIndex, BagLocation
+from r2bspec.datasets.sequences import SEQUENCES, describe, unknown_dataset
+
+DATASETS_VARIABLE = "R2B_DATASETS"
+
+
+def locate(bag: str, base_dir: Path) -> BagLocation:
+    """Decide whether a bag is a path, a real dataset or a synthetic one.
+
+    What has a ``/``, or exists relative to `base_dir`, is a path. Anything else names a dataset:
+    the folder of that name under ``$R2B_DATASETS`` if there is one, else the catalogue's.
+
+    Args:
+        bag: as written in the spec.
+        base_dir: folder of the spec.
+
+    Raises:
+        DataError: the path does not exist (R2B301), the name is unknown (R2B307), or
+            ``$R2B_DATASETS`` is no folder (R2B301).
+    """
+    # Unlike those of pathlib, these take a name that cannot be for one that is not there.
+    path = base_dir / os.path.expanduser(bag)  # noqa: PTH111
+    if bag and os.path.exists(path):  # noqa: PTH110
+        return BagLocation(kind="recorded", path=path)
+    if "/" in bag:
+        raise DataError(
+            f"{path} does not exist",
+            code=BAG_NOT_FOUND,
+            hint=f"paths are relative to {base_dir}; a dataset name has no '/'",
+        )
+    return locate_dataset(bag)
+
+
+def locate_dataset(name: str) -> BagLocation:
+    """Find a dataset by its name: the real one if there is one, else the catalogue's.
+
+    Raises:
+        DataError: R2B307; R2B301 where ``$R2B_DATASETS`` is no folder.
+    """
+    real = _datasets_folder()
+    if real is not None and name and os.path.exists(real / name):  # noqa: PTH110
+        return BagLocation(kind="recorded", path=real / name, dataset=name)
+    if name not in SEQUENCES:
+        raise unknown_dataset(name, known_datasets())
+    return BagLocation(kind="synthetic", dataset=name)
+
+
+def index(location: BagLocation) -> BagIndex:
+    """Index a located bag; a synthetic one is described without being made.
+
+    Raises:
+        DataError: as `index_bag`.
+    """
+    if location.path is not None:
+        return index_bag(location.path)
+    return _described(location.dataset or "")
+
+
+@cache
+def _described(name: str) -> BagIndex:
+    return describe(name)
+
+
+def known_datasets() -> tuple[str, ...]:
+    """Names that `locate` finds as datasets, sorted: the catalogue's and the real ones'.
+
+    Raises:
+        DataError: ``$R2B_DATASETS`` is no folder (R2B301).
+    """
+    real = _datasets_folder()
+    recorded = [each.name for each in real.iterdir() if each.is_dir()] if real else []
+    return tuple(sorted({*SEQUENCES, *recorded}))
+
+
+def _datasets_folder() -> Path | None:
+    """The folder of real datasets, or None where the user names none."""
+    value = os.environ.get(DATASETS_VARIABLE, "")
+    if not value:
+        return None
+    folder = Path(os.path.expanduser(value))  # noqa: PTH111
+    if not os.path.isdir(folder):  # noqa: PTH112
+        # Falling back to rendered data would measure something else than was asked for.
+        raise DataError(
+            f"${DATASETS_VARIABLE} names {folder}, which is no folder",
+            code=BAG_NOT_FOUND,
+            hint="point it at the folder that holds the r2b bags, or unset it",
+        )
+    return folder

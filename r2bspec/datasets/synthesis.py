@@ -1,0 +1,244 @@
+"""Making a synthetic dataset: only the topics and the stretch of time that are asked for."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import deque
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import msgspec
+
+from r2bspec.bags.dataset_record import (
+    RECORD_NAME,
+    DatasetRecord,
+    TopicRecord,
+    read_record,
+    write_record,
+)
+from r2bspec.bags.digest import ContentHash
+from r2bspec.bags.errors import TOPIC_NOT_IN_BAG, DataError
+from r2bspec.bags.recording import MadeDataset, Message, Window, WrittenStorage
+from r2bspec.datasets.dataset_cache import datasets_dir, locked, remove_leftovers, scratch, writing
+from r2bspec.datasets.dataset_writer import write_bag
+from r2bspec.datasets.ground_truth import (
+    DISPARITY_PARTS,
+    GroundTruth,
+    tell_truth,
+    write_disparities,
+    write_ground_truth,
+)
+from r2bspec.datasets.scene.messages import render_message
+from r2bspec.datasets.scene.render import camera_pose, render_depth
+from r2bspec.datasets.scene.rig import TopicSource
+from r2bspec.datasets.scene.scenes import Place, place
+from r2bspec.datasets.scene.sizes import message_bytes
+from r2bspec.datasets.sequences import bounded, find_sequence, message_times_ns, select_sources
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+# Raise it whenever the rendered bytes change: caches are keyed by it.
+GENERATOR = 2
+
+Progress = Callable[[int, int], None]
+
+_Task = TypeVar("_Task")
+_Result = TypeVar("_Result")
+
+# Frames are large: more in flight than this would cost memory and gain nothing.
+_MOST_WORKERS = 4
+
+
+class _Recipe(msgspec.Struct, frozen=True, kw_only=True):
+    """All that decides a dataset's bytes; hashed, it is the cache key."""
+
+    generator: int
+    dataset: str
+    topics: tuple[str, ...]
+    window: Window
+    storage: WrittenStorage
+
+    @property
+    def name(self) -> str:
+        """Name of the cache entry."""
+        return f"{self.dataset}-{hashlib.sha256(msgspec.json.encode(self)).hexdigest()[:16]}"
+
+
+def make(
+    dataset: str,
+    topics: Collection[str] | None = None,
+    window: Window | None = None,
+    *,
+    storage: WrittenStorage = "sqlite3",
+    cache_dir: Path | None = None,
+    progress: Progress | None = None,
+) -> MadeDataset:
+    """Make a synthetic dataset, or find it in the cache.
+
+    Another process that makes the same dataset is waited for. A process that dies while making
+    leaves nothing under the final name; its remains are removed by the next call.
+
+    Args:
+        dataset: name of a sequence.
+        topics: None for all.
+        window: None for the whole sequence.
+        storage: sqlite3 with each message compressed, as the real bags are, or mcap.
+        cache_dir: None for the user's cache folder.
+        progress: called with steps done and steps in all; not called for a cached dataset.
+
+    Raises:
+        DataError: an unknown dataset or topic, a window outside it, or a disk that is full or
+            not writable (R2B307, R2B308, R2B309, R2B311).
+    """
+    sources = select_sources(dataset, topics)
+    if not sources:
+        raise DataError(
+            f"no topic of dataset {dataset} is asked for",
+            code=TOPIC_NOT_IN_BAG,
+            hint="name at least one topic",
+        )
+    recipe = _Recipe(
+        generator=GENERATOR,
+        dataset=dataset,
+        topics=tuple(source.name for source in sources),
+        window=bounded(dataset, window),
+        storage=storage,
+    )
+    root = datasets_dir(cache_dir)
+    final = root / recipe.name
+    record = _intact(final)
+    if record is None:
+        with locked(root, recipe.name):
+            remove_leftovers(root, recipe.name)
+            record = _intact(final)
+            if record is None:
+                with scratch(root, recipe.name) as folder, writing(root):
+                    record = _build(folder, recipe, sources, progress)
+                return MadeDataset(path=final, content_sha256=record.content_sha256, made=True)
+    return MadeDataset(path=final, content_sha256=record.content_sha256, made=False)
+
+
+def _intact(folder: Path) -> DatasetRecord | None:
+    """The record of a cached dataset whose files all have their sizes."""
+    record = read_record(folder)
+    if record is None:
+        return None
+    sizes = {path.name: path.stat().st_size for path in folder.iterdir()}
+    sizes.pop(RECORD_NAME, None)
+    return record if sizes == record.file_bytes else None
+
+
+def _build(
+    folder: Path, recipe: _Recipe, sources: tuple[TopicSource, ...], progress: Progress | None
+) -> DatasetRecord:
+    """Write bag, ground truth and record into a new folder."""
+    sequence, shown = find_sequence(recipe.dataset), place(recipe.dataset)
+    times_ns = {source: message_times_ns(source, recipe.window) for source in sources}
+    truth = tell_truth(recipe.dataset, shown, sequence.start_ns, times_ns)
+    schedule = sorted(
+        ((time_ns, source) for source, times in times_ns.items() for time_ns in times),
+        key=lambda entry: (entry[0], entry[1].name),
+    )
+    pairs = [(name, stamp_ns) for name, pair in truth.stereo.items() for stamp_ns in pair.stamps_ns]
+    step = _Steps(len(schedule) + len(pairs), progress)
+    types = {source.name: source.type for source in sources}
+    content = ContentHash(types, sequence.start_ns)
+
+    def render(entry: tuple[int, TopicSource]) -> Message:
+        time_ns, source = entry
+        data = render_message(shown, source, sequence.start_ns, time_ns)
+        return Message(topic=source.name, time_ns=sequence.start_ns + time_ns, data=data)
+
+    def hashed(messages: Iterable[Message]) -> Iterator[Message]:
+        for message in messages:
+            content.add(message)
+            yield message
+            step()
+
+    # Closed whatever happens: no thread may render on when the folder is gone.
+    with closing(_in_order(render, schedule)) as messages:
+        write_bag(folder, types, hashed(messages), recipe.storage)
+    if pairs:
+        write_disparities(folder, _disparities(shown, sequence.start_ns, truth, sources, step))
+    write_ground_truth(folder, truth)
+    record = DatasetRecord(
+        generator=GENERATOR,
+        dataset=recipe.dataset,
+        window=recipe.window,
+        storage=recipe.storage,
+        start_ns=sequence.start_ns,
+        topics={
+            source.name: TopicRecord(
+                type=source.type,
+                count=len(times_ns[source]),
+                rate_hz=float(source.rate_hz),
+                max_message_bytes=message_bytes(source),
+            )
+            for source in sources
+        },
+        content_sha256=content.hexdigest(),
+        file_bytes={path.name: path.stat().st_size for path in sorted(folder.iterdir())},
+    )
+    write_record(folder, record)
+    return record
+
+
+def _disparities(
+    shown: Place,
+    start_ns: int,
+    truth: GroundTruth,
+    sources: tuple[TopicSource, ...],
+    step: Callable[[], None],
+) -> Iterator[tuple[str, int, NDArray[np.uint16]]]:
+    """Pair, stamp and disparity in parts of a pixel: focal length times baseline over depth."""
+    import numpy as np
+
+    cameras = {source.name: source.camera for source in sources}
+    for name, pair in truth.stereo.items():
+        camera = cameras[pair.left_topic]
+        if camera is None:
+            continue
+        scale = np.float32(pair.focal_px * pair.baseline_m * DISPARITY_PARTS)
+        for stamp_ns in pair.stamps_ns:
+            pose = camera_pose(shown.motion.pose((stamp_ns - start_ns) / 1e9), camera)
+            parts = scale / render_depth(shown.room, camera, pose) + np.float32(0.5)
+            yield name, stamp_ns, parts.astype(np.uint16)
+            step()
+
+
+class _Steps:
+    """Counts steps and tells who wants to know."""
+
+    def __init__(self, total: int, progress: Progress | None) -> None:
+        self._done, self._total, self._progress = 0, total, progress
+
+    def __call__(self) -> None:
+        self._done += 1
+        if self._progress is not None:
+            self._progress(self._done, self._total)
+
+
+def _in_order(function: Callable[[_Task], _Result], tasks: Iterable[_Task]) -> Generator[_Result]:
+    """Apply a function in a few threads, yielding results in the tasks' order.
+
+    Order, and not the threads, decides what is written: the result does not depend on how many
+    processors there are. At most two tasks a thread are under way or waiting to be taken.
+    """
+    workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
+    waiting: deque[Future[_Result]] = deque()
+    pool = ThreadPoolExecutor(workers, thread_name_prefix="r2bspec-render")
+    try:
+        for task in tasks:
+            waiting.append(pool.submit(function, task))
+            if len(waiting) >= 2 * workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,74 @@
+"""The cache of datasets: how large it is, and whether its disk has room."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from pathlib import Path
+
+from r2bspec.datasets.dataset_cache import datasets_dir
+from r2bspec.doctor.checkup import Check, System
+from r2bspec.measure.units import show
+
+TOPIC = "datasets"
+
+_ROOM_BYTES = 4 << 30
+"""What a few seconds of every topic of the largest synthetic dataset take."""
+
+
+def check_datasets(system: System, cache: Path | None = None) -> list[Check]:
+    """The cache, and the folder of recorded datasets if one is named."""
+    checks = [_cache(cache or datasets_dir())]
+    named = system.environ.get("R2B_DATASETS")
+    if named and not Path(named).is_dir():
+        checks.append(
+            Check(
+                topic=TOPIC,
+                name="recorded",
+                status="problem",
+                found=f"R2B_DATASETS names {named}, which is no folder",
+                advice="correct it, or unset it to use synthetic datasets",
+            )
+        )
+    return checks
+
+
+def _cache(folder: Path) -> Check:
+    entries = [each for each in _listed(folder) if not each.name.startswith(".")]
+    size = sum(_size(each) for each in entries)
+    free = shutil.disk_usage(_existing(folder)).free
+    data = {"path": str(folder), "entries": len(entries), "bytes": size, "free_bytes": free}
+    held = f"{show(size, 'B')} in {len(entries)} datasets" if entries else "empty"
+    tight = free < _ROOM_BYTES
+    return Check(
+        topic=TOPIC,
+        name="cache",
+        status="warn" if tight else "ok",
+        found=f"{held}, {show(free, 'B')} free; {folder}",
+        advice="made datasets can be removed, they are made again when needed; "
+        "or name another disk with XDG_CACHE_HOME"
+        if tight
+        else "",
+        data=data,
+    )
+
+
+def _listed(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []
+
+
+def _size(path: Path) -> int:
+    """The bytes of a file, or of all files below a folder; what vanishes meanwhile counts 0."""
+    total = 0
+    for each in (path, *path.rglob("*")):
+        with contextlib.suppress(OSError):
+            total += each.stat().st_size if each.is_file() else 0
+    return total
+
+
+def _existing(folder: Path) -> Path:
+    """The nearest folder above that exists: the one whose disk it will be on."""
+    return next(each for each in (folder, *folder.parents) if each.exists())

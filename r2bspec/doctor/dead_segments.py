@@ -1,0 +1,34 @@
+"""Shared-memory segments of the middleware whose owners are dead, and what they take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from r2bspec.doctor.checkup import System
+from r2bspec.middleware import shm_files
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A segment, or what is left of one, with the bytes of memory that it takes."""
+
+    name: str
+    bytes: int
+
+
+def dead_segments(system: System) -> list[Segment]:
+    """This user's segments that nobody uses; nothing is changed."""
+    memory = system.shared_memory
+    return [
+        Segment(name, _bytes(memory / name))
+        for name in shm_files.dead_segments(memory, system.proc)
+    ]
+
+
+def _bytes(segment: Path) -> int:
+    """What it takes of the memory: its blocks, since a segment is sparse until it is written."""
+    try:
+        return segment.stat().st_blocks * 512
+    except OSError:
+        return 0

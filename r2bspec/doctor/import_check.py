@@ -1,0 +1,31 @@
+"""Asking a fresh interpreter what it can import."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from typing import Any
+
+from r2bspec.doctor.checkup import System
+
+_TIMEOUT_S = 60.0
+
+
+def imports(system: System, *names: str) -> dict[str, dict[str, Any]]:
+    """What `r2bspec.doctor.import_probe` says of these modules; an error for what hangs."""
+    command = [system.python, "-P", "-m", "r2bspec.doctor.import_probe", *names]
+    try:
+        done = subprocess.run(
+            command,
+            env=dict(system.environ),
+            capture_output=True,
+            text=True,
+            timeout=_TIMEOUT_S,
+            check=False,
+        )
+        found: dict[str, dict[str, Any]] = json.loads(done.stdout)
+    except subprocess.TimeoutExpired:
+        return {name: {"error": f"not imported within {_TIMEOUT_S:g} s"} for name in names}
+    except (OSError, ValueError) as error:
+        return {name: {"error": str(error)} for name in names}
+    return found

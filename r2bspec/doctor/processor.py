@@ -1,0 +1,135 @@
+"""The processor: cores, frequency, clock, and whether anything else is using it."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+
+from r2bspec.doctor.checkup import Check, System, read_text
+
+TOPIC = "processor"
+
+_COMFORTABLE_CORES = 4
+_IDLE_S = 0.5
+_BUSY_SHARE = 0.1
+_STOLEN_SHARE = 0.01
+_FAST_CLOCKS = frozenset({"tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page"})
+
+
+def check_processor(system: System, sleep: Callable[[float], object] = time.sleep) -> list[Check]:
+    """Cores, quota, governor, clock source and load; takes half a second."""
+    found = [_cores(system), _governor(system), _clock(system), _load(system, sleep)]
+    return [check for check in found if check is not None]
+
+
+def _cores(system: System) -> Check:
+    cores = len(os.sched_getaffinity(0))
+    quota = _quota(system)
+    data = {"cores": cores, "quota": quota}
+    if quota is not None and quota < cores:
+        return Check(
+            topic=TOPIC,
+            name="cores",
+            status="warn",
+            found=f"{cores}, of which a control group grants the time of {quota:g}",
+            advice="processes stop for the rest of each period; give the container more, or "
+            "whole cores instead of a quota",
+            data=data,
+        )
+    if cores < _COMFORTABLE_CORES:
+        return Check(
+            topic=TOPIC,
+            name="cores",
+            status="warn",
+            found=f"{cores}",
+            advice="player, monitor and graph share them: compare results of this machine "
+            "with this machine only",
+            data=data,
+        )
+    return Check(topic=TOPIC, name="cores", status="ok", found=f"{cores}", data=data)
+
+
+def _quota(system: System) -> float | None:
+    """How many cores' worth of time the control group grants, or None for no limit."""
+    text = read_text(system.sys / "fs/cgroup/cpu.max")
+    words = text.split() if text else []
+    if len(words) != 2 or not all(word.isdigit() for word in words):
+        return None
+    return int(words[0]) / int(words[1])
+
+
+def _governor(system: System) -> Check:
+    files = (system.sys / "devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+    governors = sorted({text for file in files if (text := read_text(file))})
+    data = {"governors": governors}
+    if not governors:
+        found = "not told by this machine (usual in virtual ones)"
+        return Check(topic=TOPIC, name="governor", status="ok", found=found, data=data)
+    if governors == ["performance"]:
+        return Check(topic=TOPIC, name="governor", status="ok", found="performance", data=data)
+    return Check(
+        topic=TOPIC,
+        name="governor",
+        status="warn",
+        found=", ".join(governors),
+        advice="at low rates latency shows the cores waking up; "
+        "sudo cpupower frequency-set -g performance",
+        data=data,
+    )
+
+
+def _clock(system: System) -> Check | None:
+    folder = system.sys / "devices/system/clocksource/clocksource0"
+    source = read_text(folder / "current_clocksource")
+    if source is None:
+        return None
+    fast = source in _FAST_CLOCKS
+    return Check(
+        topic=TOPIC,
+        name="clock",
+        status="ok" if fast else "warn",
+        found=source,
+        advice="" if fast else "reading it is a system call that costs a microsecond and more",
+        data={"clocksource": source},
+    )
+
+
+def _load(system: System, sleep: Callable[[float], object]) -> Check | None:
+    before = _ticks(system)
+    sleep(_IDLE_S)
+    after = _ticks(system)
+    if before is None or after is None:
+        return None
+    spent = [late - early for early, late in zip(before, after, strict=True)]
+    total = max(sum(spent), 1)
+    # user nice system idle iowait irq softirq steal
+    busy, stolen = 1 - (spent[3] + spent[4]) / total, spent[7] / total
+    data = {"busy": round(busy, 4), "stolen": round(stolen, 4)}
+    found = f"{busy:.0%} busy"
+    if stolen > _STOLEN_SHARE:
+        return Check(
+            topic=TOPIC,
+            name="idle load",
+            status="warn",
+            found=f"{found}, {stolen:.1%} taken by the host of this virtual machine",
+            advice="nothing inside can be measured while it is stopped; use a dedicated host",
+            data=data,
+        )
+    return Check(
+        topic=TOPIC,
+        name="idle load",
+        status="warn" if busy > _BUSY_SHARE else "ok",
+        found=found,
+        advice="end what else runs, or results will contain it" if busy > _BUSY_SHARE else "",
+        data=data,
+    )
+
+
+def _ticks(system: System) -> list[int] | None:
+    """Time spent so far by all cores together, in ticks: the first eight fields of ``cpu``."""
+    text = read_text(system.proc / "stat")
+    words = text.splitlines()[0].split() if text else []
+    if len(words) < 9 or words[0] != "cpu":
+        return None
+    return [int(word) for word in words[1:9]]

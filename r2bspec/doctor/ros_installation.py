@@ -1,0 +1,123 @@
+"""ROS 2: where it comes from, its middleware, and its message packages."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+from pathlib import Path
+
+from r2bspec.doctor.checkup import Check, System
+from r2bspec.doctor.import_check import imports
+from r2bspec.measure.units import show
+
+TOPIC = "ROS 2"
+
+_MIDDLEWARE = "rclpy:get_rmw_implementation_identifier"
+_FAST_DDS = "rmw_fastrtps"
+_SLOW_IMPORT_S = 2.0
+_MESSAGES = ("std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "stereo_msgs")
+_WHEEL = re.compile(r"ros-(?:(?P<distribution>[a-z]+)-)?rclpy")
+_INSTALL = "source a ROS 2 installation, or pip install 'r2bspec[ros]'"
+
+
+def check_ros(system: System) -> list[Check]:
+    """The distributions that can be seen, rclpy, the middleware and the message packages."""
+    found = imports(system, _MIDDLEWARE)[_MIDDLEWARE]
+    checks = [_distributions(system)]
+    if "error" in found:
+        advice = _INSTALL if "ModuleNotFoundError" in found["error"] else "see the error above"
+        checks.append(
+            Check(topic=TOPIC, name="rclpy", status="problem", found=found["error"], advice=advice)
+        )
+        return checks
+    return [
+        *checks,
+        _client_library(found["seconds"], found["file"]),
+        _middleware(system, found["said"]),
+        _messages(system),
+    ]
+
+
+def _distributions(system: System) -> Check:
+    """Sourced prefixes first, since they win on PYTHONPATH; then wheels of this interpreter."""
+    prefixes = _paths(system.environ.get("AMENT_PREFIX_PATH", ""))
+    wheels = sorted(
+        {
+            f"{match['distribution'] or 'unnamed'} {each.version}"
+            for each in importlib.metadata.distributions()
+            if (match := _WHEEL.fullmatch((each.metadata["Name"] or "").lower()))
+        }
+    )
+    named = [each for each in wheels if not each.startswith("unnamed ")] or wheels
+    sourced = system.environ.get("ROS_DISTRO", "") if prefixes else ""
+    parts = []
+    if sourced:
+        more = f" and {len(prefixes) - 1} more" if len(prefixes) > 1 else ""
+        parts.append(f"{sourced} sourced from {prefixes[-1]}{more}")
+    parts += [f"{each} as wheels" for each in named]
+    # The metapackage of the wheels names the same rclpy again; only a sourced one competes.
+    mixed = bool(sourced) and any(not each.startswith(sourced) for each in named)
+    return Check(
+        topic=TOPIC,
+        name="distributions",
+        status="warn" if mixed or not parts else "ok",
+        found=", ".join(parts) or "none that is sourced or installed as wheels",
+        advice="two distributions are mixed: source none, or leave the wheels out"
+        if mixed
+        else ("" if parts else _INSTALL),
+        data={"sourced": sourced, "prefixes": prefixes, "wheels": wheels},
+    )
+
+
+def _client_library(seconds: float, file: str) -> Check:
+    slow = seconds > _SLOW_IMPORT_S
+    return Check(
+        topic=TOPIC,
+        name="rclpy",
+        status="warn" if slow else "ok",
+        found=f"imported in {show(seconds, 's')} from {Path(file).parent}",
+        advice="every process of a run waits for this; a network file system?" if slow else "",
+        data={"import_s": seconds, "file": file},
+    )
+
+
+def _middleware(system: System, used: str) -> Check:
+    here = sorted(
+        {
+            each.name
+            for prefix in _paths(system.environ.get("AMENT_PREFIX_PATH", ""))
+            for each in Path(prefix).glob("share/ament_index/resource_index/rmw_typesupport/*")
+        }
+        | {used}
+    )
+    others = [each for each in here if each != used]
+    fast_dds = used.startswith(_FAST_DDS)
+    return Check(
+        topic=TOPIC,
+        name="middleware",
+        status="ok" if fast_dds else "warn",
+        found=used + (f" (also here: {', '.join(others)})" if others else ""),
+        advice=""
+        if fast_dds
+        else "transport: shared_memory and udp configure Fast DDS only; "
+        "unset RMW_IMPLEMENTATION, or state transport: inherit",
+        data={"used": used, "here": here},
+    )
+
+
+def _messages(system: System) -> Check:
+    found = imports(system, *(f"{name}.msg" for name in _MESSAGES))
+    missing = [name for name in _MESSAGES if "error" in found[f"{name}.msg"]]
+    there = [name for name in _MESSAGES if name not in missing]
+    return Check(
+        topic=TOPIC,
+        name="messages",
+        status="warn" if missing else "ok",
+        found=", ".join(there) + (f"; not here: {', '.join(missing)}" if missing else ""),
+        advice=f"specs that use them cannot run; {_INSTALL}" if missing else "",
+        data={"missing": missing},
+    )
+
+
+def _paths(text: str) -> list[str]:
+    return [each for each in text.split(":") if each]

@@ -1,0 +1,59 @@
+"""Shared memory: whether there is room for the segments of a run."""
+
+from __future__ import annotations
+
+import shutil
+
+from r2bspec.doctor.checkup import Check, Status, System
+from r2bspec.execute.processes.environment import segment_bytes
+from r2bspec.measure.units import show
+
+TOPIC = "shared memory"
+
+_PARTICIPANTS = 4
+"""Player, monitor and two nodes: each has a segment of its own."""
+
+_SIZES = (("1280x720 rgb8", 1280 * 720 * 3), ("1920x1200 rgb8", 1920 * 1200 * 3))
+_LEAST_BYTES = _PARTICIPANTS * segment_bytes(0)
+
+
+def check_shared_memory(system: System) -> list[Check]:
+    """How much is free, and how many processes that exchange images it holds."""
+    try:
+        usage = shutil.disk_usage(system.shared_memory)
+    except OSError as error:
+        return [
+            Check(
+                topic=TOPIC,
+                name="size",
+                status="problem",
+                found=f"{system.shared_memory}: {error.strerror or error}",
+                advice="mount a tmpfs there, or state transport: udp",
+            )
+        ]
+    room = {name: usage.free // segment_bytes(size) for name, size in _SIZES}
+    status = _status(usage.free, room)
+    return [
+        Check(
+            topic=TOPIC,
+            name="size",
+            status=status,
+            found=f"{show(usage.free, 'B')} free of {show(usage.total, 'B')}: room for "
+            + ", ".join(f"{_processes(count)} at {name}" for name, count in room.items()),
+            advice=""
+            if status == "ok"
+            else f"sudo mount -o remount,size=2G {system.shared_memory} (in a container: "
+            "--shm-size=2g), or state transport: udp",
+            data={"free_bytes": usage.free, "total_bytes": usage.total, "processes": room},
+        )
+    ]
+
+
+def _status(free: int, room: dict[str, int]) -> Status:
+    if free < _LEAST_BYTES:
+        return "problem"
+    return "ok" if min(room.values()) >= _PARTICIPANTS else "warn"
+
+
+def _processes(count: int) -> str:
+    return "1 process" if count == 1 else f"{count} processes"

@@ -1,0 +1,54 @@
+"""Socket buffers and the loopback device: what messages over UDP need."""
+
+from __future__ import annotations
+
+from r2bspec.doctor.checkup import Check, System, read_int, read_text
+from r2bspec.execute.processes.environment import SOCKET_BUFFER_BYTES
+from r2bspec.measure.units import show
+
+TOPIC = "network"
+
+_BUFFERS = (("receive", "rmem_max"), ("send", "wmem_max"))
+_UP = 0x1
+
+
+def check_sockets(system: System) -> list[Check]:
+    """The largest socket buffers that the kernel grants, and whether loopback is up."""
+    return [_buffer(system, *each) for each in _BUFFERS] + _loopback(system)
+
+
+def _buffer(system: System, direction: str, name: str) -> Check:
+    limit = read_int(system.proc / "sys/net/core" / name)
+    title = f"{direction} buffers"
+    if limit is None:
+        return Check(topic=TOPIC, name=title, status="ok", found="not told by this kernel")
+    data = {f"net.core.{name}": limit, "wanted": SOCKET_BUFFER_BYTES}
+    if limit >= SOCKET_BUFFER_BYTES:
+        return Check(
+            topic=TOPIC, name=title, status="ok", found=f"up to {show(limit, 'B')}", data=data
+        )
+    return Check(
+        topic=TOPIC,
+        name=title,
+        status="warn",
+        found=f"at most {show(limit, 'B')}, while the transports ask for "
+        f"{show(SOCKET_BUFFER_BYTES, 'B')}",
+        advice="large messages over UDP will be lost and sent again; "
+        f"sudo sysctl -w net.core.{name}={SOCKET_BUFFER_BYTES}",
+        data=data,
+    )
+
+
+def _loopback(system: System) -> list[Check]:
+    flags = read_text(system.sys / "class/net/lo/flags")
+    if flags is None or int(flags, 16) & _UP:
+        return []
+    return [
+        Check(
+            topic=TOPIC,
+            name="loopback",
+            status="problem",
+            found="the device lo is down",
+            advice="discovery runs over it; sudo ip link set lo up",
+        )
+    ]

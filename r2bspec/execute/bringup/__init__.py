@@ -1,0 +1,1 @@
+"""Bringing up the processes of a run until every one is ready."""

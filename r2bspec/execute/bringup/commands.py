@@ -1,0 +1,93 @@
+"""Commands of the spec that are not part of the graph: setup steps, and steps once it stands."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from r2bspec.execute.errors import StepFailedError
+from r2bspec.execute.processes.environment import RunEnvironment
+from r2bspec.execute.processes.executables import resolve_words
+from r2bspec.execute.processes.supervisor import Child, Children, describe_exit
+from r2bspec.plan.plan import SetupPlan
+from r2bspec.record.run_folder import RunFolder
+
+_POLL_S = 0.05
+
+
+def run_setup(
+    plan: SetupPlan,
+    children: Children,
+    environment: RunEnvironment,
+    folder: RunFolder,
+    base_dir: Path,
+    note: Callable[[str], None],
+) -> None:
+    """Run a setup step, unless what it creates is there already.
+
+    Two runs that want the same file wait for each other: the second finds it made.
+
+    Raises:
+        StepFailedError: it failed, took too long, or did not create what it should.
+        NotInstalledError: its program is not there.
+    """
+    created = base_dir / plan.creates if plan.creates else None
+    with _locked(created):
+        if created is not None and created.exists():
+            note(f"{plan.name}: {plan.creates} is there")
+            return
+        note(f"{plan.name}: {' '.join(plan.argv)}")
+        child = children.start(
+            f"setup.{plan.name}",
+            "command",
+            resolve_words(plan.argv, f"setup step {plan.name}"),
+            environment.of_node(plan.env),
+            cwd=base_dir / plan.directory,
+            log=folder.log_path(f"setup.{plan.name}"),
+        )
+        wait_for_end(child, children, plan.timeout_ns / 1e9)
+        if created is not None and not created.exists():
+            raise StepFailedError(
+                f"setup step {plan.name} succeeded, but {plan.creates} is not there",
+                hint="Correct what the step says that it creates; paths are relative to the spec.",
+            )
+
+
+def wait_for_end(child: Child, children: Children, timeout_s: float) -> None:
+    """Wait until a command has ended by itself, with status 0.
+
+    Raises:
+        StepFailedError: another status, or it took longer than `timeout_s` seconds.
+    """
+    child.ending = True
+    deadline = time.monotonic() + timeout_s
+    while child.process.poll() is None:
+        if time.monotonic() > deadline:
+            raise StepFailedError(
+                f"{child.name} has not ended after {timeout_s:g} s",
+                hint=f"Give it more time, or see what it does: {child.log}",
+            )
+        children.pump(_POLL_S)
+    children.end([child])
+    if child.process.returncode:
+        tail = child.log_tail()
+        raise StepFailedError(
+            f"{child.name} {describe_exit(child.process.returncode)}"
+            + (f"; the last it printed:\n{tail}" if tail else "; it printed nothing"),
+            hint=f"Its whole output is in {child.log}",
+        )
+
+
+@contextlib.contextmanager
+def _locked(created: Path | None) -> Iterator[None]:
+    """Hold the lock of a file that is being made; none where nothing is."""
+    if created is None:
+        yield
+        return
+    from filelock import FileLock
+
+    created.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(created.with_name(f".{created.name}.lock")):
+        yield

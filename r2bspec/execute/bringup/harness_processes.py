@@ -1,0 +1,51 @@
+"""The parts of the harness that are up while something is measured, and the processes they are in.
+
+A plan gives player and monitor a process each, or one for both (role `harness`), in which Python
+nodes may run beside them. Who plays or watches speaks and listens to a part and does not know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.processes.supervisor import Child
+from r2bspec.ipc import protocol
+from r2bspec.plan.plan import ProcessPlan
+
+_PARTS = ("player", "monitor")
+
+
+class Parts:
+    """Starts the parts, each when it is asked for, with the process that holds it.
+
+    Args:
+        launcher: starts the processes.
+        processes: the plan's, of one phase.
+    """
+
+    def __init__(self, launcher: Launcher, processes: Iterable[ProcessPlan]) -> None:
+        self._launcher = launcher
+        self._plans = {each.role: each for each in processes if each.role in {*_PARTS, "harness"}}
+        self._whole: Child | None = None
+
+    def start(self, part: str) -> Child:
+        """A part, which then waits to be configured.
+
+        Raises:
+            RunError: its process cannot be started, or does not answer.
+        """
+        if part in self._plans:
+            return self._launcher.start(self._plans[part])
+        return self._together().parts[part]
+
+    def beside(self) -> list[tuple[Child, ProcessPlan]]:
+        """The process of all parts with its plan, if nodes run in it; else nothing."""
+        plan = self._plans.get("harness")
+        return [(self._together(), plan)] if plan is not None and plan.nodes else []
+
+    def _together(self) -> Child:
+        if self._whole is None:
+            self._whole = self._launcher.start(self._plans["harness"], _PARTS)
+            self._launcher.configure(self._whole, protocol.ConfigureHarness(parts=_PARTS))
+        return self._whole

@@ -1,0 +1,107 @@
+"""What a node that has been made did not take of the plan, in the words of ``r2bspec validate``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+import msgspec
+
+from r2bspec.diagnostics import did_you_mean
+from r2bspec.execute.diagnosis.find_break import Break
+from r2bspec.execute.errors import GraphDiffersError
+from r2bspec.ipc import protocol
+from r2bspec.record.run_record import Difference
+
+_PARAMETER_UNKNOWN = "R2B211"
+_REMAPPING_MATCHES_NOTHING = "R2B204"
+
+
+def refuse_undeclared(ready: protocol.Ready) -> None:
+    """A parameter that no node declares is ignored by ROS, and so is the typing error in it.
+
+    Raises:
+        GraphDiffersError: there is one.
+    """
+    found = [_undeclared(ready, node, name) for node, name in ready.undeclared]
+    if found:
+        raise GraphDiffersError(
+            found, "; ".join(each.message for each in found), hint=found[0].help
+        )
+
+
+def _undeclared(ready: protocol.Ready, node: str, name: str) -> Difference:
+    known = sorted(ready.parameters.get(node, ()))
+    close = did_you_mean(name, known)
+    return Difference(
+        code=_PARAMETER_UNKNOWN,
+        message=f"node {node} declares no parameter '{name}'",
+        part="parameter",
+        owner=node,
+        name=name,
+        help=f"did you mean '{close}'?" if close else f"its parameters: {', '.join(known)}",
+    )
+
+
+def unmatched_remappings(ready: protocol.Ready) -> Iterator[Difference]:
+    """Remappings that changed no name.
+
+    That need not be wrong: a node may make a publisher or a subscription later.
+    """
+    for node, before, after in ready.unmatched:
+        names = sorted({topic for owner, topic, _, _ in ready.endpoints if owner == node} - {after})
+        yield Difference(
+            code=_REMAPPING_MATCHES_NOTHING,
+            message=f"node {node} has no topic '{before}' that could be remapped to {after}",
+            part="remapping",
+            owner=node,
+            name=before,
+            topic=after,
+            help=f"its topics: {', '.join(names)}" if names else "it has no topic at all",
+            harmless=True,
+        )
+
+
+def differences_of(
+    breaks: Iterable[Break],
+    launched: Iterable[Difference],
+    is_final: Callable[[Break], bool] = lambda _: True,
+) -> tuple[Difference, ...]:
+    """What is wrong, causes before consequences.
+
+    A remapping that changed no name is the cause if the topic that it would have made is missing,
+    of which then nothing more needs to be said.
+
+    Args:
+        breaks: where the way of messages ends. What a node does with its messages is its own
+            affair, and no difference.
+        launched: what the nodes did not take of the plan when they were made.
+        is_final: whether a break is there to stay; others are no differences.
+    """
+    breaks = [each for each in breaks if each.kind != "swallowed"]
+    missing = {each.topic for each in breaks}
+    causes = [
+        msgspec.structs.replace(each, harmless=False)
+        for each in launched
+        if each.topic and each.topic in missing
+    ]
+    explained = {each.topic for each in causes}
+    return (
+        *causes,
+        *(
+            Difference(
+                code=each.code,
+                message=each.sentence,
+                part="endpoint",
+                owner=each.owner,
+                name=each.topic,
+            )
+            for each in breaks
+            if each.topic not in explained and is_final(each)
+        ),
+    )
+
+
+def suspicions(breaks: Iterable[Break], launched: Iterable[Difference]) -> str:
+    """What else is odd about the nodes at which messages end, to be put behind a sentence."""
+    owners = {each.owner for each in breaks}
+    return "".join(f"; {each.message}" for each in launched if each.owner in owners)

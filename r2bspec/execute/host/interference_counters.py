@@ -1,0 +1,130 @@
+"""What else happens on the machine while a run is made, as the kernel counts it.
+
+Everything read here is a sum since some point in the past, so that two readings tell what happened
+between them, however far they are apart. What a system does not tell is NaN, and never zero.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import psutil
+
+_SYSTEM = Path("/")
+
+
+class Reading(NamedTuple):
+    """One reading; see `r2bspec.record.run_record.SURROUNDINGS_FIELDS`."""
+
+    busy_s: float
+    stolen_s: float
+    waited_s: float
+    throttled_s: float
+
+
+class Surroundings:
+    """Reads them for the processes of this one's control group, on the cores it may use."""
+
+    def __init__(self, root: Path = _SYSTEM) -> None:
+        """Find out what there is to read.
+
+        Args:
+            root: where ``/proc`` and ``/sys`` are.
+        """
+        self._cores = sorted(os.sched_getaffinity(0))
+        groups = [*_control_groups(root)]
+        self._pressure = next(
+            (each for each in (group / "cpu.pressure" for group in groups) if each.exists()),
+            root / "proc/pressure/cpu",
+        )
+        self._quotas = [each for each in (group / "cpu.stat" for group in groups) if each.exists()]
+        self._heat = [
+            *root.glob("sys/devices/system/cpu/cpu*/thermal_throttle/core_throttle_total_time_ms")
+        ]
+
+    def read(self) -> Reading:
+        """What has been counted until now."""
+        busy_s, stolen_s = _processors(self._cores)
+        quota = _largest(_throttled_s, self._quotas)
+        heat = _largest(_hot_s, self._heat)
+        known = [each for each in (quota, heat) if not math.isnan(each)]
+        return Reading(busy_s, stolen_s, _waited_s(self._pressure), sum(known) if known else quota)
+
+
+def _processors(cores: list[int]) -> tuple[float, float]:
+    times = psutil.cpu_times(percpu=True)
+    # A core that was taken offline has no line.
+    ours = [times[core] for core in cores if core < len(times)]
+    return (
+        sum(busy_seconds(each) for each in ours),
+        sum(getattr(each, "steal", math.nan) for each in ours),
+    )
+
+
+def busy_seconds(times: psutil._ntuples.scputimes) -> float:
+    """Processor time that was used: neither idle, nor taken by other virtual machines."""
+    used = sum(times) - times.idle - getattr(times, "iowait", 0.0) - getattr(times, "steal", 0.0)
+    # Guest time is contained in user time already.
+    return float(used - getattr(times, "guest", 0.0) - getattr(times, "guest_nice", 0.0))
+
+
+def _waited_s(path: Path) -> float:
+    """``some avg10=0.00 avg60=0.00 avg300=0.00 total=MICROSECONDS``."""
+    with contextlib.suppress(OSError, ValueError):
+        for line in path.read_text().splitlines():
+            if line.startswith("some "):
+                return int(line.rpartition("total=")[2]) / 1e6
+    return math.nan
+
+
+def _throttled_s(path: Path) -> float:
+    """``throttled_usec`` in version 2 of control groups, ``throttled_time`` (ns) in version 1."""
+    with contextlib.suppress(OSError, ValueError):
+        for line in path.read_text().splitlines():
+            name, _, value = line.partition(" ")
+            if name == "throttled_usec":
+                return int(value) / 1e6
+            if name == "throttled_time":
+                return int(value) / 1e9
+    return math.nan
+
+
+def _hot_s(path: Path) -> float:
+    with contextlib.suppress(OSError, ValueError):
+        return int(path.read_text()) / 1e3
+    return math.nan
+
+
+def _largest(read: Callable[[Path], float], paths: list[Path]) -> float:
+    """Groups nest, and cores are throttled at once: the times are not to be added up."""
+    return max((found for each in paths if not math.isnan(found := read(each))), default=math.nan)
+
+
+def _control_groups(root: Path) -> Iterator[Path]:
+    """The group that limits the processor time of this process, and those that contain it.
+
+    Inside a container paths may begin at a root that is not to be seen: then what is mounted is
+    the container's own group.
+    """
+    with contextlib.suppress(OSError):
+        for line in (root / "proc/self/cgroup").read_text().splitlines():
+            _, controllers, group = line.split(":", 2)
+            for mount in _mounts(root, controllers):
+                path = mount / group.lstrip("/")
+                yield from (each for each in (path, *path.parents) if _within(each, mount))
+
+
+def _mounts(root: Path, controllers: str) -> list[Path]:
+    base = root / "sys/fs/cgroup"
+    if not controllers:
+        return [base]
+    return [base / controllers] if "cpu" in controllers.split(",") else []
+
+
+def _within(path: Path, mount: Path) -> bool:
+    return path.is_relative_to(mount) and path.is_dir()

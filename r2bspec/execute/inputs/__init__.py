@@ -1,0 +1,1 @@
+"""From the recording to what the player publishes, and when."""

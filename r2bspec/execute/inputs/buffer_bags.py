@@ -1,0 +1,125 @@
+"""From recordings to buffers: straight from recorded bytes, with nothing deserialised."""
+
+from __future__ import annotations
+
+import contextlib
+import heapq
+from collections.abc import Iterator, Mapping, Sequence
+from operator import itemgetter
+from pathlib import Path
+from typing import NamedTuple
+
+from r2bspec.bags.bag_index import index_bag
+from r2bspec.bags.bag_reader import read_messages
+from r2bspec.bags.has_header import begins_with_header
+from r2bspec.bags.recording import Message, Window
+from r2bspec.execute.inputs.transform_schedule import merge_static
+from r2bspec.execute.progress import Progress
+from r2bspec.ipc.buffers import BufferWriter
+from r2bspec.ipc.header_stamps import read_stamp
+from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
+from r2bspec.plan.plan import DatasetPlan
+
+
+class _Part(NamedTuple):
+    """What is read of one bag: its topics, by their names there, as topics of the graph."""
+
+    bag: Path
+    targets: Mapping[str, str]
+    window: Window
+
+
+def buffer_bags(
+    bags: Sequence[Path], datasets: Sequence[DatasetPlan], folder: Path, progress: Progress
+) -> dict[str, int]:
+    """Write a buffer for every topic of the plan, under its name in the graph.
+
+    Messages of one topic may be in several bags; they are buffered in the order of their
+    recording. Memory is bounded by a few messages of each bag. Windows count from the first
+    message of any of the bags. Of transforms, where they are asked for, /tf is buffered like all
+    others, and all of /tf_static, whatever the window, as one message.
+
+    Returns:
+        How many messages each topic of the graph got.
+
+    Raises:
+        DataError: a bag cannot be read.
+        OSError: the disk is full.
+    """
+    types = {each.topic: each.type for dataset in datasets for each in dataset.topics}
+    if any(dataset.publish_tf for dataset in datasets):
+        types[TF] = TF_TYPE
+    stamped = {topic: begins_with_header(type_name) for topic, type_name in types.items()}
+    parts = [
+        _Part(bag, _targets(dataset, bag), window)
+        for bag, dataset, window in zip(bags, datasets, _windows(bags, datasets), strict=True)
+    ]
+    expected = sum(each.count for dataset in datasets for each in dataset.topics)
+    writers: dict[str, BufferWriter] = {}
+    with contextlib.ExitStack() as stack:
+        for topic, type_name in types.items():
+            writer = BufferWriter(folder, topic, type_name, has_header=stamped[topic])
+            stack.callback(writer.close)
+            writers[topic] = writer
+        for done, (topic, message) in enumerate(_merged(parts)):
+            stamp_ns = read_stamp(message.data) if stamped[topic] else message.time_ns
+            writers[topic].append(stamp_ns, message.data, message.time_ns)
+            if done % 16 == 0:
+                progress.step(done, max(expected, done))
+    counts = {topic: len(writer) for topic, writer in writers.items()}
+    return counts | _buffer_static(bags, datasets, folder)
+
+
+def _targets(dataset: DatasetPlan, bag: Path) -> dict[str, str]:
+    """The topics of a bag that are read, as they are called in the graph."""
+    targets = {each.bag_topic: each.topic for each in dataset.topics}
+    if dataset.publish_tf and index_bag(bag).find(TF) is not None:
+        targets[TF] = TF
+    return targets
+
+
+def _merged(parts: Sequence[_Part]) -> Iterator[tuple[str, Message]]:
+    """The messages of all bags by time, each with its topic in the graph."""
+    streams = [_stream(part) for part in parts]
+    for _, topic, message in heapq.merge(*streams, key=itemgetter(0)):
+        yield topic, message
+
+
+def _stream(part: _Part) -> Iterator[tuple[int, str, Message]]:
+    by_name = {name.lstrip("/"): topic for name, topic in part.targets.items()}
+    for message in read_messages(part.bag, list(part.targets), part.window):
+        yield message.time_ns, by_name[message.topic.lstrip("/")], message
+
+
+def _buffer_static(
+    bags: Sequence[Path], datasets: Sequence[DatasetPlan], folder: Path
+) -> dict[str, int]:
+    """Buffer the static transforms of all bags that are to be asked for them, as one message."""
+    asked = [
+        bag
+        for bag, dataset in zip(bags, datasets, strict=True)
+        if dataset.publish_tf_static and index_bag(bag).find(TF_STATIC) is not None
+    ]
+    found = [message for bag in asked for message in read_messages(bag, [TF_STATIC])]
+    if not found:
+        return {}
+    found.sort(key=lambda each: each.time_ns)
+    writer = BufferWriter(folder, TF_STATIC, TF_TYPE, has_header=False)
+    writer.append(found[0].time_ns, merge_static([each.data for each in found]))
+    writer.close()
+    return {TF_STATIC: 1}
+
+
+def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[Window]:
+    """The windows of the bags, each counted from the start of its own bag."""
+    if len(bags) == 1:
+        return [Window(start_ns=datasets[0].start_ns, end_ns=datasets[0].end_ns)]
+    starts_ns = [index_bag(bag).start_ns for bag in bags]
+    first_ns = min(starts_ns)
+    return [
+        Window(
+            start_ns=max(0, dataset.start_ns - (start_ns - first_ns)),
+            end_ns=None if dataset.end_ns is None else dataset.end_ns - (start_ns - first_ns),
+        )
+        for dataset, start_ns in zip(datasets, starts_ns, strict=True)
+    ]

@@ -1,0 +1,100 @@
+"""From what was buffered to the schedule of the player, in every mode in which something is played.
+
+Which types have a header is known here for those that rosbags ships; of the others the player tells
+it, and their stamps are then read from the buffers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import msgspec
+
+from r2bspec.execute.errors import RunError
+from r2bspec.execute.inputs.align_by_stamp import align, in_order
+from r2bspec.execute.inputs.timeline import make_timeline, times_by_stamp
+from r2bspec.execute.inputs.transform_schedule import place_transforms
+from r2bspec.ipc.buffers import BufferIndex, buffered_transforms, read_index, read_stamps
+from r2bspec.ipc.schedule import Cyclic, Schedule, Timeline
+from r2bspec.ipc.transform_stamps import TF
+from r2bspec.measure.expected_steps import input_bits
+from r2bspec.plan.plan import InputPlan, Plan
+
+
+def arrange(
+    plan: Plan, folder: Path, headers: Mapping[str, bool], note: Callable[[str], None]
+) -> Schedule:
+    """Make the schedule of a plan.
+
+    Args:
+        plan: in which something is played.
+        folder: where the buffers are.
+        headers: for each input, whether its type begins with a header.
+        note: is told what is left out.
+
+    Raises:
+        RunError: an input has no message, or what is there fits nowhere.
+    """
+    found = [_index(folder, each.source, headers[each.topic]) for each in plan.inputs]
+    types = {each.source: headers[each.topic] for each in plan.inputs if each.bag_topic}
+    recorded = {
+        each.topic for dataset in plan.datasets or (plan.dataset,) for each in dataset.topics
+    }
+    sources = [_index(folder, topic, types.get(topic)) for topic in sorted(recorded)]
+    transforms = _transforms(plan, folder)
+    pairs = list(zip(plan.inputs, found, strict=True))
+    if plan.timeline is None:
+        aligned = align(found, plan.buffer)
+        for topic, count in aligned.unpaired.items():
+            note(f"{topic}: {count} messages have no partner of the same stamp")
+        steps = in_order(aligned.steps, plan.playback_mode)
+        if transforms is None:
+            return Cyclic(steps=steps)
+        timed = [_recorded(each, index, sources) for each, index in pairs]
+        return Cyclic(steps=steps, transforms=place_transforms(transforms, steps, timed))
+    timeline, unknown = make_timeline(pairs, sources, plan.timeline, plan.buffer, transforms)
+    for topic, count in unknown.items():
+        note(f"{topic}: {count} messages are not played: no recorded message has their stamp")
+    _refuse_unasked(plan, timeline)
+    note(
+        f"a round of the timeline has {len(timeline.steps)} steps and takes "
+        f"{timeline.period_ns / 1e9:.4g} s"
+    )
+    return timeline
+
+
+def _recorded(plan: InputPlan, index: BufferIndex, sources: list[BufferIndex]) -> BufferIndex:
+    """The index with the times of the recording in place of those of preprocessing."""
+    if plan.bag_topic:
+        return index
+    times_ns = times_by_stamp(sources)
+    known = tuple(times_ns.get(stamp_ns, stamp_ns) for stamp_ns in index.stamps_ns)
+    return msgspec.structs.replace(index, times_ns=known)
+
+
+def _index(folder: Path, topic: str, has_header: bool | None) -> BufferIndex:
+    index = read_index(folder, topic)
+    return read_stamps(folder, index) if has_header and index.has_header is None else index
+
+
+def _transforms(plan: Plan, folder: Path) -> BufferIndex | None:
+    """What was buffered of /tf, if it is played along."""
+    if not any(each.publish_tf for each in plan.datasets or (plan.dataset,)):
+        return None
+    return read_index(folder, TF) if TF in buffered_transforms(folder) else None
+
+
+def _refuse_unasked(plan: Plan, timeline: Timeline) -> None:
+    """See that each monitor is asked about some step."""
+    kinds = {each.inputs for each in timeline.steps}
+    for monitor in plan.monitors:
+        wanted = input_bits(plan.inputs, monitor.answers)
+        if not any(kind & wanted == wanted for kind in kinds):
+            raise RunError(
+                f"no step of the timeline has messages of all of {', '.join(monitor.answers)}, "
+                f"which monitor {monitor.name} answers as far as is known",
+                hint=f"Write under monitors.{monitor.name} which of them it answers, such as "
+                "'answers: [image]'.",
+                code="R2B658",
+            )

@@ -1,0 +1,195 @@
+"""From what was buffered to a timeline: which messages make a step, and when each is due.
+
+Messages of one header stamp are one step, however far apart they were recorded, and whatever number
+of inputs has one: a step of an IMU has no camera's message. A message without a header is a step by
+itself. What comes straight from the bag is played at the time of its recording; what a preprocessor
+made, at the time at which the last message of its stamp was recorded, or, if the plan says so, at
+which it came out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from r2bspec.execute.errors import RunError
+from r2bspec.ipc.buffers import BufferIndex
+from r2bspec.ipc.schedule import (
+    NO_STEP,
+    Timeline,
+    TimelineMessage,
+    TimelineStep,
+    round_length_ns,
+)
+from r2bspec.plan.plan import InputPlan, TimelinePlan
+
+_BEFORE_NS = 1_000_000_000
+"""How old transforms may be, at the beginning of a timeline, that are published with it."""
+
+
+class _Found(NamedTuple):
+    """A message: its input, position, time and, unless it has none, its stamp."""
+
+    input: int
+    position: int
+    time_ns: int
+    stamp_ns: int | None
+
+
+def make_timeline(
+    inputs: Sequence[tuple[InputPlan, BufferIndex]],
+    sources: Sequence[BufferIndex],
+    plan: TimelinePlan,
+    buffer: int = 0,
+    transforms: BufferIndex | None = None,
+) -> tuple[Timeline, dict[str, int]]:
+    """Lay out the messages of all inputs in time.
+
+    Args:
+        inputs: what is played, with what was buffered for it.
+        sources: what was buffered from the bag.
+        plan: how recorded time becomes time of play.
+        buffer: how many messages of each input to keep at most; 0 keeps all.
+        transforms: recorded /tf, if it is played along.
+
+    Returns:
+        The timeline; and for each topic that has such, how many messages are left out because
+        nothing that was recorded has their stamp.
+
+    Raises:
+        RunError: an input has no message, or none whose time is known.
+    """
+    by_stamp = times_by_stamp(sources)
+    found: list[_Found] = []
+    unknown: dict[str, int] = {}
+    for column, (each, index) in enumerate(inputs):
+        times_ns = [
+            index.times_ns[position]
+            if each.bag_topic or plan.recorded
+            else by_stamp.get(index.stamps_ns[position])
+            for position in range(len(index.sizes))[: buffer or None]
+        ]
+        known = [
+            _Found(
+                column,
+                position,
+                time_ns + each.later_ns,
+                index.stamps_ns[position] + each.later_ns if index.has_header else None,
+            )
+            for position, time_ns in enumerate(times_ns)
+            if time_ns is not None
+        ]
+        if not known:
+            raise _nothing(each, len(times_ns))
+        if len(known) < len(times_ns):
+            unknown[index.topic] = len(times_ns) - len(known)
+        found += known
+    return _laid_out(found, plan, len(inputs), transforms), unknown
+
+
+def times_by_stamp(sources: Sequence[BufferIndex]) -> dict[int, int]:
+    """For each stamp, when the last message that has it was recorded."""
+    found: dict[int, int] = {}
+    for index in sources:
+        if index.has_header:
+            for stamp_ns, time_ns in zip(index.stamps_ns, index.times_ns, strict=True):
+                found[stamp_ns] = max(time_ns, found.get(stamp_ns, time_ns))
+    return found
+
+
+def _nothing(plan: InputPlan, count: int) -> RunError:
+    if not count:
+        return RunError(
+            f"no message was buffered for {plan.source}",
+            hint="Check the window, and what the preprocessors publish.",
+            code="R2B643",
+        )
+    return RunError(
+        f"none of the {count} messages on {plan.source} has the stamp of a recorded message, so "
+        "that nobody knows when to play them",
+        hint="Keep the stamp in the preprocessors, or write 'record_timeline: true', to play them "
+        "at the times at which they come out.",
+        code="R2B659",
+    )
+
+
+def _laid_out(
+    found: list[_Found], plan: TimelinePlan, inputs: int, transforms: BufferIndex | None
+) -> Timeline:
+    found.sort(key=lambda each: (each.time_ns, each.input, each.position))
+    start_ns = found[0].time_ns
+    keys, first_ns, masks = _steps(found)
+    stamps = _unique({key: key[0] for key in masks})
+    numbers = {key: number for number, key in enumerate(first_ns)}
+    length_ns = max(round_length_ns(list(first_ns.values())), found[-1].time_ns - start_ns + 1)
+    messages = [
+        TimelineMessage(
+            round((each.time_ns - start_ns) / plan.speed), numbers[key], each.input, each.position
+        )
+        for each, key in zip(found, keys, strict=True)
+    ]
+    if transforms is not None:
+        messages += _placed(transforms, start_ns, length_ns, plan.speed, inputs)
+        # What a message needs was there before it.
+        messages.sort(key=lambda each: (each.offset_ns, each.step != NO_STEP))
+    spread_ns = max(stamps.values()) - min(stamps.values())
+    return Timeline(
+        steps=tuple(TimelineStep(stamps[key], masks[key]) for key in first_ns),
+        messages=tuple(messages),
+        # No message is stamped later than it is published; the freshest one in no time before.
+        origin_ns=start_ns
+        + max((e.stamp_ns - e.time_ns for e in found if e.stamp_ns is not None), default=0),
+        period_ns=max(round(length_ns / plan.speed), messages[-1].offset_ns + 1),
+        stamp_period_ns=max(length_ns, spread_ns + 1),
+        inputs=inputs,
+        shift_transforms=plan.shift_tf,
+    )
+
+
+_Key = tuple[int, int, int]
+"""A step: its stamp, which of several with that stamp on one input, and the input if it has no
+header."""
+
+
+def _steps(found: list[_Found]) -> tuple[list[_Key], dict[_Key, int], dict[_Key, int]]:
+    """The step of each message; and, in the order of time, when each begins and its inputs."""
+    seen: dict[tuple[int, int | None], int] = {}
+    keys = []
+    first_ns: dict[_Key, int] = {}
+    masks: dict[_Key, int] = {}
+    for each in found:
+        # A device may repeat a stamp; the n-th messages of it belong together.
+        nth = seen.get((each.input, each.stamp_ns), 0)
+        seen[each.input, each.stamp_ns] = nth + 1
+        key = _key(each, nth)
+        keys.append(key)
+        first_ns.setdefault(key, each.time_ns)
+        masks[key] = masks.get(key, 0) | 1 << each.input
+    return keys, first_ns, masks
+
+
+def _key(message: _Found, nth: int) -> _Key:
+    if message.stamp_ns is None:
+        return message.time_ns, nth, message.input
+    return message.stamp_ns, nth, -1
+
+
+def _unique(stamps: dict[_Key, int]) -> dict[_Key, int]:
+    """The stamps, those that repeat moved on by nanoseconds: outputs are told apart by them."""
+    last_ns: int | None = None
+    found = {}
+    for key in sorted(stamps):
+        stamp_ns = stamps[key] if last_ns is None else max(stamps[key], last_ns + 1)
+        found[key] = last_ns = stamp_ns
+    return found
+
+
+def _placed(
+    transforms: BufferIndex, start_ns: int, length_ns: int, speed: float, column: int
+) -> list[TimelineMessage]:
+    """Where transforms lie in a round; what came shortly before its beginning comes with it."""
+    return [
+        TimelineMessage(round(max(0, time_ns - start_ns) / speed), NO_STEP, column, position)
+        for position, time_ns in enumerate(transforms.times_ns)
+        if -_BEFORE_NS <= time_ns - start_ns < length_ns
+    ]

@@ -1,0 +1,1 @@
+"""Measuring: iterations, the peak search, and the overhead of the harness."""

@@ -1,0 +1,130 @@
+"""Playing the iterations: as many as were declared, and more where the verdict is still open.
+
+All rates are played in turn in each iteration, so that a slow drift of the machine touches all of
+them alike. Where the spec allows more iterations than it asks for, the run is looked at when it has
+once, twice and four times as many as declared, with the error divided among the looks
+(`r2bspec.judge.interim_looks`); it goes on only while something is open that more iterations can
+settle.
+
+At the end of each look, iterations that the machine disturbed are played again, each once, where
+that decides whether a failure counts (`r2bspec.judge.affected_iterations`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from r2bspec.execute.measurement.segments import Stage
+from r2bspec.execute.measurement.time_budget import Budget
+from r2bspec.judge.decision_policy import terms_of
+from r2bspec.judge.interim_looks import Looks, decide_at
+from r2bspec.judge.verdict import DisturbedIteration, Verdict
+from r2bspec.plan.plan import Plan, PlayPlan
+
+
+@dataclass(frozen=True)
+class Iterating:
+    """Playing the iterations of a plan on a stage.
+
+    Attributes:
+        judge_so_far: the verdict on everything that has been played.
+        note: is told what was decided.
+        budget: is asked before anything is played that the spec does not declare.
+    """
+
+    plan: Plan
+    stage: Stage
+    judge_so_far: Callable[[], Verdict]
+    note: Callable[[str], None]
+    budget: Budget
+
+    def play(self) -> tuple[Verdict, int]:
+        """Play look by look.
+
+        Returns:
+            The verdict, and how many iterations were played at each rate.
+
+        Raises:
+            RunError: what `Stage.play` raises.
+        """
+        plays = self.plan.play
+        looks = terms_of(self.plan).looks or Looks((max(each.iterations for each in plays),))
+        began_s, played = self.budget.spent_s(), 0
+        for number, end in enumerate(looks.iterations, start=1):
+            self._play_on(played, end)
+            played = end
+            verdict = self._judge()
+            if number == len(looks) or not _goes_on(verdict, looks, number):
+                break
+            each_s = (self.budget.spent_s() - began_s) / played
+            more_s = each_s * (looks.iterations[number] - played)
+            if not self.budget.allows(f"no more than {end} iterations", more_s):
+                break
+            self.note(f"not all is decided after {end} iterations; there will be more")
+        return verdict, played
+
+    def play_so_many(self, number: int) -> Verdict:
+        """Play a fixed number of iterations.
+
+        Raises:
+            RunError: what `Stage.play` raises.
+        """
+        self._play_on(0, number)
+        return self._judge()
+
+    def _play_on(self, played: int, end: int) -> None:
+        for index in range(played + 1, end + 1):
+            for play in self.plan.play:
+                self._play_once(play, index, f"iteration {index} of {end}")
+
+    def _judge(self) -> Verdict:
+        """The verdict, after the disturbed iterations that it hangs on were played again."""
+        verdict = self.judge_so_far()
+        wanted = disturbed_in_vain(verdict)
+        again = 0
+        for one in wanted:
+            play = next(each for each in self.plan.play if each.rate_hz == one.rate_hz)
+            if not self.budget.allows(
+                f"no rerun of {one.segment}, which was disturbed", play.duration_ns / 1e9
+            ):
+                break
+            reasons = "; ".join(one.reasons)
+            self.note(f"{one.segment} was disturbed by the machine ({reasons}); it is played again")
+            (index,) = (each.index for each in self.stage.segments if each.id == one.segment)
+            self._play_once(play, index, f"iteration {index} again", rerun_of=one.segment)
+            again += 1
+        return self.judge_so_far() if again else verdict
+
+    def _play_once(self, play: PlayPlan, index: int, title: str, rerun_of: str = "") -> None:
+        again = "-again" if rerun_of else ""
+        at = f"{play.rate_hz:g} Hz, " if play.rate_hz else ""
+        name = f"rate-{play.rate_hz:g}Hz" if play.rate_hz else "iteration"
+        self.stage.play_for(
+            "iteration",
+            f"{name}-{index:03d}{again}",
+            play.rate_hz,
+            play.duration_ns,
+            title=f"{at}{title}",
+            index=index,
+            rerun_of=rerun_of,
+        )
+
+
+def disturbed_in_vain(verdict: Verdict) -> Sequence[DisturbedIteration]:
+    """The disturbed iterations that a failure hangs on, and that were not played again yet."""
+    rates = {one.at_hz for one in verdict.requirements if one.weakened and one.at_hz is not None}
+    return [
+        one
+        for one in verdict.disturbed
+        if not one.rerun
+        and not one.rerun_of
+        and any(math.isclose(one.rate_hz, rate) for rate in rates)
+    ]
+
+
+def _goes_on(verdict: Verdict, looks: Looks, number: int) -> bool:
+    """Whether a look leaves something open that more iterations can settle."""
+    counted = [each for each in verdict.requirements if each.level == "error"]
+    return decide_at(looks, number, counted) == "go on"

@@ -1,0 +1,122 @@
+"""Watching a segment of a live run: the graph has a source of its own, and nothing is played.
+
+A segment is what arrived in a stretch of time. The stamps of its messages are on the system clock,
+all other times on CLOCK_MONOTONIC, so the difference of the two is kept with each segment.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from r2bspec.execute.measurement.segments import Observed, Stage
+from r2bspec.record.run_record import Segment, SegmentKind
+from r2bspec.record.sample_arrays import PLAYBACK, Rows
+
+_POLL_S = 0.25
+_CLOCK_NS = 1_000_000
+"""By more than this only somebody who sets the system clock changes it within a segment."""
+
+_READINGS = 5
+
+
+class LiveStage(Stage):
+    """A stage on which the graph's own source plays."""
+
+    def play_for(
+        self,
+        kind: SegmentKind,
+        segment_id: str,
+        rate_hz: float,
+        duration_ns: int,
+        *,
+        title: str,
+        index: int = 1,
+        least_steps: int = 2,
+        rerun_of: str = "",
+    ) -> Observed:
+        """Watch for so long, and record it; the rate and the least steps have no meaning here.
+
+        Raises:
+            RunError: a process died or failed.
+        """
+        del rate_hz, least_steps
+        self._progress.segment(title, 0)
+        first = self._unread()
+        offset_ns = clock_offset_ns()
+        began_ns = time.monotonic_ns()
+        complete = False
+        try:
+            self._resources.sample_at(began_ns)
+            live = self._live(first)
+            self._wait_until(began_ns + duration_ns, lambda: self._progress.playing(live))
+            self._resources.sample_at(began_ns + duration_ns)
+            complete = True
+        finally:
+            ended_ns = began_ns + duration_ns if complete else time.monotonic_ns()
+            changed_ns = clock_offset_ns() - offset_ns
+            observed = self._seen(first, began_ns, ended_ns)
+            self._keep(
+                Segment(
+                    id=self.id_of(segment_id),
+                    kind=self._kind_of(kind),
+                    rate_hz=0.0,
+                    index=index,
+                    steps=0,
+                    began_ns=began_ns,
+                    ended_ns=ended_ns,
+                    complete=complete,
+                    rerun_of=rerun_of,
+                    live=True,
+                    clock_offset_ns=offset_ns if abs(changed_ns) <= _CLOCK_NS else None,
+                ),
+                observed,
+                first,
+            )
+        self._look_for_silence(kind, observed)
+        return observed
+
+    def play_aside(self, rate_hz: float, steps: int) -> None:
+        """Let the source play for as long as so many steps would take."""
+        end = time.monotonic() + steps / rate_hz
+        while (left_s := end - time.monotonic()) > 0:
+            self._children.pump(left_s)
+
+    def _look_for_silence(self, kind: SegmentKind, observed: Observed) -> None:
+        """Tell of outputs of which nothing came, each once."""
+        for plan in self._plans:
+            if kind == "warm_up" or plan.name in self._silent or observed.monitors[plan.name].size:
+                continue
+            self._silent.add(plan.name)
+            self.on_silence(self.segments[-1], plan)
+
+    def _wait_until(self, end_ns: int, report: Callable[[], None]) -> None:
+        while (left_ns := end_ns - time.monotonic_ns()) > 0:
+            self._children.pump(min(_POLL_S, left_ns / 1e9))
+            report()
+
+    def _seen(self, first: dict[str, int], began_ns: int, ended_ns: int) -> Observed:
+        """What was received between two times."""
+
+        def within(rows: Rows) -> Rows:
+            received = rows["received_ns"]
+            found: Rows = rows[(received >= began_ns) & (received < ended_ns)]
+            return found
+
+        observed = self._observed(first)
+        monitors = {name: within(rows) for name, rows in observed.monitors.items()}
+        return Observed(np.empty(0, PLAYBACK), monitors, self._plans, self._inputs, 0)
+
+
+def clock_offset_ns() -> int:
+    """The system clock minus CLOCK_MONOTONIC, from the closest of a few pairs of readings."""
+    closest = None
+    for _ in range(_READINGS):
+        before_ns = time.monotonic_ns()
+        system_ns = time.time_ns()
+        after_ns = time.monotonic_ns()
+        found = (after_ns - before_ns, system_ns - (before_ns + after_ns) // 2)
+        closest = found if closest is None else min(closest, found)
+    return closest[1] if closest else 0

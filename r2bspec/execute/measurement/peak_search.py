@@ -1,0 +1,178 @@
+"""The search for the peak: the highest offered rate that holds, to a stated relative precision.
+
+The search knows nothing of processes: it calls a probe and reads its outcome. It brackets fast,
+because an overloaded graph betrays its own rate: what comes out of it at too high an offer is
+close to what it can sustain, so the first candidates lie just below and just above that. From
+there the bracket is halved in the ratio of its ends until it is as narrow as the precision.
+
+A probe may stay open: the graph's times are too irregular for its length. Next to a rate that is
+open the search steps away from it, down and up, by what the probe could tell apart, and twice that
+if it stays open there, too. The bracket that is left is wider than the precision, and says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from r2bspec.record.run_record import Probe, SearchRecord
+
+_STRIDE_GROWTH = 4.0
+"""Strides of 1, 4 and 16 times the precision: next to a good guess the first one ends the search,
+and a bad guess is left behind after two or three."""
+
+_WIDEST = 0.5
+"""However little an open probe tells, the next one is no further away than that."""
+
+_MOST_OPEN = 8
+"""Probes that stay open are the longest ones; after so many there is no use in going on."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one probe found.
+
+    Attributes:
+        probe: for the record.
+        by_player: the rate did not hold because the player could not offer it, which says nothing
+            about the graph.
+        unclear: the relative half-width within which the probe knows the rate of the graph.
+    """
+
+    probe: Probe
+    by_player: bool = False
+    unclear: float = 0.0
+
+
+ProbeFunction = Callable[[float], Outcome]
+
+
+class PeakSearch:
+    """One search; `run` carries it out, `record` is what is known at any time."""
+
+    def __init__(
+        self,
+        minimum_hz: float,
+        maximum_hz: float,
+        precision: float,
+        probe: ProbeFunction,
+        *,
+        confidence: float = 0.95,
+    ) -> None:
+        self._minimum_hz = minimum_hz
+        self._maximum_hz = maximum_hz
+        self._precision = precision
+        self._confidence = confidence
+        self._probe = probe
+        self._probes: list[Probe] = []
+        self._holds_hz: float | None = None
+        self._fails_hz: float | None = None
+        self._fails_by_player = False
+        self._open: dict[float, float] = {}
+        self._guess_hz = 0.0
+        self._guess_tried = False
+        self._stride = 1.0
+        self._done = False
+
+    def run(self) -> SearchRecord:
+        """Search. Both ends of the range are probed, so that neither is taken for granted."""
+        if self._try(self._minimum_hz) is not False and self._maximum_hz > self._minimum_hz:
+            self._try(self._maximum_hz)
+        while (rate_hz := self._next_rate()) is not None:
+            self._try(rate_hz)
+        self._done = True
+        return self.record()
+
+    def record(self) -> SearchRecord:
+        """What has been found so far."""
+        return SearchRecord(
+            probes=tuple(self._probes),
+            holds_hz=self._holds_hz,
+            fails_hz=self._fails_hz,
+            limited_by=self._limited_by(),
+            precision=self._precision,
+            confidence=self._confidence,
+        )
+
+    def _limited_by(self) -> Literal["graph", "player", "range", "interrupted"]:
+        if not self._done:
+            return "interrupted"
+        if self._fails_hz is None:
+            return "range"
+        return "player" if self._fails_by_player else "graph"
+
+    def _try(self, rate_hz: float) -> bool | None:
+        outcome = self._probe(rate_hz)
+        self._probes.append(outcome.probe)
+        if outcome.probe.holds is False and self._surprising(outcome):
+            # A hiccup of the machine looks like a slow graph once, but hardly twice.
+            outcome = self._probe(rate_hz)
+            self._probes.append(outcome.probe)
+        if outcome.probe.holds is None:
+            self._open[rate_hz] = outcome.unclear
+        elif outcome.probe.holds:
+            self._holds_hz = max(rate_hz, self._holds_hz or 0.0)
+        elif self._fails_hz is None or rate_hz < self._fails_hz:
+            self._fails_hz = rate_hz
+            self._fails_by_player = outcome.by_player
+            if not outcome.by_player and not self._guess_tried:
+                self._guess_hz = outcome.probe.delivered_hz
+        return outcome.probe.holds
+
+    def _surprising(self, outcome: Outcome) -> bool:
+        """Whether a rate failed that should have held: the lowest, or one seen to be delivered."""
+        rate_hz = outcome.probe.rate_hz
+        return not outcome.by_player and (
+            rate_hz <= self._minimum_hz or rate_hz < self._guess_hz * (1 - self._precision)
+        )
+
+    def _next_rate(self) -> float | None:
+        """The next rate to try, or None when the bracket is as narrow as it can be made."""
+        lower_hz = self._holds_hz or self._minimum_hz
+        upper_hz = self._fails_hz or self._maximum_hz
+        if upper_hz / lower_hz <= 1 + self._precision:
+            return None
+        around = sorted(rate for rate in self._open if lower_hz <= rate <= upper_hz)
+        if around:
+            return self._beside(around, lower_hz, upper_hz)
+        if self._holds_hz is None or self._fails_hz is None:
+            return None
+        return self._between(self._holds_hz, self._fails_hz)
+
+    def _between(self, holds_hz: float, fails_hz: float) -> float:
+        """A rate between one that held and one that did not."""
+        guess_hz = self._guess_hz * (1 - self._precision / 2)
+        if holds_hz < guess_hz < fails_hz and not self._guess_tried:
+            self._guess_tried = True
+            return guess_hz
+        # Walk away from the guess in growing strides until the peak lies between, then halve.
+        step = 1 + self._stride * 0.999 * self._precision
+        self._stride *= _STRIDE_GROWTH
+        middle_hz = math.sqrt(holds_hz * fails_hz)
+        if holds_hz >= guess_hz:
+            return min(middle_hz, holds_hz * step)
+        return max(middle_hz, fails_hz / step)
+
+    def _beside(self, around: list[float], lower_hz: float, upper_hz: float) -> float | None:
+        """A rate below or above those that are open; None if both gaps are as narrow as can be.
+
+        Args:
+            around: the open rates of the bracket, ascending.
+            lower_hz: the lower end of the bracket.
+            upper_hz: its upper end.
+        """
+        if len(self._open) >= _MOST_OPEN:
+            return None
+        below_hz, above_hz = around[0], around[-1]
+        down, up = (
+            1 + min(max(self._precision, self._open[each]), _WIDEST) * 2.0 ** (len(around) // 2)
+            for each in (below_hz, above_hz)
+        )
+        # A gap of one step is as narrow as it can be made.
+        if below_hz / lower_hz > down * 1.001:
+            return below_hz / down
+        if upper_hz / above_hz > up * 1.001:
+            return above_hz * up
+        return None

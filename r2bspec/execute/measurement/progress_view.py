@@ -1,0 +1,149 @@
+"""What can be told of a stretch while it is still being played.
+
+Everything is worked out when it is asked for, and from the rows that came since it was last asked
+for: a run that nobody watches pays nothing for it, and a long one no more than a short one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from r2bspec.ipc.sample_files import RowReader
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from r2bspec.plan.plan import MonitorPlan
+
+    Nanoseconds = NDArray[np.int64]
+
+
+_LOG_STEP = math.log(1.01)
+_STEPS = 2800
+"""Steps of 1 % from a nanosecond to some 20 minutes."""
+
+
+_KEPT = 10_000
+"""Steps that an answer may still come to."""
+
+
+class LiveView:
+    """One stretch, as far as it has been played.
+
+    Args:
+        playback: what the player writes.
+        monitors: what each monitor writes, with its plan.
+        first: how many rows each had when the stretch began; the player's under an empty name.
+        use: processor time per time of each process, by name.
+    """
+
+    def __init__(
+        self,
+        playback: RowReader,
+        monitors: Mapping[str, tuple[MonitorPlan, RowReader]],
+        first: Mapping[str, int],
+        use: Callable[[], Mapping[str, float]],
+    ) -> None:
+        self._playback = _Column(playback, first[""])
+        self._monitors = {
+            name: _Latencies(plan, _Column(rows, first[name]))
+            for name, (plan, rows) in monitors.items()
+        }
+        self._use = use
+
+    def sent(self) -> int:
+        """How many steps have been published."""
+        return self._playback.count()
+
+    def received(self) -> int:
+        """How many messages have come: the least over all monitors."""
+        return min((each.rows.count() for each in self._monitors.values()), default=0)
+
+    def p99_ns(self) -> int | None:
+        """The p99 of the latencies of the messages that have come, the largest of all monitors.
+
+        It is up to 1 % above the true one: latencies are counted in steps of that size. A message
+        that is still under way is not in it, nor one that was lost.
+        """
+        # Monitors first: a step that is in the monitors' rows must be in the player's.
+        for each in self._monitors.values():
+            each.rows.read()
+        self._playback.read()
+        found = [each.p99_ns(self._playback) for each in self._monitors.values()]
+        self._playback.drop(_KEPT)
+        return max((each for each in found if each is not None), default=None)
+
+    def cores(self) -> Mapping[str, float]:
+        """Processor time per time of each process lately; 1 is one core."""
+        return self._use()
+
+
+class _Column:
+    """The rows of a stretch, as they are read; all but the latest may be dropped."""
+
+    def __init__(self, rows: RowReader, first: int) -> None:
+        import numpy as np
+
+        self._rows = rows
+        self._first = first
+        self.dropped = 0
+        self.stamps: Nanoseconds = np.empty(0, np.int64)
+        self.times: Nanoseconds = np.empty(0, np.int64)
+
+    def count(self) -> int:
+        return self._rows.count() - self._first
+
+    def read(self) -> None:
+        """Read what is new: stamps, and when each message was published or received."""
+        import numpy as np
+
+        new = self._rows.read(self._first + self.dropped + self.stamps.size)
+        if new.size:
+            names = new.dtype.names or ()
+            time = "published_ns" if "published_ns" in names else "received_ns"
+            self.stamps = np.concatenate((self.stamps, new["stamp_ns"]))
+            self.times = np.concatenate((self.times, new[time]))
+
+    def drop(self, kept: int) -> None:
+        """Forget all but the last `kept` rows."""
+        gone = max(0, self.stamps.size - kept)
+        self.dropped += gone
+        self.stamps, self.times = self.stamps[gone:], self.times[gone:]
+
+
+class _Latencies:
+    """The latencies of one monitor, of which only the new ones are matched."""
+
+    def __init__(self, plan: MonitorPlan, rows: _Column) -> None:
+        import numpy as np
+
+        self.rows = rows
+        self._by_stamp = plan.match == "stamp"
+        self._counts: Nanoseconds = np.zeros(_STEPS, np.int64)
+
+    def p99_ns(self, playback: _Column) -> int | None:
+        import numpy as np
+
+        from r2bspec.measure.percentiles import rank
+
+        stamps, received = self.rows.stamps, self.rows.times
+        if self._by_stamp:
+            # Stamps only ever grow.
+            steps = np.searchsorted(playback.stamps, stamps)
+        else:
+            steps = np.arange(stamps.size) + self.rows.dropped - playback.dropped
+        known = (steps >= 0) & (steps < playback.stamps.size)
+        if self._by_stamp:
+            known[known] = playback.stamps[steps[known]] == stamps[known]
+        new = received[known] - playback.times[steps[known]]
+        self.rows.drop(0)
+        steps_of = np.ceil(np.log(np.maximum(new, 1)) / _LOG_STEP).astype(np.int64)
+        self._counts += np.bincount(np.minimum(steps_of, _STEPS - 1), minlength=_STEPS)
+        total = int(self._counts.sum())
+        if not total:
+            return None
+        step = int(np.searchsorted(np.cumsum(self._counts), rank(0.99, total)))
+        return round(math.exp(step * _LOG_STEP))

@@ -1,0 +1,175 @@
+"""One probe of a rate on the real graph: play until the answer is clear, then judge."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Literal
+
+from r2bspec.execute.measurement.peak_search import Outcome
+from r2bspec.execute.measurement.segments import Observed, Stage
+from r2bspec.judge.rate_test import (
+    Criterion,
+    Judgement,
+    Seen,
+    judge_end,
+    judge_look,
+    planned_looks,
+    see,
+    worst,
+)
+from r2bspec.judge.verdict import CONFIDENCE
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.measure.metric_catalogue import resolve
+from r2bspec.measure.metric_values import value
+from r2bspec.plan.plan import Plan
+from r2bspec.record.run_record import Probe
+
+_PRECISION = 0.02
+_PROBE_NS = 10_000_000_000
+"""Of a probe for `sustained` where the spec has no search that says otherwise."""
+
+_LEAST_STEPS = 20
+
+_WORDS = {True: "holds", False: "does not hold", None: "stays open"}
+
+
+class Prober:
+    """Probes rates; of several monitors, the one that does worst decides."""
+
+    def __init__(self, plan: Plan, stage: Stage, note: Callable[[str], None]) -> None:
+        search = plan.search
+        self._plan = plan
+        self._stage = stage
+        self._note = note
+        self._limit_s = (search.probe_ns if search else _PROBE_NS) / 1e9
+        self._conditions = search.holds if search else ()
+        self._criterion = Criterion(
+            precision=search.precision if search else _PRECISION,
+            loss=max((_allowed_loss(each) for each in self._conditions), default=0.0),
+            confidence=search.confidence if search else CONFIDENCE,
+        )
+        self._numbers = itertools.count(1)
+
+    def probe(self, rate_hz: float) -> Outcome:
+        """Probe one rate for the search."""
+        return self._play("probe", rate_hz)
+
+    def sustain(self, rate_hz: float) -> Outcome:
+        """Probe one rate for an objective that requires it to be sustained."""
+        return self._play("sustained", rate_hz)
+
+    def _play(self, kind: Literal["probe", "sustained"], rate_hz: float) -> Outcome:
+        number = next(self._numbers)
+        name = f"{kind}-{number:03d}"
+        steps = max(_LEAST_STEPS, round(self._limit_s * rate_hz))
+        watching = _Watching(
+            self._criterion, steps / rate_hz, lambda each: self._see(rate_hz, each)
+        )
+        observed = self._stage.play(
+            kind,
+            name,
+            rate_hz,
+            steps,
+            title=f"probing {rate_hz:.4g} Hz",
+            index=number,
+            watch=watching.watch,
+        )
+        seen = self._see(rate_hz, observed)
+        judgement = watching.conclude(seen)
+        if judgement.holds:
+            judgement = self._check_conditions(observed, rate_hz)
+        self._note(f"{rate_hz:.4g} Hz {_WORDS[judgement.holds]}: {judgement.reason}")
+        return Outcome(
+            Probe(
+                segment=self._stage.id_of(name),
+                rate_hz=rate_hz,
+                delivered_hz=min((each.whole.delivered_hz for each in seen), default=0.0),
+                holds=judgement.holds,
+                reason=judgement.reason,
+                confidence=self._criterion.confidence,
+            ),
+            by_player=judgement.by_player,
+            unclear=judgement.unclear,
+        )
+
+    def _see(self, rate_hz: float, observed: Observed) -> list[Seen]:
+        if not observed.playback.size:
+            return []
+        return [
+            see(
+                rate_hz,
+                observed.playback,
+                observed.monitors[plan.name],
+                observed.matching(plan.name),
+                observed.now_ns,
+            )
+            for plan in self._plan.monitors
+        ]
+
+    def _check_conditions(self, observed: Observed, rate_hz: float) -> Judgement:
+        """The conditions that the spec puts on a rate that holds, on what was measured."""
+        names = [plan.name for plan in self._plan.monitors]
+        samples = observed.samples(self._stage.segments[-1])
+        for condition in self._conditions:
+            named, metric = resolve(condition.metric, names)
+            for monitor in [named] if named else names:
+                measured = value(metric, monitor, samples)
+                per_step = samples.monitors[monitor].per_step if metric.scope == "monitor" else 1.0
+                limit = _limit(condition, rate_hz * per_step)
+                if limit is None or (measured is not None and condition.holds(measured, limit)):
+                    continue
+                shown = "nothing was measured" if measured is None else f"it is {measured:.4g}"
+                return Judgement(holds=False, reason=f"{condition} does not hold: {shown}")
+        return Judgement(holds=True, reason="delivered as offered")
+
+
+def _limit(condition: Requirement, rate_hz: float) -> float | None:
+    """The limit of a condition at one offered rate, in SI units; None if it has no bound."""
+    if condition.bound is None:
+        return None
+    return condition.bound.value * (rate_hz if condition.bound.of_offered else 1.0)
+
+
+def _allowed_loss(condition: Requirement) -> float:
+    """The drop rate that a condition admits, as a fraction; 0 for one about something else."""
+    if not condition.metric.endswith("drop_rate") or condition.bound is None:
+        return 0.0
+    return condition.bound.value if condition.op in {"<", "<="} else 0.0
+
+
+class _Watching:
+    """Looks at a probe at the planned times, and remembers what the first clear look has shown."""
+
+    def __init__(
+        self, criterion: Criterion, limit_s: float, see_all: Callable[[Observed], list[Seen]]
+    ) -> None:
+        self._criterion = criterion
+        self._looks = planned_looks(limit_s)
+        self._see_all = see_all
+        self._number = 0
+        self._decided: list[bool | None] = []
+
+    def watch(self, observed: Observed, elapsed_s: float) -> bool:
+        """Whether the answer is clear; called while playing."""
+        due = [each for each in self._looks[self._number : -1] if each.at_s <= elapsed_s]
+        if not due:
+            return False
+        self._number += len(due)
+        judgements = [
+            judge_look(each, self._criterion, due[-1]) for each in self._see_all(observed)
+        ]
+        if worst(judgements).holds is None:
+            return False
+        self._decided = [each.holds for each in judgements]
+        return True
+
+    def conclude(self, seen: list[Seen]) -> Judgement:
+        """What was found, when the graph has drained."""
+        decided = self._decided or [None] * len(seen)
+        return worst(
+            [
+                judge_end(each, self._criterion, self._looks[-1], holds)
+                for each, holds in zip(seen, decided, strict=True)
+            ]
+        )

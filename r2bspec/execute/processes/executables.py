@@ -1,0 +1,89 @@
+"""From the command line in a plan to one that can be executed on this machine."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from r2bspec import harness
+from r2bspec.execute.errors import NotInstalledError
+from r2bspec.execute.host.machine import interpreter
+from r2bspec.plan.plan import ProcessPlan
+
+_EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
+
+
+def resolve_argv(plan: ProcessPlan) -> list[str]:
+    """The command line of a process, with the interpreter, executables and full paths put in.
+
+    Raises:
+        NotInstalledError: a package, executable or program is not on this machine.
+    """
+    return resolve_words(plan.argv, f"process {plan.name}")
+
+
+def resolve_words(words: Sequence[str], what: str) -> list[str]:
+    """The same for any command; `what` is whose it is, for the error.
+
+    Raises:
+        NotInstalledError: a package, executable or program is not on this machine.
+    """
+    argv = [_resolve(word) for word in words]
+    if "/" not in argv[0]:
+        found = shutil.which(argv[0])
+        if found is None:
+            raise NotInstalledError(
+                f"{what}: there is no program {argv[0]!r} on PATH",
+                hint="Install it, or correct the command in the spec.",
+                code="R2B621",
+            )
+        argv[0] = found
+    return argv
+
+
+def _resolve(word: str) -> str:
+    if word == "$(python)":
+        return interpreter()
+    if word == "$(included_launch)":
+        return str(Path(harness.__file__).with_name("included_launch.py"))
+    found = _EXECUTABLE.fullmatch(word)
+    return str(find_executable(found["package"], found["name"])) if found else word
+
+
+def find_executable(package: str, name: str) -> Path:
+    """The executable of an ament package: ``PREFIX/lib/PACKAGE/NAME``.
+
+    The index is read directly (a package is a file of its name below
+    ``share/ament_index/resource_index/packages``), so that it works wherever ROS is sourced.
+
+    Raises:
+        NotInstalledError: no prefix in AMENT_PREFIX_PATH has the package or the executable.
+    """
+    prefixes = [Path(each) for each in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if each]
+    index = "share/ament_index/resource_index/packages"
+    homes = [prefix for prefix in prefixes if (prefix / index / package).exists()]
+    if not homes:
+        raise NotInstalledError(
+            f"ROS package {package!r} is not installed in {len(prefixes)} ament prefixes",
+            hint="Source the workspace that has it, or install it.",
+            code="R2B622",
+        )
+    for prefix in homes:
+        candidate = prefix / "lib" / package / name
+        if _executable(candidate):
+            return candidate
+    there = sorted(
+        each.name for each in (homes[0] / "lib" / package).glob("*") if _executable(each)
+    )
+    raise NotInstalledError(
+        f"ROS package {package!r} has no executable {name!r}",
+        hint=f"It has: {', '.join(there) or 'none'}.",
+        code="R2B623",
+    )
+
+
+def _executable(path: Path) -> bool:
+    return path.is_file() and os.access(path, os.X_OK)

@@ -1,0 +1,275 @@
+"""The processes of a run: started, listened to, watched for death, and ended in order.
+
+Everything happens in the controller's one thread: `Children.pump` waits for messages and looks at
+every process, and raises as soon as one has died that was not told to.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import selectors
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
+from r2bspec.execute.processes.process import Child, describe_exit
+from r2bspec.execute.processes.process_logs import Logs
+from r2bspec.execute.processes.shutdown import GRACE_S, end_in_turn
+from r2bspec.ipc import protocol
+from r2bspec.ipc.process_cleanup import clean_up
+from r2bspec.record.run_record import ProcessRecord
+
+__all__ = ["Child", "Children", "describe_exit"]
+
+_POLL_S = 0.05
+_NOT_INSTALLED = "R2B62"
+"""The family of codes for what is not there: to try the run again would not help."""
+
+_WITHOUT_CHANNEL = frozenset({"command", "container"})
+"""Roles of programs that know nothing of r2bspec."""
+
+_Answer = TypeVar("_Answer")
+
+
+class Children:
+    """All processes of a run, and the watchdog that ends them should the controller be killed."""
+
+    def __init__(
+        self,
+        run_id: str,
+        scratch: Path,
+        check_interrupt: Callable[[], None],
+        on_start: Callable[[Child], None] | None = None,
+        conceal: Callable[[str], str] = str,
+    ) -> None:
+        self._conceal = conceal
+        self._run_id = run_id
+        self._check_interrupt = check_interrupt
+        self._on_start = on_start
+        self._selector = selectors.DefaultSelector()
+        self._living: dict[str, Child] = {}
+        self._all: list[Child] = []
+        self._killed: list[str] = []
+        self._logs = Logs()
+        self._began_s = time.time()
+        # The process environment is the controller's: the watchdog is no part of the run.
+        self._watchdog = subprocess.Popen(
+            [sys.executable, "-P", "-m", "r2bspec.harness.watchdog", run_id, str(scratch)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+
+    def __iter__(self) -> Iterator[Child]:
+        return iter(list(self._living.values()))
+
+    def observer(self) -> Child:
+        """Who can be asked what discovery shows: the monitor or the loader, whichever is up."""
+        speakers = (each for child in self for each in (child, *child.parts.values()))
+        return next(each for each in speakers if each.role in {"monitor", "loader"})
+
+    def start(
+        self,
+        name: str,
+        role: str,
+        argv: Iterable[str],
+        env: dict[str, str],
+        *,
+        cwd: Path,
+        log: Path,
+        parts: Iterable[str] = (),
+    ) -> Child:
+        """Start a process in a session of its own, with its output going to `log`.
+
+        It has a control channel, and one more for each of its `parts`, but for programs that know
+        nothing of r2bspec.
+
+        Raises:
+            NotInstalledError: there is no such program, or it may not be executed.
+        """
+        command = list(argv)
+        self._logs.watch(log.parent)
+        named = () if role in _WITHOUT_CHANNEL else ("", *parts)
+        channels = {part: socket.socketpair() for part in named}
+        theirs = {part: pair[1] for part, pair in channels.items()}
+        env = env | {
+            protocol.control_variable(part): str(each.fileno()) for part, each in theirs.items()
+        }
+        try:
+            with log.open("ab") as output:
+                process = subprocess.Popen(
+                    command,
+                    cwd=cwd,
+                    env=env,
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                    pass_fds=[each.fileno() for each in theirs.values()],
+                )
+        except OSError as error:
+            for ours, _ in channels.values():
+                ours.close()
+            raise NotInstalledError(
+                f"process {name} cannot be started: {command[0]}: {error.strerror or error}",
+                hint="Check the command in the spec, and that it is installed on this machine.",
+                code="R2B621",
+            ) from error
+        finally:
+            for each in theirs.values():
+                each.close()
+        self._tell_watchdog(f"session {process.pid}\n")
+        child = Child(name, role, process, log, None, self._conceal)
+        for part, (ours, _) in channels.items():
+            speaker = child
+            if part:
+                speaker = child.parts[part] = Child(part, part, process, log, None, self._conceal)
+            speaker.connection = ours
+            self._selector.register(ours, selectors.EVENT_READ, speaker)
+        self._living[name] = child
+        self._all.append(child)
+        if self._on_start is not None:
+            self._on_start(child)
+        return child
+
+    def pump(self, timeout_s: float = _POLL_S) -> None:
+        """Wait for messages for at most `timeout_s` seconds, and look after every process.
+
+        Raises:
+            ProcessFailedError: a process said why it cannot go on.
+            NotInstalledError: it said that something is not there that it needs.
+            ProcessDiedError: a process ended unasked.
+            InterruptedRunError: the user or the system asked for an end.
+        """
+        self._check_interrupt()
+        for key, _ in self._selector.select(timeout_s):
+            child: Child = key.data
+            if not child.read():
+                self._selector.unregister(key.fileobj)
+        for child in self._living.values():
+            for speaker in (child, *child.parts.values()):
+                self._raise_failure(speaker)
+        self._logs.keep_small()
+        for child in list(self._living.values()):
+            if child.process.poll() is not None and not child.ending:
+                self._raise_death(child)
+        self._check_interrupt()
+
+    def pump_for(self, seconds: float) -> None:
+        """Do as `pump` for a while.
+
+        Raises:
+            RunError: what `pump` raises.
+        """
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self.pump()
+
+    def _raise_failure(self, child: Child) -> None:
+        for message in child.inbox:
+            if isinstance(message, protocol.Failed):
+                missing = message.code.startswith(_NOT_INSTALLED)
+                raise (NotInstalledError if missing else ProcessFailedError)(
+                    f"{child.name}: {self._conceal(message.message)}",
+                    hint=self._conceal(message.hint) or f"Its output is in {child.log}",
+                    code=message.code,
+                )
+
+    def _raise_death(self, child: Child) -> None:
+        # Its last words may still be in the socket.
+        for speaker in (child, *child.parts.values()):
+            if speaker.read():
+                self._raise_failure(speaker)
+        tail = child.log_tail()
+        said = f"; the last it printed:\n{tail}" if tail else "; it printed nothing"
+        raise ProcessDiedError(
+            f"process {child.name} {describe_exit(child.process.returncode)}{said}",
+            hint=f"Its whole output is in {child.log}",
+        )
+
+    def ask(self, child: Child, command: Any, kind: type[_Answer], timeout_s: float) -> _Answer:
+        """Send a command and wait for its answer.
+
+        Raises:
+            RunError: no answer came in time, or what `pump` raises.
+        """
+        child.send(command)
+        return self.answer(child, kind, timeout_s)
+
+    def answer(self, child: Child, kind: type[_Answer], timeout_s: float) -> _Answer:
+        """Wait for an answer of a kind.
+
+        Raises:
+            RunError: none came in time, or what `pump` raises.
+        """
+        deadline = time.monotonic() + timeout_s
+        while True:
+            while child.inbox:
+                message = child.inbox.popleft()
+                if isinstance(message, kind):
+                    return message
+            if time.monotonic() > deadline:
+                raise RunError(
+                    f"process {child.name} did not answer within {timeout_s:g} s",
+                    hint=f"It may be blocked in a callback or a constructor; see {child.log}",
+                    code="R2B632",
+                )
+            self.pump()
+
+    def end(self, children: Iterable[Child]) -> None:
+        """End some processes, one after another: asked, then told, then killed."""
+        ended = [child for child in children if child.name in self._living]
+        self._killed += end_in_turn(ended, self._logs.keep_small)
+        for child in ended:
+            self._forget(child)
+
+    def close(self) -> list[str]:
+        """End everything, and leave nothing behind. Returns the names of what had to be killed."""
+        self.end(list(self._living.values()))
+        sessions = [child.pid for child in self._all]
+        self._killed += clean_up(
+            self._run_id, sessions, grace_s=GRACE_S, since_s=self._began_s - 1.0
+        )
+        self._tell_watchdog("done\n")
+        with contextlib.suppress(OSError):
+            if self._watchdog.stdin is not None:
+                self._watchdog.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._watchdog.wait(5.0)
+        self._selector.close()
+        self._logs.keep_small(now=True)
+        return self._killed
+
+    @property
+    def cut_logs(self) -> list[Path]:
+        """The logs of which a part had to be cut out."""
+        return self._logs.cut
+
+    def records(self) -> tuple[ProcessRecord, ...]:
+        """Every process that was started, with how it ended."""
+        return tuple(
+            ProcessRecord(
+                name=child.name, role=child.role, pid=child.pid, exit_code=child.process.poll()
+            )
+            for child in self._all
+        )
+
+    def _forget(self, child: Child) -> None:
+        del self._living[child.name]
+        for speaker in (child, *child.parts.values()):
+            if speaker.connection is not None:
+                with contextlib.suppress(KeyError, ValueError):
+                    self._selector.unregister(speaker.connection)
+                speaker.connection.close()
+
+    def _tell_watchdog(self, line: str) -> None:
+        if self._watchdog.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._watchdog.stdin.write(line.encode())
+                self._watchdog.stdin.flush()

@@ -1,0 +1,68 @@
+"""Loading C++ components into their containers, as ``ros2 component load`` does."""
+
+from __future__ import annotations
+
+import time
+
+from r2bspec.harness import rclpy_tools
+from r2bspec.harness.control_channel import Channel
+from r2bspec.harness.load_node_request import (
+    LOAD_NODE,
+    ComponentError,
+    load_request,
+    refusal,
+    service_of,
+)
+from r2bspec.harness.service_client import CallError, call_service, service_class
+from r2bspec.ipc import protocol
+from r2bspec.plan.plan import NodePlan
+
+
+class Components:
+    """Loads components, one after the other, and says when all are there."""
+
+    def __init__(self, channel: Channel, settings: protocol.ConfigureComponents) -> None:
+        self._channel = channel
+        self._settings = settings
+        self._node = rclpy_tools.start_node("components")
+
+    def serve(self) -> None:
+        """Load them; `Composed` follows `Ready`.
+
+        Raises:
+            ComponentError: a container does not answer in time, or refuses a component.
+        """
+        self._channel.send(protocol.Ready())
+        deadline = time.monotonic() + self._settings.timeout_ns / 1e9
+        loaded = tuple(
+            self._load(each.container, node, deadline)
+            for each in self._settings.containers
+            for node in each.nodes
+        )
+        self._channel.send(protocol.Composed(nodes=loaded))
+        while not isinstance(self._channel.receive(), protocol.Shutdown):
+            pass
+
+    def _load(self, container: str, node: NodePlan, deadline: float) -> str:
+        """Load one component; returns the full name that its node has."""
+        request = load_request(node)
+        try:
+            service_class(LOAD_NODE)
+        except CallError as error:
+            raise ComponentError(
+                "ROS package 'composition_interfaces' is not installed",
+                hint="It comes with rclcpp_components; source a full ROS 2 installation.",
+                code="R2B622",
+            ) from error
+        try:
+            answer = call_service(self._node, LOAD_NODE, service_of(container), request, deadline)
+        except CallError as error:
+            raise ComponentError(
+                refusal(node, container, success=False, said=str(error)),
+                hint="See what the container printed; benchmark.start_timeout allows more time.",
+            ) from error
+        if wrong := refusal(node, container, answer.success, answer.error_message):
+            raise ComponentError(
+                wrong, hint=f"'ros2 component types {node.package}' lists what the package has."
+            )
+        return str(answer.full_node_name)

@@ -1,0 +1,80 @@
+"""The child's end of the control channel: a local socket that carries one message a line.
+
+The channel is a plain socket and not ROS, so that it neither shows in the graph under test nor
+depends on discovery. It ends when the controller ends, however that happens.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+from typing import Any
+
+from r2bspec.ipc import protocol
+
+
+class ChannelClosedError(Exception):
+    """The controller is gone."""
+
+
+class Channel:
+    """Reads commands and writes replies; used by one thread at a time for each direction."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._socket = connection
+        self._pending = bytearray()
+
+    @classmethod
+    def from_environment(cls, part: str = "") -> Channel:
+        """Take a socket that the controller passed on: of this process, or of a part of it.
+
+        Raises:
+            KeyError: this process was not started by a controller, or has no such part.
+        """
+        number = int(os.environ.pop(protocol.control_variable(part)))
+        os.set_inheritable(number, False)
+        return cls(socket.socket(fileno=number))
+
+    def close(self) -> None:
+        """End the channel, for whichever thread waits on it, too."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+
+    def send(self, message: Any) -> None:
+        """Send a reply.
+
+        Raises:
+            ChannelClosedError: the controller is gone.
+        """
+        try:
+            self._socket.sendall(protocol.encode(message))
+        except OSError as error:
+            raise ChannelClosedError from error
+
+    def receive(self) -> protocol.Command:
+        """Wait for the next command.
+
+        Raises:
+            ChannelClosedError: the controller is gone.
+        """
+        while True:
+            line, separator, rest = self._pending.partition(b"\n")
+            if separator:
+                self._pending = rest
+                return protocol.decode_command(bytes(line))
+            try:
+                received = self._socket.recv(1 << 16)
+            except OSError as error:
+                raise ChannelClosedError from error
+            if not received:
+                raise ChannelClosedError
+            self._pending += received
+
+    def wait(self, timeout_s: float) -> bool:
+        """Sleep for at most `timeout_s` seconds; True as soon as a command can be received."""
+        if b"\n" in self._pending:
+            return True
+        readable, _, _ = select.select([self._socket], [], [], max(timeout_s, 0.0))
+        return bool(readable)

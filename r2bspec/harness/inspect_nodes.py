@@ -1,0 +1,233 @@
+"""Topics, services and parameters of running nodes: ``-m r2bspec.harness.inspect_nodes``.
+
+It looks at discovery until nothing new appears, asks the nodes for their parameters over their own
+services, and writes what it found as JSON. The controller is told by one `Ready` that it is done.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from r2bspec.harness.control_channel import Channel, ChannelClosedError
+from r2bspec.ipc import protocol
+
+_SETTLED_S = 1.5
+"""How long nothing new may appear before what is there counts as all."""
+
+_POLL_S = 0.1
+_CALL_S = 10.0
+
+_OF_EVERY_NODE = frozenset({"/rosout", "/parameter_events"})
+_SERVICES_OF_EVERY_NODE = (
+    "describe_parameters",
+    "get_parameters",
+    "get_parameter_types",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+    "get_type_description",
+)
+_PARAMETERS_OF_EVERY_NODE = frozenset({"use_sim_time", "start_type_description_service"})
+_TYPES = (
+    "",
+    "bool",
+    "integer",
+    "double",
+    "string",
+    "byte_array",
+    "bool_array",
+    "integer_array",
+    "double_array",
+    "string_array",
+)
+"""Names of parameter types by their number in rcl_interfaces/msg/ParameterType."""
+
+
+class Inspector:
+    """Watches one namespace, in which the nodes of one process run.
+
+    Args:
+        namespace: absolute, without a ``/`` at its end.
+        patience_s: how long to wait for a first node.
+    """
+
+    def __init__(self, namespace: str, patience_s: float) -> None:
+        from r2bspec.harness import rclpy_tools
+
+        self._namespace = namespace
+        self._patience_s = patience_s
+        self._node = rclpy_tools.start_node("inspector")
+
+    def inspect(self) -> dict[str, Any]:
+        """All that is found: names of the nodes, topics, services, profiles and parameters."""
+        nodes = self._settle()
+        found: dict[str, Any] = {
+            "nodes": [name for name, _ in nodes],
+            "subscribes": {},
+            "publishes": {},
+            "services": {},
+            "qos": {},
+            "parameters": {},
+        }
+        for name, namespace in nodes:
+            self._topics(name, namespace, found)
+            self._services(name, namespace, found)
+            found["parameters"] |= self._parameters(name, namespace)
+        return found
+
+    def _settle(self) -> list[tuple[str, str]]:
+        """Wait until there are nodes and, for a while, nothing new of them."""
+        ends_s = time.monotonic() + self._patience_s
+        seen: Any = None
+        since_s = time.monotonic()
+        while time.monotonic() < ends_s:
+            nodes = self._nodes()
+            now = [(each, self._ends(*each)) for each in nodes]
+            if now != seen:
+                seen, since_s = now, time.monotonic()
+            elif nodes and time.monotonic() - since_s > _SETTLED_S:
+                return nodes
+            time.sleep(_POLL_S)
+        return self._nodes()
+
+    def _nodes(self) -> list[tuple[str, str]]:
+        inside = f"{self._namespace}/"
+        return sorted(
+            (name, namespace)
+            for name, namespace in self._node.get_node_names_and_namespaces()
+            if f"{namespace}/".startswith(inside) and not name.endswith("_container")
+        )
+
+    def _ends(self, name: str, namespace: str) -> Any:
+        try:
+            return (
+                sorted(self._node.get_publisher_names_and_types_by_node(name, namespace)),
+                sorted(self._node.get_subscriber_names_and_types_by_node(name, namespace)),
+                sorted(self._node.get_service_names_and_types_by_node(name, namespace)),
+            )
+        except Exception:  # discovery may lose a node between two questions
+            return ()
+
+    def _topics(self, name: str, namespace: str, found: dict[str, Any]) -> None:
+        node = self._node
+        for side, topics, infos in (
+            (
+                "publishes",
+                node.get_publisher_names_and_types_by_node(name, namespace),
+                node.get_publishers_info_by_topic,
+            ),
+            (
+                "subscribes",
+                node.get_subscriber_names_and_types_by_node(name, namespace),
+                node.get_subscriptions_info_by_topic,
+            ),
+        ):
+            for topic, types in topics:
+                if topic in _OF_EVERY_NODE:
+                    continue
+                own = self._own(topic, name)
+                found[side][own] = types[0]
+                for info in infos(topic):
+                    if (info.node_name, info.node_namespace) == (name, namespace):
+                        found["qos"][own] = _profile(info.qos_profile)
+
+    def _services(self, name: str, namespace: str, found: dict[str, Any]) -> None:
+        for service, types in self._node.get_service_names_and_types_by_node(name, namespace):
+            if service.rpartition("/")[2] not in _SERVICES_OF_EVERY_NODE:
+                found["services"][self._own(service, name)] = types[0]
+
+    def _own(self, full: str, node: str) -> str:
+        """The name by which a node itself may have called a topic."""
+        inside = f"{self._namespace}/"
+        if full.startswith(f"{inside}{node}/"):
+            return f"~/{full.removeprefix(f'{inside}{node}/')}"
+        return full.removeprefix(inside)
+
+    def _parameters(self, name: str, namespace: str) -> dict[str, Any]:
+        from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
+
+        where = f"{namespace}/{name}"
+        listed = self._call(ListParameters, f"{where}/list_parameters", ListParameters.Request())
+        names = [
+            each
+            for each in (listed.result.names if listed is not None else ())
+            if each not in _PARAMETERS_OF_EVERY_NODE and not each.startswith("qos_overrides.")
+        ]
+        if not names:
+            return {}
+        asked = DescribeParameters.Request(names=names)
+        described = self._call(DescribeParameters, f"{where}/describe_parameters", asked)
+        values = self._call(
+            GetParameters, f"{where}/get_parameters", GetParameters.Request(names=names)
+        )
+        if described is None or values is None:
+            return {}
+        return {
+            each.name: {"type": _TYPES[each.type]} | _value(value)
+            for each, value in zip(described.descriptors, values.values, strict=True)
+        }
+
+    def _call(self, kind: Any, name: str, request: Any) -> Any:
+        """The answer of a service, or None if none comes."""
+        import rclpy
+
+        client = self._node.create_client(kind, name)
+        try:
+            if not client.wait_for_service(timeout_sec=_CALL_S):
+                return None
+            future = client.call_async(request)
+            rclpy.spin_until_future_complete(self._node, future, timeout_sec=_CALL_S)
+            return future.result()
+        finally:
+            self._node.destroy_client(client)
+
+
+def _profile(qos: Any) -> dict[str, str]:
+    """The fields of a profile that discovery tells; the depth of a queue is not among them."""
+    return {
+        "reliability": "best_effort" if qos.reliability.name == "BEST_EFFORT" else "reliable",
+        "durability": "transient_local" if qos.durability.name == "TRANSIENT_LOCAL" else "volatile",
+    }
+
+
+def _value(value: Any) -> dict[str, Any]:
+    """The value that a parameter has."""
+    name = _TYPES[value.type]
+    if not name:
+        return {}
+    held = getattr(value, f"{name}_value")
+    if name == "byte_array":
+        return {}
+    return {"default": list(held) if name.endswith("_array") else held}
+
+
+def main() -> int:
+    """Inspect the namespace that the command line names; returns the exit status."""
+    namespace, patience_s, target = sys.argv[1], float(sys.argv[2]), Path(sys.argv[3])
+    channel = Channel.from_environment()
+    try:
+        found = Inspector(namespace, patience_s).inspect()
+        target.write_text(json.dumps(found, indent=1), encoding="utf-8")
+        channel.send(protocol.Ready())
+        while not isinstance(channel.receive(), protocol.Shutdown):
+            pass
+    except ChannelClosedError:
+        return 0
+    except Exception as error:
+        channel.send(protocol.Failed(code="R2B630", message=f"{type(error).__name__}: {error}"))
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    import os
+
+    status = main()
+    from r2bspec.harness import rclpy_tools
+
+    rclpy_tools.finish()
+    os._exit(status)

@@ -1,0 +1,89 @@
+"""What a player holds in memory: the messages of its schedule, ready to be stamped and published.
+
+Everything that takes time is done here, before anything is played.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from rclpy.node import Node
+
+from r2bspec.harness import rclpy_tools
+from r2bspec.ipc import buffers
+from r2bspec.ipc.header_stamps import write_stamp
+from r2bspec.ipc.schedule import NO_STEP, Event, Schedule, Timeline
+from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE, StampedTransforms
+from r2bspec.language.spec import QoS
+from r2bspec.plan.plan import InputPlan
+
+TF_QOS = QoS(depth=100)
+STATIC_QOS = QoS(durability="transient_local", depth=1)
+
+
+class Repertoire:
+    """The messages of one schedule.
+
+    Args:
+        schedule: what is played.
+        inputs: the inputs of the plan.
+        stamped: of each input, whether a stamp is to be written into its messages.
+        writers: of the inputs and, where transforms are played along, of /tf.
+        folder: where the buffers are.
+    """
+
+    def __init__(
+        self,
+        schedule: Schedule,
+        inputs: Sequence[InputPlan],
+        stamped: Sequence[bool],
+        writers: Sequence[rclpy_tools.RawWriter],
+        folder: Path,
+    ) -> None:
+        sources = [each.source for each in inputs] + [TF]
+        self._stamped = stamped
+        self._memory = [
+            buffers.read_messages(folder, source, positions) if positions else {}
+            for source, positions in zip(sources, schedule.wanted(), strict=True)
+        ]
+        self._publications = [
+            {position: writer.publication(message) for position, message in messages.items()}
+            for writer, messages in zip(writers, self._memory, strict=False)
+        ]
+        shifts = schedule.shift_transforms if isinstance(schedule, Timeline) else True
+        transforms = self._memory[-1] if shifts else {}
+        self._transforms = {
+            position: StampedTransforms(message) for position, message in transforms.items()
+        }
+
+    def stamp(self, event: Event, stamp_ns: int) -> None:
+        """Write a stamp into the messages of an event that take one.
+
+        Args:
+            event: with the messages.
+            stamp_ns: of a step; of transforms, what their `Event.origin_ns` becomes.
+        """
+        if event.step == NO_STEP:
+            for _, position in event.messages:
+                if position in self._transforms:
+                    self._transforms[position].shift(stamp_ns - event.origin_ns)
+            return
+        for column, position in event.messages:
+            if self._stamped[column]:
+                write_stamp(self._memory[column][position], stamp_ns)
+
+    def publications(self, event: Event) -> list[Callable[[], None]]:
+        """What publishes the messages of an event."""
+        return [self._publications[column][position] for column, position in event.messages]
+
+
+def publish_static(node: Node, folder: Path) -> rclpy_tools.RawWriter:
+    """Publish the buffered /tf_static, latched: who comes later gets it, too.
+
+    Returns:
+        The writer, which must live for as long as the transforms are to be had.
+    """
+    writer = rclpy_tools.RawWriter(node, TF_STATIC, TF_TYPE, rclpy_tools.profile(STATIC_QOS))
+    writer.publish(buffers.read_messages(folder, TF_STATIC, {0})[0])
+    return writer

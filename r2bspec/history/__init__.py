@@ -1,9 +1,0 @@
-"""A history of runs in one SQLite file: what `run --history` gates by."""
-
-from __future__ import annotations
-
-from r2bspec.history.errors import HistoryError
-from r2bspec.history.model import Entry, Metric
-from r2bspec.history.store import History, open_history, user_history
-
-__all__ = ["Entry", "History", "HistoryError", "Metric", "open_history", "user_history"]

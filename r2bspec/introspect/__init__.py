@@ -1,0 +1,1 @@
+"""Starting nodes once to record their topics, services and parameters."""

@@ -1,0 +1,215 @@
+"""Recording what nodes really have: each is started once, alone, and looked at.
+
+A node runs in a namespace of its own without any remapping, so that its topics have the names that
+its own code gives them. It gets the parameters of the spec, because they may decide its topics.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from r2bspec.errors import R2bspecError
+from r2bspec.execute.errors import NotReadyError
+from r2bspec.execute.processes.environment import RunEnvironment
+from r2bspec.execute.processes.executables import resolve_argv
+from r2bspec.execute.processes.ros_domain import reserved_domain
+from r2bspec.execute.processes.signals import Interrupts
+from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.ipc import protocol
+from r2bspec.language.spec import Spec
+from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
+from r2bspec.plan.compile_plan import compile_plan
+from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
+from r2bspec.wiring.build_wiring import build_wiring
+from r2bspec.wiring.companion_files import read_beside
+from r2bspec.wiring.wiring import NodeWiring
+
+NAMESPACE = "/r2bspec_interfaces"
+
+_NAME = "r2bspec_inspected"
+"""What the node is called meanwhile: a name that none of its topics begins with, so that ``~/x``
+and ``x`` can be told apart."""
+
+_MADE_S = 60.0
+_SLACK_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """The outcome for one node: its interface as the file holds it, or why there is none."""
+
+    node: str
+    interface: dict[str, Any] | None = None
+    problem: str = ""
+    hint: str = ""
+
+
+def record_interfaces(
+    spec: Spec,
+    base_dir: Path,
+    *,
+    only: tuple[str, ...] = (),
+    patience_s: float = 20.0,
+    told: Callable[[str], None] = lambda _: None,
+) -> Iterator[Recorded]:
+    """Start each node once and look at it.
+
+    Args:
+        spec: the spec that has the nodes.
+        base_dir: its folder.
+        only: the keys of the nodes that are meant; all that can be started if empty.
+        patience_s: how long a node may take to appear.
+        told: is called with the key of each node before it is started.
+
+    Yields:
+        One outcome for each node, preprocessors first.
+
+    Raises:
+        InterruptedRunError: a signal asked for an end.
+        RunError: all ROS domains are in use.
+    """
+    beside = read_beside(spec, base_dir)
+    plan = compile_plan(spec, None, beside=beside)
+    wiring = build_wiring(spec, beside=beside)
+    nodes = [node for phase in wiring.phases for node in phase.nodes]
+    for node in nodes:
+        if node.node.kind in {"launch", "external"} or (only and node.key not in only):
+            continue
+        told(node.key)
+        with Interrupts() as interrupts, tempfile.TemporaryDirectory() as scratch:
+            try:
+                found = _inspect(
+                    plan, node, base_dir.absolute(), Path(scratch), patience_s, interrupts.check
+                )
+                yield Recorded(node.key, _row(found, node))
+            except R2bspecError as error:
+                if error.exit_code == 130:
+                    raise
+                yield _failed(node.key, error, scratch)
+
+
+def _failed(node: str, error: R2bspecError, scratch: str) -> Recorded:
+    """Why there is nothing, by the node's own name; files that are gone are not mentioned."""
+    said = str(error).removeprefix(f"{node}: ").replace(f"{NAMESPACE}/{_NAME}", node)
+    return Recorded(node, problem=said, hint="" if scratch in error.hint else error.hint)
+
+
+def _inspect(
+    plan: Plan,
+    node: NodeWiring,
+    base_dir: Path,
+    scratch: Path,
+    patience_s: float,
+    check: Callable[[], None],
+) -> dict[str, Any]:
+    """Run one node and an inspector beside it, and end both."""
+    run_id = secrets.token_hex(8)
+    children = Children(run_id, scratch, check)
+    try:
+        with reserved_domain() as domain:
+            environment = RunEnvironment(
+                plan, run_id=run_id, domain=domain, scratch=scratch, largest_message_bytes=1 << 20
+            )
+            process = _alone(node)
+            host = process.role == "host"
+            running = children.start(
+                process.name,
+                process.role,
+                resolve_argv(process),
+                environment.of_node(process.env),
+                cwd=base_dir,
+                log=scratch / "node.log",
+            )
+            if host:
+                _make(children, running, process, base_dir)
+            target = scratch / "interface.json"
+            argv = ("$(python)", "-P", "-m", "r2bspec.harness.inspect_nodes")
+            inspector = children.start(
+                "inspector",
+                "monitor",
+                [
+                    *resolve_argv(_process("inspector", argv)),
+                    *(NAMESPACE, f"{patience_s}", str(target)),
+                ],
+                environment.of_node({}),
+                cwd=base_dir,
+                log=scratch / "inspector.log",
+            )
+            children.answer(inspector, protocol.Ready, patience_s + _SLACK_S)
+            found: dict[str, Any] = json.loads(target.read_text(encoding="utf-8"))
+            if not found["nodes"]:
+                raise NotReadyError(
+                    f"{node.key} did not appear within {patience_s:g} s",
+                    hint="It may be no ROS node, or wait for something; --timeout allows more.",
+                )
+            children.end(list(children))
+            return found
+    finally:
+        children.close()
+
+
+def _make(children: Children, child: Child, process: ProcessPlan, base_dir: Path) -> None:
+    child.send(protocol.ConfigureHost(nodes=process.nodes, base_dir=str(base_dir)))
+    children.answer(child, protocol.Ready, _MADE_S)
+
+
+def _process(name: str, argv: tuple[str, ...], **more: Any) -> ProcessPlan:
+    return ProcessPlan(
+        name=name, phase="measure", argv=argv, **{"role": "monitor", "env": {}} | more
+    )
+
+
+def _alone(wired: NodeWiring) -> ProcessPlan:
+    """The process of a node as it is when nobody else is there."""
+    node = wired.node
+    bare = replace(
+        wired,
+        key=_NAME,
+        namespace=NAMESPACE,
+        name=f"{NAMESPACE}/{_NAME}",
+        node=msgspec.structs.replace(node, remappings={}, container="", namespace=NAMESPACE),
+        names_known=True,
+    )
+    if node.kind == "python":
+        plan = NodePlan(
+            name=bare.name,
+            node=_NAME,
+            namespace=NAMESPACE,
+            target=node.python,
+            parameters=dict(wired.parameters),
+            remappings={},
+        )
+        return _process(wired.key, HARNESS_ARGV, role="host", env=node.env, nodes=(plan,))
+    argv = _standalone(bare) if node.kind == "plugin" else node_argv(bare)
+    return _process(wired.key, argv, role="command", env=node.env)
+
+
+def _standalone(wired: NodeWiring) -> tuple[str, ...]:
+    """A component in a container of its own, as ``ros2 component`` starts it."""
+    node = wired.node
+    words = ["ros2", "component", "standalone", node.package, node.plugin]
+    words += ["--node-name", _NAME, "--node-namespace", NAMESPACE]
+    for name, value in wired.parameters.items():
+        words += ["-p", f"{name}:={json.dumps(value)}"]
+    return tuple(words)
+
+
+def _row(found: dict[str, Any], node: NodeWiring) -> dict[str, Any]:
+    """What the file of a node holds: what was found, without what the spec itself decided."""
+    parameters = {
+        name: {key: value for key, value in each.items() if key == "type"}
+        if name in node.parameters
+        else each
+        for name, each in found["parameters"].items()
+    }
+    row = {key: found[key] for key in ("subscribes", "publishes", "services", "qos")}
+    row["parameters"] = parameters
+    return {key: dict(sorted(value.items())) for key, value in row.items() if value}

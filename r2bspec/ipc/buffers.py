@@ -1,0 +1,136 @@
+"""Buffers: the messages of one topic, as serialised bytes, in a file and its index.
+
+``NAME.cdr`` holds the messages one after the other, ``NAME.json`` their stamps, times and sizes.
+The stamp is the header stamp where the type has a header and the time otherwise.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO
+
+import msgspec
+
+from r2bspec.ipc.header_stamps import STAMP_BYTES, read_stamp
+from r2bspec.ipc.transform_stamps import TF, TF_STATIC
+
+
+class BufferIndex(msgspec.Struct, frozen=True, kw_only=True):
+    """What is in a buffer; `stamps_ns`, `sizes` and `times_ns` have one entry a message.
+
+    `has_header` is None while nobody who knows the type has said. `times_ns` are those at which the
+    messages were recorded, or at which they came out of a preprocessor.
+    """
+
+    topic: str
+    type: str
+    has_header: bool | None
+    stamps_ns: tuple[int, ...]
+    sizes: tuple[int, ...]
+    times_ns: tuple[int, ...]
+
+
+def buffer_path(folder: Path, topic: str, suffix: str) -> Path:
+    """Where the buffer of a topic is; distinct topics have distinct paths.
+
+    ROS names hold no percent sign, so it can stand for the slash.
+    """
+    return folder / f"{topic.strip('/').replace('/', '%')}.{suffix}"
+
+
+class BufferWriter:
+    """Appends messages to a buffer. `close` writes the index, so its presence means whole."""
+
+    def __init__(
+        self, folder: Path, topic: str, type_name: str, *, has_header: bool | None
+    ) -> None:
+        self._index_path = buffer_path(folder, topic, "json")
+        self._topic = topic
+        self._type = type_name
+        self._has_header = has_header
+        self._stamps: list[int] = []
+        self._sizes: list[int] = []
+        self._times: list[int] = []
+        self._file: BinaryIO = buffer_path(folder, topic, "cdr").open("wb")
+
+    def __len__(self) -> int:
+        return len(self._sizes)
+
+    def append(self, stamp_ns: int, data: bytes, time_ns: int | None = None) -> None:
+        """Append one serialised message; where no time is given, it is that of the stamp.
+
+        Raises:
+            OSError: the disk is full.
+        """
+        self._file.write(data)
+        self._stamps.append(stamp_ns)
+        self._times.append(stamp_ns if time_ns is None else time_ns)
+        self._sizes.append(len(data))
+
+    def close(self) -> None:
+        """Write the index; from now on the buffer can be read."""
+        self._file.close()
+        index = BufferIndex(
+            topic=self._topic,
+            type=self._type,
+            has_header=self._has_header,
+            stamps_ns=tuple(self._stamps),
+            sizes=tuple(self._sizes),
+            times_ns=tuple(self._times),
+        )
+        self._index_path.write_bytes(msgspec.json.encode(index))
+
+
+def read_index(folder: Path, topic: str) -> BufferIndex:
+    """Read what is in a buffer.
+
+    Raises:
+        FileNotFoundError: the buffer was never completed.
+    """
+    return msgspec.json.decode(buffer_path(folder, topic, "json").read_bytes(), type=BufferIndex)
+
+
+def write_index(folder: Path, index: BufferIndex) -> None:
+    """Replace the index of a buffer."""
+    buffer_path(folder, index.topic, "json").write_bytes(msgspec.json.encode(index))
+
+
+def read_stamps(folder: Path, index: BufferIndex) -> BufferIndex:
+    """The index with the header stamps of its messages, whose type turned out to have a header."""
+    stamps_ns = []
+    with buffer_path(folder, index.topic, "cdr").open("rb") as file:
+        offset = 0
+        for size in index.sizes:
+            file.seek(offset)
+            stamps_ns.append(read_stamp(file.read(min(size, STAMP_BYTES))))
+            offset += size
+    return msgspec.structs.replace(index, has_header=True, stamps_ns=tuple(stamps_ns))
+
+
+def read_messages(folder: Path, topic: str, wanted: set[int]) -> dict[int, bytearray]:
+    """Read the messages with these positions into memory, each in a buffer that can be patched."""
+    index = read_index(folder, topic)
+    messages: dict[int, bytearray] = {}
+    with buffer_path(folder, topic, "cdr").open("rb") as file:
+        offset = 0
+        for position, size in enumerate(index.sizes):
+            if position in wanted:
+                file.seek(offset)
+                messages[position] = bytearray(file.read(size))
+            offset += size
+    return messages
+
+
+def buffered_transforms(folder: Path) -> tuple[str, ...]:
+    """Which of the topics of transforms have been buffered."""
+    return tuple(topic for topic in (TF, TF_STATIC) if buffer_path(folder, topic, "json").exists())
+
+
+def largest_message_bytes(folder: Path) -> int:
+    """The size of the largest message of all completed buffers; 0 if there are none."""
+    sizes = (
+        size
+        for path in folder.glob("*.json")
+        for size in msgspec.json.decode(path.read_bytes(), type=BufferIndex).sizes
+    )
+    return max(sizes, default=0)

@@ -1,0 +1,204 @@
+"""Iterations that the machine disturbed, and what they may do to a verdict.
+
+A shared machine is at times not there: a neighbour takes the processor, the hypervisor takes it
+away (steal), it is throttled for heat. What is measured then is the machine. An iteration is
+disturbed if one of these is known of it:
+
+    steal          over 1 % of the time of all cores was given to other virtual machines
+    foreign load   processes outside the benchmark used more than a tenth of all cores, and
+                   more than half a core
+    pressure       tasks waited for a processor for over 10 % of the time, and more than twice as
+                   long as in the median iteration: a graph with more threads than cores makes
+                   pressure of its own, but the same in each iteration
+    throttling     the kernel reports that a processor was throttled, or the control group ran
+                   out of its quota, for over 1 % of the time
+    calibration    the harness alone, with no graph between player and monitor, took over 1.5
+                   times as long as it usually does
+
+What is not known disturbs nothing. The verdict is the one on all iterations as they were first
+played: selection must not help a graph. Only a FAIL is looked at again, without and with what was
+disturbed:
+
+    undisturbed    the undisturbed iterations alone, and where a disturbed one was played again and
+                   the rerun was not disturbed, that one in its place
+    best light     all of these, and of each disturbed iteration without such a rerun as much as
+                   the disturbance cannot explain (`r2bspec.judge.best_case`)
+
+The FAIL stays if either of them fails, too; otherwise it becomes INCONCLUSIVE. A PASS stays a
+PASS, and nothing becomes one: whatever is found here, the share of wrong passes is that of the
+iterations as they were played, and so is the share of wrong fails, or smaller.
+
+A rerun is worth its time only where it can decide something. So a disturbed iteration is played
+again once, at the end of its look, if a FAIL at its rate would otherwise become INCONCLUSIVE; on a
+machine where other work is normal, a run that passes takes no longer for it, and neither does one
+whose failure nothing can explain.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import msgspec
+
+from r2bspec.judge.best_case import in_best_light
+from r2bspec.judge.playback_validity import off_schedule
+from r2bspec.judge.verdict import DisturbedIteration, Method, RequirementVerdict
+from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.samples import RunSamples, SegmentSamples
+from r2bspec.measure.units import show
+
+_STEAL = 0.01
+_FOREIGN_SHARE = 0.1
+_FOREIGN_CORES = 0.5
+_PRESSURE = 0.1
+_PRESSURE_RATIO = 2.0
+_THROTTLED = 0.01
+_CALIBRATION = 1.5
+
+_BY_PROBES: frozenset[Method] = frozenset({"search bracket", "sequential probe"})
+
+_SETTLE = "Run again on a machine that does nothing else."
+
+
+def find_disturbed(samples: RunSamples) -> dict[str, DisturbedIteration]:
+    """The disturbed iterations of a run, by the id of their segment, in the order of playing.
+
+    A rerun that was disturbed as well is among them.
+    """
+    found: dict[str, DisturbedIteration] = {}
+    for rate, iterations in samples.iterations.items():
+        usual = usual_pressure([one.surroundings for one in iterations])
+        for one in iterations:
+            again = samples.reruns.get(one.segment.id)
+            for each in (one, *([again] if again is not None else [])):
+                reasons = what_disturbed(each.surroundings, usual)
+                if each is again and (late := off_schedule(rate, [each])):
+                    reasons = (*reasons, late)
+                if reasons:
+                    found[each.segment.id] = DisturbedIteration(
+                        segment=each.segment.id,
+                        rate_hz=rate,
+                        reasons=reasons,
+                        rerun=again.segment.id if again is not None and each is one else "",
+                        rerun_of=each.segment.rerun_of,
+                    )
+    return found
+
+
+def usual_pressure(surroundings: Sequence[Surroundings | None]) -> float:
+    """The pressure in the median iteration, to which the others are compared."""
+    known = [one.pressure for one in surroundings if one and one.pressure is not None]
+    return statistics.median(known) if known else 0.0
+
+
+def what_disturbed(one: Surroundings | None, usual: float) -> tuple[str, ...]:
+    """What disturbed an iteration, in words; nothing where nothing is known to.
+
+    Args:
+        one: its surroundings.
+        usual: the `usual_pressure` at its rate.
+    """
+    if one is None:
+        return ()
+    found: list[str] = []
+    if one.steal is not None and one.steal > _STEAL:
+        found.append(f"{show(one.steal, 'share')} of the processor time was stolen")
+    if one.foreign_cores is not None:
+        least = max(_FOREIGN_CORES, _FOREIGN_SHARE * (one.cores or 0))
+        if one.foreign_cores > least:
+            found.append(f"other processes used {one.foreign_cores:.2g} cores")
+    if one.pressure is not None and one.pressure > max(_PRESSURE, _PRESSURE_RATIO * usual):
+        found.append(f"tasks waited for a processor {show(one.pressure, 'share')} of the time")
+    if one.throttled_s is not None and one.throttled_s > _THROTTLED * one.seconds:
+        found.append(f"processors were throttled for {show(one.throttled_s, 's')}")
+    if one.calibration is not None and one.calibration > _CALIBRATION:
+        found.append(f"the harness alone took {one.calibration:.2g} times as long as before")
+    return tuple(found)
+
+
+def undisturbed(samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]) -> RunSamples:
+    """The run without its disturbed iterations, undisturbed reruns in their places."""
+    kept = {
+        rate: tuple(
+            calm for one in iterations if (calm := _calm(one, samples, disturbed)) is not None
+        )
+        for rate, iterations in samples.iterations.items()
+    }
+    return replace(samples, iterations=kept)
+
+
+def favoured(samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]) -> RunSamples:
+    """The run with each disturbed iteration in its best light, or an undisturbed rerun."""
+    kept = {
+        rate: tuple(_calm(one, samples, disturbed) or in_best_light(one) for one in iterations)
+        for rate, iterations in samples.iterations.items()
+    }
+    return replace(samples, iterations=kept)
+
+
+def _calm(
+    one: SegmentSamples, samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]
+) -> SegmentSamples | None:
+    """An iteration if it is undisturbed, or its rerun if that is, or None."""
+    if one.segment.id not in disturbed:
+        return one
+    again = samples.reruns.get(one.segment.id)
+    return again if again is not None and again.segment.id not in disturbed else None
+
+
+def weaken(
+    played: RequirementVerdict,
+    calm: RequirementVerdict,
+    told: str,
+    best: RequirementVerdict | None = None,
+) -> RequirementVerdict:
+    """A requirement on everything that was played, in the light of what was disturbed of it.
+
+    Args:
+        played: the verdict on everything as it was first played.
+        calm: the verdict without what was disturbed.
+        told: what that was, as a sentence without its full stop; empty for nothing.
+        best: the verdict with it in its best light, where there is one.
+    """
+    if played.outcome != "fail" or not told or not _of_iterations(played, calm):
+        return played
+    if calm.outcome == "fail":
+        note = f"{told}. What was not disturbed fails, too."
+    elif best is not None and best.outcome == "fail":
+        note = f"{told}. That does not explain the failure: it fails in the best light, too."
+    else:
+        note = f"{told}. Without that it might hold, so that it does not count as failed."
+        return msgspec.structs.replace(
+            played,
+            outcome="inconclusive",
+            settle=_SETTLE,
+            notes=(*played.notes, note),
+            weakened=True,
+        )
+    return msgspec.structs.replace(played, notes=(*played.notes, note))
+
+
+def _of_iterations(played: RequirementVerdict, calm: RequirementVerdict) -> bool:
+    """Whether iterations had a part in a verdict: not in one by a probe, or without a metric."""
+    return played.method not in _BY_PROBES and not (played.method == "none" and played == calm)
+
+
+def told_of(played: RequirementVerdict, disturbed: Mapping[str, DisturbedIteration]) -> str:
+    """How many iterations at the rate of a requirement were disturbed; empty for none."""
+    first = [
+        one
+        for one in disturbed.values()
+        if not one.rerun_of and played.at_hz is not None and math.isclose(one.rate_hz, played.at_hz)
+    ]
+    if not first:
+        return ""
+    number = f"{len(first)} iterations" if len(first) > 1 else "1 iteration"
+    again = sum(bool(one.rerun) for one in first)
+    calm = sum(bool(one.rerun) and one.rerun not in disturbed for one in first)
+    said = f"The machine disturbed {number}"
+    if again:
+        said += f"; {again} of them played again, {calm} without disturbance"
+    return said

@@ -1,0 +1,190 @@
+"""Requirements ``of baseline`` in a verdict: found, given to who can answer them, and put back.
+
+A run by itself leaves them open (`r2bspec.judge.judge_requirement`). What they are compared with is
+the business of the caller: pairs, a history, or a stored run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import msgspec
+
+from r2bspec.judge.baseline_ratio import Comparison
+from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.judge_requirement import iterations_at
+from r2bspec.judge.methods.mean_bound import resolution
+from r2bspec.judge.outcome import outcome_of
+from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.spec import Objective
+from r2bspec.measure.errors import MetricError
+from r2bspec.measure.metric_catalogue import MetricInfo, resolve
+from r2bspec.measure.metric_values import value
+from r2bspec.measure.samples import RunSamples
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A requirement of the baseline that can be answered: what it asks, and its metric."""
+
+    comparison: Comparison
+    info: MetricInfo
+
+
+Answer = Callable[[Asked], RequirementVerdict]
+"""The verdict on one requirement of the baseline."""
+
+
+def answer_baseline(
+    verdict: Verdict,
+    objectives: Mapping[str, Objective],
+    samples: RunSamples,
+    terms: Terms,
+    answer: Answer,
+) -> Verdict:
+    """A verdict whose requirements of the baseline are answered.
+
+    What has been decided without a baseline stays: a metric that does not exist fails, and what
+    was measured at a rate at which the playback missed its schedule is open.
+
+    Args:
+        verdict: of the run by itself.
+        objectives: that were judged.
+        samples: the run.
+        terms: by which it was judged.
+        answer: decides one requirement.
+    """
+    unusable = {one.reason for one in verdict.unusable}
+    requirements = tuple(
+        one if one.reason in unusable else _answered(one, objectives, samples, terms, answer)
+        for one in verdict.requirements
+    )
+    if verdict.outcome in {"invalid", "incomplete"}:
+        return msgspec.structs.replace(verdict, requirements=requirements)
+    return decided(verdict, requirements, terms)
+
+
+def decided(
+    verdict: Verdict, requirements: tuple[RequirementVerdict, ...], terms: Terms
+) -> Verdict:
+    """A verdict on a usable run with other verdicts on its requirements."""
+    outcome, reason = outcome_of(requirements, terms.inconclusive)
+    return msgspec.structs.replace(
+        verdict,
+        outcome=outcome,
+        exit_code=EXIT_CODES[outcome],
+        reason=reason,
+        requirements=requirements,
+    )
+
+
+def _answered(
+    one: RequirementVerdict,
+    objectives: Mapping[str, Objective],
+    samples: RunSamples,
+    terms: Terms,
+    answer: Answer,
+) -> RequirementVerdict:
+    requirement = _requirement_of(one, objectives)
+    if requirement is None or (one.outcome, one.method) != ("inconclusive", "none"):
+        return one
+    if (problem := _unanswerable(requirement)) is not None:
+        reason, settle = problem
+        return msgspec.structs.replace(one, reason=reason, settle=settle)
+    try:
+        _, info = resolve(requirement.metric, samples.monitors, samples.processes)
+    except MetricError:
+        return one
+    if info.scope != "search" and one.at_hz is None:
+        reason = f"The objective does not say at which rate {info.name} is meant."
+        return msgspec.structs.replace(one, reason=reason, settle="State it with 'at'.")
+    own = objectives[one.objective].confidence
+    found = answer(
+        Asked(
+            comparison=Comparison(
+                objective=one.objective,
+                requirement=requirement,
+                at_hz=one.at_hz,
+                metric=info.name,
+                monitor=one.monitor,
+                limit=requirement.bound.value if requirement.bound is not None else math.nan,
+                unit=info.unit,
+                resolution=_resolution(info, one, samples),
+                sampled=info.scope in {"process", "machine"},
+                zeros=info.dimension == "share" or info.family == "jitter",
+                confidence=own.fraction if own is not None else terms.confidence,
+            ),
+            info=info,
+        )
+    )
+    return msgspec.structs.replace(found, level=one.level, notes=(*found.notes, *one.notes))
+
+
+def _requirement_of(
+    one: RequirementVerdict, objectives: Mapping[str, Objective]
+) -> Requirement | None:
+    """The requirement of the baseline that a verdict is on; None if it is on another."""
+    objective = objectives.get(one.objective)
+    for requirement in objective.require if objective is not None else ():
+        if requirement.text == one.text and requirement.bound is not None:
+            return requirement if requirement.bound.of_baseline else None
+    return None
+
+
+def _unanswerable(requirement: Requirement) -> tuple[str, str] | None:
+    """Why a requirement of the baseline can never be answered, and what to do; or None."""
+    if requirement.windows_share is not None:
+        reason = "A baseline is compared with whole iterations, and not with windows."
+        return reason, "Leave out 'in ... windows', or state a bound that is not of the baseline."
+    if requirement.op in {"==", "!="}:
+        return "No two runs are ever equal.", "Write <= or >= with a margin, such as 105 %."
+    return None
+
+
+def _resolution(info: MetricInfo, one: RequirementVerdict, samples: RunSamples) -> float:
+    """The smallest difference that the clocks can show in a value of one iteration."""
+    iterations = iterations_at(samples.iterations, one.at_hz)
+    if info.scope == "search" or not iterations:
+        return 0.0
+    segment = iterations[0].segment
+    window_s = max((segment.ended_ns - segment.began_ns) / 1e9, 1e-6)
+    found = values_of(info, one.monitor, one.at_hz, samples)
+    known = [each for each in found if each is not None and math.isfinite(each)]
+    return resolution(info, max(known, default=0.0), window_s)
+
+
+def values_of(
+    info: MetricInfo, monitor: str | None, at_hz: float | None, samples: RunSamples
+) -> list[float | None]:
+    """A metric in each iteration of a run; what the run does not know has no value.
+
+    A monitor that got no answer in an iteration has none there, of any metric.
+
+    Args:
+        info: the metric.
+        monitor: that it is asked of, for a metric of a monitor.
+        at_hz: the offered rate; of no meaning for the peak.
+        samples: the run.
+    """
+    if info.scope == "search":
+        search = samples.record.search
+        return [search.holds_hz] if search is not None else []
+    if info.scope == "monitor" and monitor not in samples.monitors:
+        return []
+    return [
+        # Silence has no drop rate worth a ratio: both sides would drop everything.
+        value(info, monitor, one) if monitor is None or one.monitors[monitor].answered else None
+        for one in iterations_at(samples.iterations, at_hz)
+    ]
+
+
+def value_of(
+    info: MetricInfo, monitor: str | None, at_hz: float | None, samples: RunSamples
+) -> float | None:
+    """A metric of a whole run: the mean of its iterations; None if one of them has no value."""
+    found = values_of(info, monitor, at_hz, samples)
+    known = [each for each in found if each is not None and math.isfinite(each)]
+    return math.fsum(known) / len(known) if known and len(known) == len(found) else None

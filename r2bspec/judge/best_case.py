@@ -1,0 +1,138 @@
+"""A disturbed iteration in its best light: what no disturbance can explain, stays.
+
+How much a disturbance did to single messages is not known. What it can have done at most is:
+
+    - It spoiled at most half of the messages, whatever became of them. The other half, the faster
+      one, stands for all: the message of rank i is given the latency of rank i - n/2.
+    - It kept everything waiting for a share w of the time, so that without it latencies were
+      shorter by up to that share, and the graph got so much more done:
+
+          latency     x (1 - w)
+          throughput  + w x the rate played, and not above that
+
+      w is the pressure: for no longer can any process of the run have waited for a processor.
+      Where the kernel does not tell the pressure, at least one core must have been taken, which
+      is so for no longer than the processor time of others. Time for which a core was stolen, or
+      throttled, comes on top. If the harness alone took c times as long, w is at least 1 - 1/c.
+    - w is at most 3/4. A machine on which everything takes over four times as long does not hold
+      the playback's schedule either, and makes the run INVALID.
+
+What more messages were lost or late than that, is the graph's own. Processor time and memory of the
+run's processes are as they were: waiting uses neither. Of the machine's, the part of others is
+left out.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.resource_usage import Use
+from r2bspec.measure.samples import (
+    MonitorSamples,
+    PlaybackSamples,
+    SegmentSamples,
+    monitor_samples,
+)
+from r2bspec.plan.plan import MonitorPlan
+from r2bspec.record.run_record import Segment
+from r2bspec.record.sample_arrays import MONITOR, PLAYBACK
+
+_MOST = 0.75
+
+_BY_STAMP = MonitorPlan(name="", topic="", type="", match="stamp", qos=None)
+"""Every step that asks for an answer is given a stamp of its own."""
+
+
+def in_best_light(one: SegmentSamples) -> SegmentSamples:
+    """An iteration without everything that a disturbance can have done to it."""
+    waited = waiting_share(one.surroundings)
+    return replace(
+        one,
+        monitors={
+            name: _favoured(one.segment, one.playback, seen, waited)
+            for name, seen in one.monitors.items()
+        },
+        machine=_own(one),
+    )
+
+
+def waiting_share(known: Surroundings | None) -> float:
+    """For which share of the time the run was kept waiting at most, w above."""
+    if known is None:
+        return 0.0
+    stolen = (known.steal or 0.0) * (known.cores or 1)
+    throttled = (known.throttled_s or 0.0) / known.seconds if known.seconds else 0.0
+    taken = known.foreign_cores or 0.0
+    waited = known.pressure if known.pressure is not None else taken
+    slower = 1 - 1 / known.calibration if known.calibration else 0.0
+    return min(_MOST, max(waited + stolen + throttled, slower))
+
+
+def _favoured(
+    segment: Segment, playback: PlaybackSamples, seen: MonitorSamples, waited: float
+) -> MonitorSamples:
+    latency = favoured_latencies(seen, waited)
+    played = np.zeros(latency.size, PLAYBACK)
+    played["stamp_ns"] = np.arange(1, latency.size + 1)
+    played["due_ns"], played["published_ns"] = seen.steps.due_ns, seen.steps.published_ns
+    came = np.flatnonzero(np.isfinite(latency))
+    rows = np.zeros(came.size, MONITOR)
+    rows["stamp_ns"] = played["stamp_ns"][came]
+    rows["received_ns"] = played["published_ns"][came] + np.round(latency[came]).astype(np.int64)
+    ordered = rows[np.argsort(rows["received_ns"], kind="stable")]
+    found = monitor_samples(segment, played, ordered, _BY_STAMP)
+    more = seen.duplicates + seen.unmatched
+    most_hz = playback.rate_hz * seen.per_step
+    return replace(
+        found,
+        # Disturbances make no messages.
+        received=found.received + more,
+        duplicates=seen.duplicates,
+        unmatched=seen.unmatched,
+        throughput_hz=max(seen.throughput_hz, min(most_hz, seen.throughput_hz + waited * most_hz)),
+        sent=seen.sent,
+        early=seen.early,
+        overdue=seen.overdue,
+        per_step=seen.per_step,
+        hops=seen.hops,
+    )
+
+
+def favoured_latencies(seen: MonitorSamples, waited: float) -> NDArray[np.float64]:
+    """The latency of every step in the best light, in ns; infinite where it stays lost.
+
+    Args:
+        seen: what a monitor saw.
+        waited: the share w of the time.
+    """
+    steps = seen.steps
+    latency = np.where(
+        steps.answered, (steps.received_ns - steps.published_ns).astype(np.float64), math.inf
+    )
+    order = np.argsort(latency, kind="stable")
+    better = -(-latency.size // 2)
+    latency[order[better:]] = latency[order[: latency.size - better]]
+    return np.asarray(latency * (1 - waited))
+
+
+def _own(one: SegmentSamples) -> Use | None:
+    """What the run itself used of the machine."""
+    machine = one.machine
+    if machine is None:
+        return None
+    means = [used.cpu_mean for used in one.processes.values() if used.cpu_mean is not None]
+    busiest = [used.cpu_max for used in one.processes.values() if used.cpu_max is not None]
+    return replace(
+        machine,
+        cpu_mean=_least(machine.cpu_mean, means),
+        cpu_max=_least(machine.cpu_max, busiest),
+    )
+
+
+def _least(of_all: float | None, own: list[float]) -> float | None:
+    return of_all if of_all is None or not own else min(of_all, math.fsum(own))

@@ -1,0 +1,139 @@
+"""One requirement of one objective, about to be judged, and how its verdict is put together."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from r2bspec.judge.verdict import CONFIDENCE, Method, Outcome, RequirementVerdict, ShareTest
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.measure.metric_catalogue import MetricInfo
+from r2bspec.measure.samples import SegmentSamples
+from r2bspec.measure.units import show
+
+
+@dataclass(frozen=True)
+class Windows:
+    """``in SHARE of LENGTH windows``: the share of windows, as a fraction, and their length."""
+
+    share: float
+    window_ns: int
+
+
+def windows_of(requirement: Requirement) -> Windows | None:
+    """The windows that a requirement speaks of, or None if it speaks of the whole run."""
+    if requirement.windows_share is None:
+        return None
+    return Windows(share=requirement.windows_share, window_ns=requirement.window_ns)
+
+
+@dataclass(frozen=True)
+class Question:
+    """A requirement that makes sense in this run, and the samples that answer it.
+
+    Attributes:
+        at_hz: the offered rate that the objective speaks of, or None.
+        monitor: the monitor that is asked, for metrics that belong to one.
+        limit: the right-hand side in the metric's unit; 'of offered' is worked out.
+        iterations: the complete iterations at `at_hz`; at least one where the metric needs any.
+        confidence: of the decision, one-sided each way.
+        windows: where the requirement must hold in a share of windows, which.
+    """
+
+    objective: str
+    requirement: Requirement
+    at_hz: float | None
+    info: MetricInfo
+    monitor: str | None
+    limit: float
+    iterations: tuple[SegmentSamples, ...] = ()
+    confidence: float = CONFIDENCE
+    windows: Windows | None = None
+
+    @property
+    def wants_less(self) -> bool:
+        """Whether the requirement is a ceiling (``<``, ``<=``) and not a floor."""
+        return self.requirement.op in {"<", "<="}
+
+    @property
+    def limit_text(self) -> str:
+        """The limit with its unit."""
+        return show(self.limit, self.info.unit)
+
+    @property
+    def metric_text(self) -> str:
+        """Such as ``latency.p99 < 50 ms``: the comparison without monitor and windows."""
+        return f"{self.info.name} {self.requirement.op} {self.limit_text}"
+
+    @property
+    def confidence_text(self) -> str:
+        """Such as ``95 % confidence``."""
+        return f"{show(self.confidence, 'share', 4)} confidence"
+
+    def holds(self, value: float) -> bool:
+        """Compare a value with the limit."""
+        return self.requirement.holds(value, self.limit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What a method found; see `RequirementVerdict` for the fields."""
+
+    outcome: Outcome
+    method: Method
+    reason: str
+    settle: str = ""
+    estimate: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    n: int = 0
+    effective_n: float | None = None
+    over: int | None = None
+    bursts: int | None = None
+    share: ShareTest | None = None
+    rule_of_three: float | None = None
+
+
+def decide(*, passes: bool, fails: bool) -> Outcome:
+    """The outcome of two tests that cannot both succeed."""
+    if passes:
+        return "pass"
+    return "fail" if fails else "inconclusive"
+
+
+def verdict(question: Question, answer: Answer) -> RequirementVerdict:
+    """Put question and answer together; infinite values become None, for JSON has none."""
+    return RequirementVerdict(
+        objective=question.objective,
+        text=question.requirement.text,
+        at_hz=question.at_hz,
+        metric=question.info.name,
+        monitor=question.monitor,
+        outcome=answer.outcome,
+        method=answer.method,
+        estimate=_finite(answer.estimate),
+        lower=_finite(answer.lower),
+        upper=_finite(answer.upper),
+        limit=_finite(question.limit),
+        unit=question.info.unit,
+        n=answer.n,
+        effective_n=_effective(answer),
+        confidence=question.confidence,
+        over=answer.over,
+        bursts=answer.bursts,
+        lost=answer.estimate is not None and math.isinf(answer.estimate),
+        share=answer.share,
+        rule_of_three=answer.rule_of_three,
+        reason=answer.reason,
+        settle=answer.settle,
+    )
+
+
+def _effective(answer: Answer) -> float | None:
+    if answer.effective_n is not None:
+        return answer.effective_n
+    return float(answer.n) if answer.n else None
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

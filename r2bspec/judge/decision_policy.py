@@ -1,0 +1,38 @@
+"""What was agreed on before a run, and has a say in its verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from r2bspec.judge.interim_looks import Looks
+from r2bspec.judge.outcome import Policy
+from r2bspec.judge.verdict import CONFIDENCE
+from r2bspec.plan.plan import Plan
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Everything that a verdict depends on besides objectives and samples.
+
+    Attributes:
+        confidence: of every decision, one-sided each way, where the objective has none of its
+            own.
+        looks: when the run was to be looked at; None for a run of a fixed length.
+        inconclusive: what an inconclusive requirement does to the run.
+    """
+
+    confidence: float = CONFIDENCE
+    looks: Looks | None = None
+    inconclusive: Policy = "report"
+
+
+def terms_of(plan: Plan) -> Terms:
+    """The terms that a plan states."""
+    plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
+    growing = [one for one in plays if one.max_iterations > one.iterations]
+    looks = Looks.planned(growing[0].iterations, growing[0].max_iterations) if growing else None
+    return Terms(
+        confidence=plan.gate.confidence,
+        looks=looks,
+        inconclusive=plan.gate.inconclusive,
+    )

@@ -1,0 +1,140 @@
+"""Looks at a growing run, planned before it starts, with the error divided among them.
+
+A run that is extended until it passes is bound to pass at last: three unplanned looks at the 95 %
+level pass one bad graph in ten. So the looks are planned (usually at 1, 2 and 4 times the
+declared iterations), and each gets a part of the error alpha = 1 - confidence. With the cumulated
+iterations m_1 < m_2 < .. < m_l, look i may be wrong in a share
+
+    alpha_i = alpha (m_i - m_(i-1)) / m_l,        m_0 = 0,
+
+of all runs, each way: the error is spent in proportion to what is new. By Boole's inequality the
+chance that any look passes a requirement that does not hold is at most sum alpha_i = alpha,
+however the looks depend on each other, and the same for failing one that holds. No assumption is
+made about the test, so this serves the binomial test and t alike.
+
+A requirement is decided at the first look that decides it. A later look, which another
+requirement asked for, may still turn its PASS into a FAIL, but nothing else: both errors stay
+within the sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import msgspec
+
+from r2bspec.judge.verdict import CONFIDENCE, Method, RequirementVerdict
+from r2bspec.measure.units import show
+
+FACTORS = (1, 2, 4)
+"""Of the declared number of iterations."""
+
+Step = Literal["pass", "fail", "go on", "inconclusive"]
+"""What to do after a look: stop because everything is decided, or play the next iterations; stop
+without a decision because no look is left, or because more iterations would settle nothing."""
+
+GROWING: frozenset[Method] = frozenset(
+    {"exact binomial", "binomial over windows", "t over iterations", "paired t on logs"}
+)
+"""The methods that more iterations can bring to a decision."""
+
+
+@dataclass(frozen=True)
+class Looks:
+    """When a run is looked at: after so many iterations in all, ascending; at least one look."""
+
+    iterations: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        ends = (0, *self.iterations)
+        if not self.iterations or any(b <= a for a, b in pairwise(ends)):
+            raise ValueError("looks are planned at one or more ascending numbers of iterations")
+
+    @classmethod
+    def planned(cls, iterations: int, most: int) -> Looks:
+        """Looks at 1, 2 and 4 times the declared iterations, as far as `most`, and there.
+
+        Args:
+            iterations: the declared number.
+            most: the largest number of iterations.
+        """
+        most = max(iterations, most)
+        ends = {min(iterations * factor, most) for factor in FACTORS} | {most}
+        return cls(tuple(sorted(ends)))
+
+    def __len__(self) -> int:
+        return len(self.iterations)
+
+    def share(self, look: int) -> float:
+        """The part of the error that a look may make; looks are counted from 1."""
+        before = self.iterations[look - 2] if look > 1 else 0
+        return (self.iterations[look - 1] - before) / self.iterations[-1]
+
+    def confidence_at(self, look: int, confidence: float = CONFIDENCE) -> float:
+        """The confidence at which a look decides, for decisions of a given confidence."""
+        return 1 - (1 - confidence) * self.share(look)
+
+    def reached(self, iterations: int) -> int:
+        """How many looks so many complete iterations allow; 0 before the first."""
+        return sum(end <= iterations for end in self.iterations)
+
+
+def decide_at(looks: Looks, look: int, requirements: Sequence[RequirementVerdict]) -> Step:
+    """What to do after a look.
+
+    A requirement that fails stops the run: what follows is a fresh batch that confirms it or
+    does not (`r2bspec.judge.confirmation`), not more of the same.
+
+    Args:
+        looks: the plan.
+        look: the look that was taken, from 1.
+        requirements: the verdicts after it, those that count for the run.
+    """
+    outcomes = {one.outcome for one in requirements}
+    if "fail" in outcomes:
+        return "fail"
+    if "inconclusive" not in outcomes:
+        return "pass"
+    can_grow = any(one.outcome == "inconclusive" and one.method in GROWING for one in requirements)
+    return "go on" if can_grow and look < len(looks) else "inconclusive"
+
+
+def combine(looks: Looks, judged: Sequence[RequirementVerdict]) -> RequirementVerdict:
+    """One requirement at each look so far, as one verdict.
+
+    Args:
+        looks: the plan.
+        judged: the verdicts of look 1, 2, .., each at the look's own confidence.
+    """
+    latest = len(judged)
+    numbered = [
+        msgspec.structs.replace(one, look=number, looks=len(looks))
+        for number, one in enumerate(judged, start=1)
+    ]
+    last = numbered[-1]
+    if last.method not in GROWING:
+        return last
+    # Anything that was seen, and was not a test, can be overtaken by what was seen later.
+    first = next(
+        (one for one in numbered if one.outcome != "inconclusive" and one.method in GROWING), last
+    )
+    chosen = last if last.outcome == "fail" else first
+    note = _note(looks, chosen, latest)
+    settle = chosen.settle
+    if chosen.outcome == "inconclusive" and latest < len(looks):
+        settle = f"The next look, after {looks.iterations[latest]} iterations, may settle it."
+    return msgspec.structs.replace(chosen, settle=settle, notes=(*chosen.notes, note))
+
+
+def _note(looks: Looks, chosen: RequirementVerdict, latest: int) -> str:
+    if len(looks) == 1:
+        return f"One look was planned, after {looks.iterations[0]} iterations."
+    when = f"look {chosen.look} of {len(looks)}, after {looks.iterations[chosen.look - 1]}"
+    confidence = show(chosen.confidence, "share", 4)
+    if chosen.outcome == "inconclusive":
+        return f"Open at {when} iterations, at {confidence} confidence."
+    later = f"; {latest} were taken" if latest > chosen.look else ""
+    return f"Decided at {when} iterations, at {confidence} confidence{later}."

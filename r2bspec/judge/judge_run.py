@@ -1,0 +1,126 @@
+"""From a run to its result, and the result as JSON.
+
+The same run gives the same bytes whenever and wherever it is judged: nothing in a result depends
+on the machine or the moment of judging.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import msgspec
+
+from r2bspec.judge.confirmation import judge_batches
+from r2bspec.judge.decision_policy import terms_of
+from r2bspec.judge.history_comparison import judge_by_earlier
+from r2bspec.judge.result import BaselineResult, ObjectiveText, PairsResult, Result
+from r2bspec.judge.verdict import Verdict
+from r2bspec.language.spec import Objective
+from r2bspec.measure.compute_metrics import summarise
+from r2bspec.measure.metrics import RunMetrics
+from r2bspec.measure.samples import read_samples
+from r2bspec.record.baseline_file import BaselineRecord, read_baseline, read_confirmation
+from r2bspec.record.run_folder import Run
+
+
+def result_of(
+    run: Run, objectives: Mapping[str, Objective] | None = None, judged_by: str = ""
+) -> Result:
+    """Measure and judge a run.
+
+    Args:
+        run: the opened run.
+        objectives: what to judge it by; the run's own objectives if None.
+        judged_by: the name of the spec that `objectives` are from, where it is another.
+
+    Raises:
+        RecordError: a file of the run is missing or damaged.
+    """
+    samples = read_samples(run)
+    asked = run.plan.objectives if objectives is None else objectives
+    terms = terms_of(run.plan)
+    verdict = judge_batches(asked, samples, terms)
+    baseline = read_baseline(run.folder)
+    if baseline is not None:
+        again = read_confirmation(run.folder)
+        fresh = read_samples(again) if again is not None else None
+        verdict = judge_by_earlier(verdict, asked, samples, fresh, terms, baseline)
+    return result_with(
+        run,
+        asked,
+        judged_by,
+        metrics=summarise(samples),
+        verdict=verdict,
+        baseline=_told(baseline, confirmed=again is not None) if baseline is not None else None,
+    )
+
+
+def result_with(
+    run: Run,
+    asked: Mapping[str, Objective],
+    judged_by: str,
+    *,
+    metrics: RunMetrics,
+    verdict: Verdict,
+    pairs: PairsResult | None = None,
+    baseline: BaselineResult | None = None,
+) -> Result:
+    """The result of a run, or of several as one, that has been measured and judged."""
+    record, plan = run.record, run.plan
+    return Result(
+        name=plan.name,
+        title=plan.title,
+        labels=plan.labels,
+        run_id=record.run_id,
+        status=record.status,
+        reason=record.reason,
+        started_at=record.started_at,
+        ended_at=record.ended_at,
+        plan_hash=record.plan_hash,
+        dataset=record.dataset,
+        machine=record.machine,
+        versions=record.versions,
+        processes=record.processes,
+        floor=record.floor,
+        silences=record.silences,
+        differences=record.differences,
+        spec=run.spec_text(),
+        judged_by=judged_by,
+        objectives={name: _text(objective) for name, objective in asked.items()},
+        metrics=metrics,
+        verdict=verdict,
+        pairs=pairs,
+        baseline=baseline,
+        left_out=record.left_out,
+    )
+
+
+def _told(baseline: BaselineRecord, *, confirmed: bool) -> BaselineResult:
+    return BaselineResult(
+        kind=baseline.kind,
+        source=baseline.source,
+        run_ids=baseline.run_ids,
+        differences=baseline.differences,
+        confirmed=confirmed,
+    )
+
+
+def to_json(result: Result) -> bytes:
+    """The content of ``result.json``: fields in the order of the types, two spaces, a newline."""
+    return msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n"
+
+
+def from_json(content: bytes) -> Result:
+    """Read what `to_json` wrote.
+
+    Raises:
+        msgspec.DecodeError: it is no result of this version.
+    """
+    return msgspec.json.decode(content, type=Result)
+
+
+def _text(objective: Objective) -> ObjectiveText:
+    return ObjectiveText(
+        at=str(objective.at) if objective.at is not None else "",
+        require=tuple(requirement.text for requirement in objective.require),
+    )

@@ -1,0 +1,134 @@
+"""Something seen and compared as it is: smallest, largest, counts, and everything with == or !=.
+
+An observation says what happened in this run; it is no claim about the next. The rule of three
+says how much may still lie behind it: if none of n messages broke a bound, up to about 3/n of all
+may, at 95 % confidence.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from r2bspec.judge.decision import Answer, Question
+from r2bspec.judge.statistics.rule_of_three import share_at_most
+from r2bspec.judge.verdict_wording import things
+from r2bspec.measure.metric_values import value
+from r2bspec.measure.percentiles import percentile
+from r2bspec.measure.pooling import pool_monitor
+from r2bspec.measure.samples import LOSSES_COUNT, MonitorSamples
+from r2bspec.measure.units import show
+
+_ADDED = ("sent", "received", "missed", "duplicates", "reordered", "unmatched")
+_BAD = ("missed", "duplicates", "reordered", "unmatched")
+"""Counts of which none is the best there can be, so that none seen is worth a rule of three."""
+
+
+def judge_observation(question: Question) -> Answer:
+    """Compare what was seen in all iterations with the limit."""
+    seen = observed(question)
+    if seen is None:
+        return Answer(
+            outcome="inconclusive",
+            method="none",
+            reason=f"There is no value of {question.info.name} in these iterations.",
+        )
+    n = _messages(question)
+    holds = question.holds(seen)
+    counts = holds and n > 0 and _of_single_messages(question, seen)
+    rule = share_at_most(n, question.confidence) if counts else None
+    return Answer(
+        outcome="pass" if holds else "fail",
+        method="observation",
+        reason=_reason(question, seen, n, rule),
+        estimate=seen,
+        n=n,
+        rule_of_three=rule,
+    )
+
+
+def observed(question: Question) -> float | None:
+    """The value over all iterations: extremes of extremes, sums of counts, the mean of means."""
+    info = question.info
+    if info.quantile is not None:
+        return _pooled_percentile(question, info.quantile)
+    values = [
+        found
+        for one in question.iterations
+        if (found := value(info, question.monitor, one)) is not None
+    ]
+    if not values:
+        return None
+    if info.name in _ADDED:
+        return sum(values)
+    if info.name == "drop_rate":
+        pooled = pool_monitor(_monitors(question))
+        return pooled.missed / pooled.expected if pooled.expected else None
+    if info.part == "min":
+        return min(values)
+    return max(values) if info.part == "max" else sum(values) / len(values)
+
+
+def _pooled_percentile(question: Question, quantile: float) -> float | None:
+    family = question.info.family
+    if question.info.scope == "playback":
+        lateness = np.concatenate([one.playback.lateness for one in question.iterations])
+        return percentile(lateness, quantile)
+    pooled = pool_monitor(_monitors(question))
+    lost = pooled.missed if family in LOSSES_COUNT else 0
+    return percentile(pooled.times[family], quantile, lost)
+
+
+def _monitors(question: Question) -> list[MonitorSamples]:
+    return [one.monitors[question.monitor or ""] for one in question.iterations]
+
+
+def _messages(question: Question) -> int:
+    """How many messages were looked at; for processes, which have none, how many iterations."""
+    info = question.info
+    if info.scope == "monitor":
+        seen = _monitors(question)
+        if info.family in seen[0].times and info.family not in LOSSES_COUNT:
+            return sum(one.times[info.family].size for one in seen)
+        return sum(one.expected for one in seen)
+    if info.scope == "playback":
+        return sum(one.playback.sent for one in question.iterations)
+    return len(question.iterations)
+
+
+def _of_single_messages(question: Question, seen: float) -> bool:
+    """Whether the observation is that no single message broke the bound."""
+    info = question.info
+    if info.scope not in {"monitor", "playback"}:
+        return False
+    return info.part in {"min", "max"} or (info.name in _BAD and seen == 0)
+
+
+def _reason(question: Question, seen: float, n: int, rule: float | None) -> str:
+    what = _what(question, seen, n)
+    if rule is None:
+        return f"{what}."
+    return (
+        f"{what}. This was seen, not proved: at {question.confidence_text} up to "
+        f"{show(rule, 'share', 2)} of {things(question)} may still break it."
+    )
+
+
+def _what(question: Question, seen: float, n: int) -> str:
+    info = question.info
+    if info.part in {"min", "max"}:
+        extreme = "smallest" if info.part == "min" else "largest"
+        if math.isinf(seen):
+            missed = sum(one.missed for one in _monitors(question))
+            return f"{show(missed, 'count')} of {show(n, 'count')} outputs never came"
+        of = f"{show(n, 'count')} {things(question)}"
+        if info.scope not in {"monitor", "playback"}:
+            of = f"{n} iteration{'s' if n > 1 else ''}"
+        return f"The {extreme} in {of} is {show(seen, info.unit)}"
+    if info.name in _ADDED:
+        if question.iterations[0].live:
+            count = len(question.iterations)
+            return f"{show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"
+        return f"{show(seen, 'count')} in {show(n, 'count')} steps"
+    return f"{info.name} is {show(seen, info.unit)}"

@@ -1,0 +1,101 @@
+"""A bound on a percentile, by the exact binomial test on single messages.
+
+``latency.p99 < L`` says that at most 1 % of all messages take L or longer. The messages of all
+iterations are pooled, and weighed by how independent they are
+(`r2bspec.judge.statistics.effective_sample_size`). A step that was never answered counts as a
+message on the wrong side of the limit: otherwise a graph that drops its slowest messages would
+improve its percentiles.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from r2bspec.judge.decision import Answer, Question, decide
+from r2bspec.judge.methods.forecast import settle_share
+from r2bspec.judge.statistics.binomial import lower_bound, upper_bound, withstands
+from r2bspec.judge.statistics.order_statistics import Ranked, allowed_share, percentile_interval
+from r2bspec.judge.verdict import ShareTest
+from r2bspec.judge.verdict_wording import share_sentence
+from r2bspec.measure.latency import Seconds
+from r2bspec.measure.samples import LOSSES_COUNT
+
+
+def judge_percentile(question: Question) -> Answer:
+    """Decide a requirement on a percentile; its metric has a quantile."""
+    quantile = question.info.quantile
+    if quantile is None:
+        raise ValueError(f"{question.info.name} is no percentile")
+    pieces, lost = _pieces(question)
+    ranked = Ranked(pieces)
+    if not ranked.n:
+        return Answer(outcome="inconclusive", method="none", reason="There is nothing to judge.")
+    interval = percentile_interval(ranked, quantile, question.confidence)
+    share = _share_test(question, ranked, lost, quantile)
+    towards, against = (
+        (interval.upper, interval.lower)
+        if question.wants_less
+        else (interval.lower, interval.upper)
+    )
+    outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
+    return Answer(
+        outcome=outcome,
+        method="exact binomial",
+        reason=share_sentence(question, share, outcome),
+        settle=settle_share(question, share) if outcome == "inconclusive" else "",
+        estimate=interval.estimate,
+        lower=interval.lower,
+        upper=interval.upper,
+        n=share.n,
+        effective_n=share.effective_n,
+        over=share.over,
+        bursts=share.bursts,
+        share=share,
+    )
+
+
+def _pieces(question: Question) -> tuple[list[Seconds], int]:
+    """The messages of each iteration, in order, and how many are lost (infinitely off)."""
+    family = question.info.family
+    if question.info.scope == "playback":
+        return [one.playback.lateness for one in question.iterations], 0
+    seen = [one.monitors[question.monitor or ""] for one in question.iterations]
+    lost = sum(one.missed for one in seen) if family in LOSSES_COUNT else 0
+    worst = math.inf if question.wants_less else -math.inf
+    return [one.in_order(family, worst) for one in seen], lost
+
+
+def _share_test(question: Question, ranked: Ranked, lost: int, quantile: float) -> ShareTest:
+    """How many messages are on the wrong side of the limit, and how many may be.
+
+    A floor (> L) fails on the messages that are at or below it: the ceiling's test, negated.
+    """
+    # '<' and '>=' share one boundary, '<=' and '>' the other.
+    side = "left" if question.requirement.op in {"<", ">="} else "right"
+    within = int(np.searchsorted(ranked.ordered, question.limit, side=side))  # type: ignore[call-overload]
+    n, above = ranked.n, ranked.n - within
+    worth = ranked.worth(above, largest=question.wants_less)
+    counts = above / worth.inflation, n / worth.inflation
+    lower = lower_bound(*counts, question.confidence)
+    upper = upper_bound(*counts, question.confidence)
+    if question.wants_less:
+        allowed = allowed_share(quantile)
+        stands = withstands(above, n, allowed, question.confidence)
+    else:
+        lower, upper = 1 - upper, 1 - lower
+        allowed, stands = quantile, None
+    return ShareTest(
+        n=n,
+        effective_n=worth.messages,
+        over=worth.bad,
+        bursts=worth.bursts,
+        clustering=worth.cause,
+        lost=lost,
+        share=worth.bad / n,
+        lower=lower,
+        upper=upper,
+        allowed=allowed,
+        withstands=stands,
+    )

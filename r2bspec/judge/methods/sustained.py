@@ -1,0 +1,62 @@
+"""Whether an offered rate is sustained, by the one sequential probe that was made of it.
+
+The probe is a sequential test with three answers and a stated error (`r2bspec.judge.rate_test`):
+it was stopped as soon as one of two was clear, and is open where neither was in the longest time
+that a probe may take. To test its samples once more would test a sample whose size the first test
+has chosen, so the answer stands as it was recorded:
+
+    PASS            the rate held
+    FAIL            the backlog grew, messages were dropped, or a condition of the spec did not hold
+    INCONCLUSIVE    the probe stayed open
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Final
+
+from r2bspec.judge.decision import Answer, Question
+from r2bspec.judge.verdict import Outcome
+from r2bspec.measure.units import show
+from r2bspec.record.run_record import Probe
+
+_KEPT: Final = {True: "held", False: "did not hold", None: "stayed open"}
+_OUTCOMES: Final[dict[bool | None, Outcome]] = {True: "pass", False: "fail", None: "inconclusive"}
+
+_SETTLE = (
+    "Probe for longer (benchmark.search.probe), or offer a rate further from the graph's capacity."
+)
+
+
+def judge_sustained(question: Question, probes: Iterable[Probe]) -> Answer:
+    """Decide ``sustained``: what the probe of the rate has shown.
+
+    Args:
+        question: what is asked.
+        probes: the sequential probes of the run; the last one at the rate decides.
+    """
+    found = [
+        probe
+        for probe in probes
+        if question.at_hz is not None and math.isclose(probe.rate_hz, question.at_hz)
+    ]
+    if not found:
+        where = f" at {show(question.at_hz, 'Hz')}" if question.at_hz is not None else ""
+        return Answer(
+            outcome="inconclusive",
+            method="none",
+            reason=f"This run has no probe{where}.",
+            settle="Run the spec that states this objective.",
+        )
+    probe = found[-1]
+    said = f": {probe.reason}" if probe.reason else ""
+    came = f"{show(probe.delivered_hz, 'Hz')} came out"
+    return Answer(
+        outcome=_OUTCOMES[probe.holds],
+        method="sequential probe",
+        reason=f"{show(probe.rate_hz, 'Hz')} {_KEPT[probe.holds]}{said} ({came}).",
+        settle=_SETTLE if probe.holds is None else "",
+        estimate=probe.delivered_hz,
+        n=1,
+    )

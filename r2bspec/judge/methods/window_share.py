@@ -1,0 +1,107 @@
+"""``latency.p99 < 50 ms in 99 % of 1 s windows``: the exact binomial test over windows.
+
+Each complete window of each iteration (`r2bspec.measure.windows`) has a value of the metric, and
+either meets the bound or does not. At most a share 1 - SHARE of all windows may not. That is a
+bound on a percentile of the windows' values, and is judged as one: with the effective number of
+windows, for bad windows come in bursts as bad messages do. For a floor the values are negated.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from r2bspec.judge.decision import Answer, Question, Windows, decide
+from r2bspec.judge.methods.forecast import settle_share
+from r2bspec.judge.methods.share_bound import share_test
+from r2bspec.judge.statistics.effective_sample_size import Effective, Flags, effective
+from r2bspec.judge.statistics.order_statistics import Ranked, allowed_share, percentile_interval
+from r2bspec.judge.verdict import Outcome, ShareTest
+from r2bspec.judge.verdict_wording import share_sentence, things
+from r2bspec.measure.latency import Seconds
+from r2bspec.measure.units import show
+from r2bspec.measure.windows import WindowValues, has_windows, window_values
+
+
+def judge_windows(question: Question, asked: Windows) -> Answer:
+    """Decide a requirement that must hold in a share of windows."""
+    if not has_windows(question.info):
+        return Answer(
+            outcome="fail",
+            method="none",
+            reason=f"{question.info.name} has no value in a window, only in a run.",
+        )
+    worst = math.inf if question.wants_less else -math.inf
+    found = [
+        window_values(question.info, question.monitor or "", one, asked.window_ns, worst)
+        for one in question.iterations
+    ]
+    pieces = [np.array(one.values) for one in found]
+    if not any(piece.size for piece in pieces):
+        return _none(question, asked, found)
+    if question.requirement.op in {"==", "!="}:
+        return _compared(question, asked, pieces)
+    return _ranked(question, asked, pieces)
+
+
+def _none(question: Question, asked: Windows, found: list[WindowValues]) -> Answer:
+    length = show(asked.window_ns / 1e9, "s")
+    if any(one.without for one in found):
+        reason = f"A window of {length} holds too few messages for {question.info.name}."
+    else:
+        reason = f"No iteration holds a whole window of {length}."
+    return Answer(
+        outcome="inconclusive",
+        method="none",
+        reason=reason,
+        settle="Ask for longer windows, or make the iterations longer.",
+    )
+
+
+def _ranked(question: Question, asked: Windows, pieces: list[Seconds]) -> Answer:
+    """The test with its bounds in the metric's unit."""
+    sign = 1.0 if question.wants_less else -1.0
+    ranked = Ranked([sign * piece for piece in pieces])
+    interval = percentile_interval(ranked, asked.share, question.confidence)
+    outcome = decide(
+        passes=question.holds(sign * interval.upper),
+        fails=not question.holds(sign * interval.lower),
+    )
+    bad = sum(int(np.count_nonzero(flags)) for flags in _bad(question, pieces))
+    test = _test(question, asked, ranked.worth(bad))
+    lower, upper = sorted((sign * interval.lower, sign * interval.upper))
+    answer = _answer(question, test, outcome)
+    return replace(answer, estimate=sign * interval.estimate, lower=lower, upper=upper)
+
+
+def _compared(question: Question, asked: Windows, pieces: list[Seconds]) -> Answer:
+    """The test alone: with == and != the windows' values have no order that matters."""
+    test = _test(question, asked, effective(_bad(question, pieces)))
+    outcome = decide(passes=test.upper <= test.allowed, fails=test.lower > test.allowed)
+    return _answer(question, test, outcome)
+
+
+def _bad(question: Question, pieces: list[Seconds]) -> list[Flags]:
+    return [
+        np.array([not question.holds(value) for value in piece], dtype=np.bool_) for piece in pieces
+    ]
+
+
+def _test(question: Question, asked: Windows, worth: Effective) -> ShareTest:
+    return share_test(worth, allowed_share(asked.share), question.confidence)
+
+
+def _answer(question: Question, test: ShareTest, outcome: Outcome) -> Answer:
+    return Answer(
+        outcome=outcome,
+        method="binomial over windows",
+        reason=share_sentence(question, test, outcome),
+        settle=settle_share(question, test, things(question)) if outcome == "inconclusive" else "",
+        n=test.n,
+        effective_n=test.effective_n,
+        over=test.over,
+        bursts=test.bursts,
+        share=test,
+    )

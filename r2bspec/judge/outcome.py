@@ -1,0 +1,75 @@
+"""From the verdicts on requirements to the outcome of the run: levels, and the inconclusive.
+
+    level    that fails        that can't be decided
+    error    fails the run     as the policy says
+    warn     is a warning      is a warning
+    info     is shown          is shown
+    off      is not judged     is not judged
+
+The policy is ``report`` (the run is inconclusive, exit code 3), ``fail`` (as if it had
+failed) or ``pass`` (a warning; for pipelines that must not stop for lack of evidence).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from r2bspec.judge.verdict import Outcome, OverallOutcome, RequirementVerdict
+
+Policy = Literal["report", "fail", "pass"]
+
+
+def outcome_of(
+    requirements: Sequence[RequirementVerdict], policy: Policy = "report"
+) -> tuple[OverallOutcome, str]:
+    """The outcome of a run that is usable, and one sentence for it."""
+    counted = [one for one in requirements if one.level == "error"]
+    outcome = worst([one.outcome for one in counted], policy)
+    return outcome, f"{_sentence(counted, outcome)}{_warnings(requirements, policy)}"
+
+
+def worst(outcomes: Sequence[Outcome], policy: Policy = "report") -> Outcome:
+    """The worst of some outcomes, the inconclusive taken as the policy says."""
+    if "fail" in outcomes:
+        return "fail"
+    if "inconclusive" not in outcomes:
+        return "pass"
+    return "inconclusive" if policy == "report" else policy
+
+
+def _sentence(counted: Sequence[RequirementVerdict], outcome: Outcome) -> str:
+    total = len(counted)
+    if not total:
+        return "The spec states no objective: there was nothing to judge."
+    failed = sum(one.outcome == "fail" for one in counted)
+    open_ = sum(one.outcome == "inconclusive" for one in counted)
+    if total == 1:
+        if failed:
+            return "The requirement does not hold."
+        if not open_:
+            return "The requirement holds."
+        return f"The requirement could not be decided{_policy(outcome)}."
+    if failed:
+        left = f", {open_} could not be decided" if open_ else ""
+        return f"{failed} of {total} requirements failed{left}."
+    if open_:
+        return f"{open_} of {total} requirements could not be decided{_policy(outcome)}."
+    return f"All {total} requirements hold."
+
+
+def _policy(outcome: Outcome) -> str:
+    if outcome == "inconclusive":
+        return ""
+    return f", which counts as a {outcome} here"
+
+
+def _warnings(requirements: Sequence[RequirementVerdict], policy: Policy) -> str:
+    number = sum(one.level == "warn" and one.outcome != "pass" for one in requirements)
+    if not any(one.level == "error" for one in requirements) and not number:
+        return ""
+    if policy == "pass":
+        number += sum(
+            one.level == "error" and one.outcome == "inconclusive" for one in requirements
+        )
+    return f" {number} warning{'s' if number > 1 else ''}." if number else ""

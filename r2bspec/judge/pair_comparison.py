@@ -1,0 +1,190 @@
+"""A comparison of interleaved runs, judged: what is asked of the baseline, and all else.
+
+Requirements of the baseline rest on the pairs (`r2bspec.judge.baseline_ratio`); all others on the
+runs of the head, as if they were one run with so many iterations. A rate is sustained if every run
+of the head shows it, and is not if every run shows that. A peak lies in the bracket that contains
+those of all runs.
+
+Pairs that cannot be judged, because the playback missed its schedule, are played again once and
+dropped if that does not help. Fewer than half of the planned pairs decide nothing: the comparison
+is INVALID. What a disturbed machine may do is the same as to a single run
+(`r2bspec.judge.affected_iterations`): the pairs as they were first played decide. A FAIL becomes
+INCONCLUSIVE unless the pairs that nothing disturbed, those played again in their places among them,
+fail as well, or all pairs do with the head's disturbed iterations in their best light and the base
+as it was.
+
+A FAIL is confirmed by fresh pairs (`r2bspec.judge.confirmation`), as many as there were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import msgspec
+
+from r2bspec.judge.affected_iterations import favoured, find_disturbed, weaken
+from r2bspec.judge.baseline_ratio import judge_pairs
+from r2bspec.judge.baseline_requirements import Asked, answer_baseline, decided, value_of
+from r2bspec.judge.confirmation import CONFIRMING, confirm_run, wants_confirmation
+from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.playback_validity import Schedule
+from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict
+from r2bspec.language.spec import Objective
+from r2bspec.measure.samples import RunSamples
+
+Objectives = Mapping[str, Objective]
+
+
+@dataclass(frozen=True)
+class Interleaved:
+    """Some pairs, each a run of the base and one of the head, and the head's runs as one."""
+
+    base: Sequence[RunSamples]
+    head: Sequence[RunSamples]
+    merged: RunSamples
+
+
+@dataclass(frozen=True)
+class Batch:
+    """The pairs that were played to reach one verdict.
+
+    Attributes:
+        played: each as it was first played in a way that can be judged.
+        calm: those that nothing disturbed; None if nothing disturbed any.
+        best: all of them, the head's disturbed iterations in their best light; likewise.
+        told: what disturbed which, for a reader.
+        planned: how many pairs there were to be.
+    """
+
+    played: Interleaved
+    planned: int
+    calm: Interleaved | None = None
+    best: Interleaved | None = None
+    told: str = ""
+
+
+def judge_comparison(
+    objectives: Objectives, first: Batch, again: Batch | None, terms: Terms
+) -> Verdict:
+    """Judge a comparison. A pure function of its arguments.
+
+    Args:
+        objectives: of the head, by name.
+        first: the pairs.
+        again: the fresh pairs that were played after a failure, if there were any.
+        terms: that the head's plan states.
+    """
+    verdict = judge_batch(objectives, first, terms)
+    if not wants_confirmation(verdict):
+        return verdict
+    if again is None:
+        return msgspec.structs.replace(
+            verdict, reason=f"{verdict.reason} No fresh pairs were played to confirm it."
+        )
+    asked = {
+        name: msgspec.structs.replace(objective, confidence=None)
+        for name, objective in objectives.items()
+    }
+    found = confirm_run(
+        verdict,
+        judge_batch(asked, again, replace(terms, confidence=CONFIRMING)),
+        terms.inconclusive,
+    )
+    did = "confirmed it" if wants_confirmation(found) else "did not confirm that"
+    failed = "" if wants_confirmation(found) else "It had failed, and "
+    said = f"{failed}{'f' if failed else 'F'}resh pairs {did}."
+    return msgspec.structs.replace(found, reason=f"{found.reason} {said}")
+
+
+def judge_batch(objectives: Objectives, batch: Batch, terms: Terms) -> Verdict:
+    """Judge the pairs of one batch, without a thought of confirming it.
+
+    The number of pairs is fixed beforehand: there are no looks.
+    """
+    terms = replace(terms, looks=None)
+    verdict = _judge(objectives, batch.played, terms)
+    if batch.calm is not None and batch.best is not None:
+        calm = _judge(objectives, batch.calm, terms).requirements
+        best = _judge(objectives, batch.best, terms).requirements
+        requirements = tuple(
+            # All else rests on the iterations of the head, of which `judge` knows the same.
+            weaken(one, other, batch.told, most) if one.method == "paired t on logs" else one
+            for one, other, most in zip(verdict.requirements, calm, best, strict=True)
+        )
+        if verdict.outcome in {"invalid", "incomplete"}:
+            verdict = msgspec.structs.replace(verdict, requirements=requirements)
+        else:
+            verdict = decided(verdict, requirements, terms)
+    usable = len(batch.played.head)
+    if verdict.outcome != "incomplete" and 2 * usable < batch.planned:
+        return msgspec.structs.replace(
+            verdict,
+            outcome="invalid",
+            exit_code=EXIT_CODES["invalid"],
+            reason=f"Of {batch.planned} pairs only {usable} can be judged.",
+        )
+    return verdict
+
+
+def _judge(objectives: Objectives, pairs: Interleaved, terms: Terms) -> Verdict:
+    verdict = judge(objectives, pairs.merged, terms)
+    verdict = answer_baseline(
+        verdict, objectives, pairs.merged, terms, lambda asked: _of_pairs(asked, pairs)
+    )
+    if not any(one.metric == "sustained" for one in verdict.requirements):
+        return verdict
+    each = [judge(objectives, run, terms).requirements for run in pairs.head]
+    requirements = tuple(
+        _sustained([found[place] for found in each]) if one.metric == "sustained" and each else one
+        for place, one in enumerate(verdict.requirements)
+    )
+    if verdict.outcome in {"invalid", "incomplete"}:
+        return msgspec.structs.replace(verdict, requirements=requirements)
+    return decided(verdict, requirements, terms)
+
+
+def _of_pairs(asked: Asked, pairs: Interleaved) -> RequirementVerdict:
+    one = asked.comparison
+    base, head = (
+        [value_of(asked.info, one.monitor, one.at_hz, run) for run in side]
+        for side in (pairs.base, pairs.head)
+    )
+    return judge_pairs(one, base, head)
+
+
+def _sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:
+    """What the probes of all runs of the head come to."""
+    outcomes = [one.outcome for one in found]
+    outcome: Outcome = outcomes[0] if len(set(outcomes)) == 1 else "inconclusive"
+    told = ", ".join(
+        f"{outcomes.count(each)} {what}"
+        for each, what in (("pass", "passed"), ("fail", "failed"), ("inconclusive", "are open"))
+        if each in outcomes
+    )
+    one = next((one for one in found if one.outcome == outcome), found[0])
+    return msgspec.structs.replace(
+        one,
+        outcome=outcome,
+        n=len(found),
+        notes=(*one.notes, f"Probed in {len(found)} runs of the head: {told}."),
+        settle=one.settle if outcome == "inconclusive" else "",
+    )
+
+
+def in_best_light(pairs: Interleaved) -> Interleaved:
+    """Pairs of which the head has all the benefit of the doubt; the base is as it was."""
+    return replace(pairs, head=[favoured(run, find_disturbed(run)) for run in pairs.head])
+
+
+def why_unusable(samples: RunSamples) -> str:
+    """Why nothing can be judged by a run of a pair, in a sentence; empty if it can."""
+    missed = Schedule.of(samples).iterations
+    return next(iter(missed.values()), "")
+
+
+def what_disturbed(samples: RunSamples) -> str:
+    """What the machine did during the iterations of a run, in words; empty if nothing."""
+    found = [reason for one in find_disturbed(samples).values() for reason in one.reasons]
+    return "; ".join(dict.fromkeys(found))

@@ -1,0 +1,163 @@
+"""Confidence bounds on a percentile from order statistics: the binomial test, read in seconds.
+
+Whether a percentile q lies below a limit is the question whether at most a share 1 - q of all
+messages is over it. If exactly the k largest messages are over the limit, they are worth k / F of
+n / F independent messages (`effective`), and F depends on which messages these are, hence on k.
+The binomial test on k / F and n / F says 'pass', 'fail' or neither for each k. With
+
+    k_pass = the largest k such that it passes for every k' <= k
+    k_fail = the smallest k such that it fails for every k' >= k
+
+the requirement passes exactly if the (k_pass + 1)-th largest message is within the limit, and
+fails exactly if the k_fail-th largest is over it. So these two messages are the upper and the
+lower confidence bound on the percentile: comparing them with the limit is the test itself. Asking
+it of every k' makes the verdict monotone (a looser limit never turns a pass into less) and can
+only make it more careful.
+
+F is worked out for some k, every one up to 16 and then in steps of a fifth, from either end, and
+is the same from one of them down to the one before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.judge.statistics.binomial import last_true, lower_bound, upper_bound
+from r2bspec.judge.statistics.effective_sample_size import (
+    Clustering,
+    Effective,
+    effective_rows,
+    in_rows,
+)
+from r2bspec.measure.percentiles import rank
+
+_EACH = 16
+_STEP = 1.2
+
+
+@dataclass(frozen=True)
+class PercentileInterval:
+    """A percentile with its one-sided bounds; infinite where the messages do not bound it."""
+
+    estimate: float
+    lower: float
+    upper: float
+
+
+def allowed_share(q: float) -> float:
+    """1 - q, without the digits that binary floating point adds to it: 0.01 for 0.99."""
+    return round(1 - q, 12)
+
+
+class Ranked:
+    """The messages of some iterations, in the order played and in the order of size.
+
+    Attributes:
+        n: how many there are.
+        ordered: all of them, ascending; shape (n,).
+    """
+
+    def __init__(self, pieces: Sequence[NDArray[np.float64]]) -> None:
+        """Take one array for each iteration; lost messages are +inf or -inf, as is worse."""
+        self._rows = in_rows(pieces, fill=math.nan)
+        self._sizes = np.array([piece.size for piece in pieces])
+        self.ordered = np.sort(np.concatenate([*pieces, np.empty(0)]))
+        self.n = int(self.ordered.size)
+        self._levels = _levels(self.n)
+        self._found: dict[int, tuple[float, Clustering]] = {}
+
+    def worth(self, k: int, *, largest: bool = True) -> Effective:
+        """What the messages are worth if the k largest are bad, or all but those k."""
+        level = min(level for level in self._levels if level >= k)
+        inflation, cause = self._worth_at(level)
+        edge = self._below(k)
+        # Behind the end of an iteration there is NaN, which is neither over nor under.
+        flags = self._rows > edge if largest else self._rows <= edge
+        return replace(effective_rows(flags, self._sizes), inflation=inflation, cause=cause)
+
+    def _below(self, k: int) -> float:
+        """The largest message that is not one of the k largest."""
+        return float(self.ordered[self.n - 1 - k]) if k < self.n else -math.inf
+
+    def _worth_at(self, level: int) -> tuple[float, Clustering]:
+        """F at one of the levels, and what makes it so large."""
+        if level not in self._found:
+            least = self.ordered[self.n - level] if level else math.nan
+            found = effective_rows(self._rows >= least, self._sizes)
+            self._found[level] = found.inflation, found.cause
+        return self._found[level]
+
+    def most_to_pass(self, allowed: float, confidence: float) -> int | None:
+        """k_pass; None if not even 0 passes."""
+        best: int | None = None
+        for below, level in self._buckets():
+            f, _ = self._worth_at(level)
+            n = self.n / f
+
+            def passes(k: int, f: float = f, n: float = n) -> bool:
+                return upper_bound(k / f, n, confidence) <= allowed
+
+            if not passes(below + 1):
+                return best
+            best = last_true(passes, below + 1, level)
+            if best < level:
+                return best
+        return best
+
+    def least_to_fail(self, allowed: float, confidence: float) -> int | None:
+        """k_fail; None if not even n fails."""
+        best: int | None = None
+        for below, level in reversed(list(self._buckets())):
+            f, _ = self._worth_at(level)
+            n = self.n / f
+
+            def open_(k: int, f: float = f, n: float = n) -> bool:
+                return lower_bound(k / f, n, confidence) <= allowed
+
+            if open_(level):
+                return best
+            if open_(below + 1):
+                return last_true(open_, below + 1, level) + 1
+            best = below + 1
+        return best
+
+    def _buckets(self) -> Iterator[tuple[int, int]]:
+        """(a, b) for each stretch a < k <= b that shares the F of b, ascending from (-1, 0)."""
+        yield from zip((-1, *self._levels), self._levels, strict=False)
+
+
+def _levels(n: int) -> tuple[int, ...]:
+    """The k at which F is worked out, ascending, from 0 to n."""
+    found = set(range(min(_EACH, n) + 1))
+    level = float(_EACH)
+    while level < n:
+        level *= _STEP
+        found.add(min(math.ceil(level), n))
+    return tuple(sorted(found | {n - k for k in found}))
+
+
+def percentile_interval(
+    pieces: Sequence[NDArray[np.float64]] | Ranked, q: float, confidence: float
+) -> PercentileInterval:
+    """The percentile `q` of all messages and its one-sided bounds, each at `confidence`.
+
+    Args:
+        pieces: one array for each iteration, in the order of the steps, at least one message in
+            all; messages that were lost are +inf, or -inf where being late is what is asked for.
+        q: 0 < q < 1.
+        confidence: of each bound by itself.
+    """
+    ranked = pieces if isinstance(pieces, Ranked) else Ranked(pieces)
+    n, ordered = ranked.n, ranked.ordered
+    passing = ranked.most_to_pass(allowed_share(q), confidence)
+    failing = ranked.least_to_fail(allowed_share(q), confidence)
+    return PercentileInterval(
+        estimate=float(ordered[rank(q, n) - 1]),
+        lower=-math.inf if failing is None else float(ordered[n - failing]),
+        upper=math.inf if passing is None or passing >= n else float(ordered[n - 1 - passing]),
+    )

@@ -1,0 +1,81 @@
+"""Base against head, measured in pairs on one host: the t test on the logarithms of the ratios.
+
+Runs are interleaved A B B A (A the base, B the head), each in fresh processes, so that a machine
+that gets slower slows both. Pair i has the values a_i and b_i of a metric, one iteration each, and
+
+    d_i = ln(b_i / a_i),        mean d,  standard deviation s,  over n pairs.
+
+A ratio of two noisy values is skewed; its logarithm is not, and 'half' and 'double' are equally
+far from 1. (mean d - ln rho) / (s / sqrt(n)) follows Student's t with n - 1 degrees of freedom,
+where rho is the true ratio, so that one-sided bounds on rho, each at the confidence c, are
+
+    exp(mean d -+ t_c(n - 1) s / sqrt(n)).
+
+The limit of the requirement is the margin: ``throughput.mean >= 97 % of baseline`` passes if the
+lower bound on rho is at least 0.97, fails if the upper bound is below it. That is a test for
+non-inferiority, and not whether the two 'differ': given enough pairs they always do.
+
+A linear drift of the machine adds +delta to the pairs A B and -delta to the pairs B A. It cancels
+in the mean of an even number of pairs, and only widens the interval.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from r2bspec.judge.statistics.t_interval import mean_interval
+
+
+@dataclass(frozen=True)
+class RatioInterval:
+    """A ratio with its one-sided bounds.
+
+    Attributes:
+        ratio: head over base.
+        lower: of the true ratio, at the confidence asked for.
+        upper: the same, by itself.
+        deviation: the standard deviation of the logarithms; 0.02 is about 2 %.
+        n: how many pairs, or how many earlier runs, are behind it.
+    """
+
+    ratio: float
+    lower: float
+    upper: float
+    deviation: float
+    n: int
+
+
+def abba(pairs: int) -> str:
+    """The order in which to run so many pairs: ``ABBAABBA..``, two letters for each."""
+    return "".join("AB" if pair % 2 == 0 else "BA" for pair in range(pairs))
+
+
+def paired_ratio(
+    base: Sequence[float], head: Sequence[float], confidence: float, resolution: float = 0.0
+) -> RatioInterval:
+    """The ratio head / base of paired values with its one-sided bounds.
+
+    Args:
+        base: one positive value for each pair, at least two.
+        head: the same for the head, in the order of the pairs.
+        confidence: of each bound by itself.
+        resolution: the smallest difference that the clock can show in such a value.
+
+    Raises:
+        ValueError: fewer than two pairs, unequal numbers, or a value that is not positive.
+    """
+    if any(value <= 0 or math.isinf(value) for value in (*base, *head)):
+        raise ValueError("a ratio needs positive, finite values")
+    logs = [math.log(b / a) for a, b in zip(base, head, strict=True)]
+    # Rounding both values to the resolution moves the logarithm by resolution / value of each.
+    relative = math.sqrt(2) * resolution / min((*base, *head), default=1.0)
+    found = mean_interval(logs, confidence, relative)
+    return RatioInterval(
+        ratio=math.exp(found.mean),
+        lower=math.exp(found.lower),
+        upper=math.exp(found.upper),
+        deviation=found.deviation,
+        n=len(logs),
+    )

@@ -1,0 +1,61 @@
+"""One new run against a history of runs: the prediction interval.
+
+A history holds one value of a metric per earlier run, all of one plan on one kind of machine (the
+same plan hash, the same host fingerprint). With the logarithms h_1 .. h_m of the last m of them,
+their mean h and standard deviation s, and y that of the new run, if nothing has changed
+
+    (y - h) / (s sqrt(1 + 1/m))
+
+follows Student's t with m - 1 degrees of freedom: the new run scatters like the others, and the
+mean of the others is uncertain too. If the new run differs by a true ratio rho, y - h - ln rho
+does, so that one-sided bounds on rho are
+
+    exp(y - h -+ t_c(m - 1) s sqrt(1 + 1/m)).
+
+Here s is what runs differ by, not iterations, which is what makes this honest where Welch's test
+on two runs is not. More iterations per run make s smaller, but not below what runs differ by.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from r2bspec.judge.statistics.paired_ratio import RatioInterval
+from r2bspec.judge.statistics.t_interval import mean_interval
+
+LEAST_RUNS: Final = 5
+"""A history of fewer runs decides nothing: t_0.95(3) / t_0.95(30) is 1.4, t_0.95(1) is 6.3."""
+
+MOST_RUNS: Final = 30
+"""Of a longer history, the latest are used: machines and code change slowly."""
+
+
+def predicted_ratio(history: Sequence[float], new: float, confidence: float) -> RatioInterval:
+    """The ratio of a new run to a history with its one-sided bounds.
+
+    Args:
+        history: one positive value for each earlier run, oldest first, at least two.
+        new: that of the new run, positive.
+        confidence: of each bound by itself.
+
+    Raises:
+        ValueError: fewer than two earlier runs, or a value that is not positive.
+    """
+    used = history[-MOST_RUNS:]
+    if any(value <= 0 or math.isinf(value) for value in (*used, new)):
+        raise ValueError("a ratio needs positive, finite values")
+    from scipy.special import stdtrit
+
+    m = len(used)
+    found = mean_interval([math.log(value) for value in used], confidence)
+    half = float(stdtrit(m - 1, confidence)) * found.deviation * math.sqrt(1 + 1 / m)
+    difference = math.log(new) - found.mean
+    return RatioInterval(
+        ratio=math.exp(difference),
+        lower=math.exp(difference - half),
+        upper=math.exp(difference + half),
+        deviation=found.deviation,
+        n=m,
+    )

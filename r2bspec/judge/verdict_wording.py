@@ -1,0 +1,87 @@
+"""The sentences in which a verdict says why."""
+
+from __future__ import annotations
+
+from r2bspec.judge.decision import Question
+from r2bspec.judge.verdict import Outcome, ShareTest
+from r2bspec.measure.units import show
+
+_THINGS = {
+    "latency": "outputs",
+    "latency_from_due": "outputs",
+    "interval": "intervals",
+    "jitter": "changes of the interval",
+    "playback": "publications",
+    "drop_rate": "steps",
+}
+
+
+_NEARLY_ALL = 0.95
+_FEW = 10
+
+
+def things(question: Question) -> str:
+    """What is counted one by one for a metric, in the plural."""
+    if question.windows is not None:
+        return f"windows of {show(question.windows.window_ns / 1e9, 's')}"
+    return _THINGS.get(question.info.family, "steps")
+
+
+def share_sentence(question: Question, test: ShareTest, outcome: Outcome) -> str:
+    """How many were on the wrong side, what that proves, and how many may be."""
+    seen = (
+        f"{show(test.over, 'count')} of {show(test.n, 'count')} {things(question)} "
+        f"({_percent(test.share)}) {_wrong_side(question, test)}{_worth(test)}"
+    )
+    sure = f"at {question.confidence_text}"
+    lower, upper = _percent(test.lower), _percent(test.upper)
+    allowed = show(test.allowed, "share", 6)
+    # A floor on a share (drop_rate > x) wants many; every other requirement allows a few.
+    wants_many = (
+        question.windows is None and question.info.quantile is None and not question.wants_less
+    )
+    needed = f"more than {allowed} must be" if wants_many else f"{allowed} may be"
+    if outcome == "inconclusive":
+        return f"{seen}; {sure} that is {lower} to {upper} of all, and {needed}."
+    if (outcome == "pass") != wants_many:
+        return f"{seen}; {sure} at most {upper} of all are, and {needed}."
+    return f"{seen}; {sure} at least {lower} of all are, and {needed}."
+
+
+def _worth(test: ShareTest) -> str:
+    """What the messages count as, where they come in bursts."""
+    if test.effective_n > _NEARLY_ALL * test.n:
+        return ""
+    return (
+        f", {clustering(test)}, so that {show(test.n, 'count')} count as {_whole(test.effective_n)}"
+    )
+
+
+def clustering(test: ShareTest) -> str:
+    """How the messages over the limit lie together."""
+    match test.clustering:
+        case "stretches":
+            return "close to one another"
+        case "iterations":
+            return "in some iterations more than in others"
+    return "in 1 burst" if test.bursts == 1 else f"in {show(test.bursts, 'count')} bursts"
+
+
+def _whole(n: float) -> str:
+    return show(n, "count") if n >= _FEW else show(n, "", 2)
+
+
+def _wrong_side(question: Question, test: ShareTest) -> str:
+    if question.windows is not None:
+        return f"do not have {question.metric_text}"
+    if question.info.statistic == "share":
+        return "were never answered"
+    side = "over" if question.wants_less else "under"
+    lost = f", counting {show(test.lost, 'count')} lost" if test.lost else ""
+    return f"are {side} {question.limit_text}{lost}"
+
+
+def _percent(share: float) -> str:
+    """A share in prose: two digits say all that there is to know, and most are never all."""
+    text = show(share, "share", 2)
+    return text if text != "100 %" or share == 1 else show(min(share, 0.999), "share")

@@ -1,0 +1,126 @@
+"""A collection that is being read: what a list or a map holds until its end has come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from r2bspec.diagnostics import Edit, Related, Span
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.located_tree import (
+    Entry,
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    UnknownNode,
+)
+from r2bspec.language.merge_key import Merge, merged
+
+_KINDS_OF_KEY = {bool: "a truth value", int: "a number", float: "a number"}
+
+
+@dataclass(slots=True)
+class Frame:
+    """A list or a map whose end has not come yet.
+
+    Attributes:
+        size: keys and values in it so far, with every alias written out.
+        key: in a map, the key whose value comes next.
+    """
+
+    start: Span
+    anchor: str | None
+    is_map: bool
+    problems: Problems
+    size: int = 1
+    items: list[TreeNode] = field(default_factory=list)
+    entries: dict[str, Entry] = field(default_factory=dict)
+    merges: list[Merge] = field(default_factory=list)
+    key: TreeNode | None = None
+
+    def add(self, node: TreeNode, size: int, span: Span) -> None:
+        """Add the next node, be it an item, a key or a value.
+
+        Args:
+            node: what comes next.
+            size: keys and values in it.
+            span: where it stands here, which for an alias is not where it was written.
+        """
+        self.size += size
+        if not self.is_map:
+            self.items.append(node)
+        elif self.key is None:
+            self.key = node
+        else:
+            key, self.key = self.key, None
+            self._pair(key, node, span)
+
+    def last(self) -> TreeNode | None:
+        """The value that stands last."""
+        if not self.is_map:
+            return self.items[-1] if self.items else None
+        return next(reversed(self.entries.values())).value if self.entries else None
+
+    def node(self, span: Span) -> TreeNode:
+        """The finished collection."""
+        if not self.is_map:
+            return ListNode(tuple(self.items), span)
+        return MapNode(merged(self.merges, self.entries) if self.merges else self.entries, span)
+
+    def _pair(self, key: TreeNode, value: TreeNode, span: Span) -> None:
+        if not isinstance(key, ScalarNode):
+            if not isinstance(key, UnknownNode):
+                message = "a key must be a word, not a list or a map"
+                self.problems.error("R2B024", message, key.span)
+            return
+        if key.text == "<<" and not key.style:
+            self._merge(key, value, span)
+            return
+        name = key.value
+        if not isinstance(name, str):
+            self._refuse_key(key)
+            self.entries.setdefault(key.text, Entry(key.span, value, known=False))
+            return
+        earlier = self.entries.get(name)
+        if earlier is not None:
+            self.problems.error(
+                "R2B023",
+                f"the key {quote(name)} stands here for the second time",
+                key.span,
+                "remove or rename one of the two",
+                related=(Related("the first one", earlier.key_span),),
+            )
+            return
+        self.entries[name] = Entry(key.span, value)
+
+    def _merge(self, key: ScalarNode, value: TreeNode, span: Span) -> None:
+        if self.merges:
+            self.problems.error(
+                "R2B028",
+                "'<<' stands here for the second time",
+                key.span,
+                "merge several with one list: '<<: [*a, *b]'",
+            )
+            return
+        for part in value.items if isinstance(value, ListNode) else (value,):
+            if isinstance(part, MapNode):
+                self.merges.append(Merge(key.span, part))
+            elif not isinstance(part, UnknownNode):
+                self.problems.error(
+                    "R2B028",
+                    "'<<' merges maps, and this is none",
+                    span,
+                    "write '<<: *name', where '&name' marks a map",
+                )
+
+    def _refuse_key(self, key: ScalarNode) -> None:
+        what = _KINDS_OF_KEY.get(type(key.value), "no value")
+        text = f'"{key.text}"'
+        self.problems.error(
+            "R2B024",
+            f"a key must be text; {quote(key.text)} is {what}",
+            key.span,
+            f"quote it: {text}" if key.text else "write a key before the ':'",
+            edit=Edit(key.span, text) if key.text else None,
+        )

@@ -1,0 +1,79 @@
+"""A document before its cases part: parsed, with what it extends, and with options applied."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path as FilePath
+
+from r2bspec.diagnostics import Diagnostic, Path, Related
+from r2bspec.language.extend import extend, extend_siblings
+from r2bspec.language.extension_keys import without_extensions
+from r2bspec.language.located_tree import TreeNode
+from r2bspec.language.overrides import apply_overrides
+from r2bspec.language.schema_validator import schema
+from r2bspec.language.source_text import Read, Source, accept, decode, read_file
+from r2bspec.language.yaml_composer import compose
+
+Variables = Mapping[str, bool | int | float | str]
+
+
+@dataclass(slots=True)
+class Opened:
+    """What all cases of a document have in common.
+
+    Attributes:
+        tree: None where the text is not YAML.
+        files: for each file that is extended, the places that led to it.
+        entries: for each entry that builds on a sibling, the place that says so.
+        incomplete: what builds on something that is not there; the empty path is the document.
+    """
+
+    file: str
+    tree: TreeNode | None
+    found: list[Diagnostic]
+    sources: dict[str, Source]
+    files: dict[str, tuple[Related, ...]] = field(default_factory=dict)
+    entries: dict[Path, tuple[Related, ...]] = field(default_factory=dict)
+    incomplete: set[Path] = field(default_factory=set)
+
+    @property
+    def base_dir(self) -> FilePath:
+        """The folder to which paths in the document are relative."""
+        return FilePath(self.file).parent
+
+
+def open_document(
+    source: FilePath | str | bytes,
+    file: str,
+    sets: Sequence[str],
+    variables: Variables,
+    allow_paths: Iterable[FilePath],
+) -> Opened:
+    """Read a document up to the point at which its matrix is looked at."""
+    read = _read(source, file)
+    opened = Opened(read.source.file, None, list(read.diagnostics), {read.source.file: read.source})
+    if read.usable:
+        composed = compose(read.source)
+        opened.found += composed.diagnostics
+        opened.tree = composed.tree
+    if opened.tree is None:
+        return opened
+    extended = extend(opened.tree, opened.file, schema(), allow_paths)
+    siblings = extend_siblings(extended.tree)
+    overridden = apply_overrides(siblings.tree, sets, variables)
+    for problems in (extended.problems, siblings.problems, overridden.problems):
+        opened.found += problems.found
+    opened.sources |= extended.sources | overridden.sources
+    opened.files, opened.entries = extended.ways, siblings.ways
+    opened.incomplete = siblings.incomplete | (set() if extended.complete else {()})
+    opened.tree = without_extensions(overridden.tree, schema())
+    return opened
+
+
+def _read(source: FilePath | str | bytes, file: str) -> Read:
+    if isinstance(source, FilePath):
+        return read_file(source)
+    if isinstance(source, bytes):
+        return decode(source, file)
+    return accept(source, file)

@@ -1,0 +1,204 @@
+"""`extends` at the top of a document: the files that it builds on.
+
+Files are read below the folder of the spec only, and below folders that the user allows: a spec
+of a stranger must not be able to show what else is on the machine.
+"""
+
+from __future__ import annotations
+
+import os
+import posixpath
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path as FilePath
+from typing import Any
+
+from r2bspec.diagnostics import Diagnostic, Related, Span, did_you_mean
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.extend.overlay import overlay
+from r2bspec.language.extend.rebase_paths import rebased
+from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, without
+from r2bspec.language.source_text import Source, read_file
+from r2bspec.language.variable_references import OPENING
+from r2bspec.language.yaml_composer import compose
+
+KEY = "extends"
+DEEPEST = 20
+"""Files in a chain, each of which extends the next."""
+MOST_FILES = 100
+"""Files that one document may read, each counted as often as it is named."""
+
+
+@dataclass(slots=True)
+class Extended:
+    """The merged tree, what was wrong, and the files that were read.
+
+    Attributes:
+        ways: for each file, the places that led to it, the nearest first.
+        complete: whether all of them could be read.
+    """
+
+    tree: TreeNode
+    problems: Problems = field(default_factory=Problems)
+    sources: dict[str, Source] = field(default_factory=dict)
+    ways: dict[str, tuple[Related, ...]] = field(default_factory=dict)
+    complete: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A document that is being read: its name for the user, its real path, and the way to it."""
+
+    file: str
+    real: FilePath
+    way: tuple[Related, ...]
+    outer: tuple[FilePath, ...]
+
+
+def extend(
+    root: TreeNode, file: str, schema: dict[str, Any], allowed: Iterable[FilePath] = ()
+) -> Extended:
+    """Merge the files that a document extends; without `extends`, nothing is touched."""
+    result = Extended(root)
+    if isinstance(root, MapNode) and KEY in root.entries:
+        home = FilePath(file).parent.resolve()
+        folders = (home, *(FilePath(each).resolve() for each in allowed))
+        work = _Files(result, folders, schema)
+        real = home / FilePath(file).name
+        result.tree = work.merged(root, _Place(file, real, (), (real,)))
+    return result
+
+
+class _Files:
+    def __init__(
+        self, result: Extended, folders: tuple[FilePath, ...], schema: dict[str, Any]
+    ) -> None:
+        self._result = result
+        self._problems = result.problems
+        self._folders = folders
+        self._schema = schema
+        self._read = 0
+
+    def merged(self, root: MapNode, place: _Place) -> MapNode:
+        named = list(_named(root))
+        if not named:  # of a wrong type: the schema says so
+            return root
+        own = without(root, KEY)
+        base: MapNode | None = None
+        for node in named:
+            below = self._base(node, place)
+            if below is None:
+                self._result.complete = False
+            else:
+                base = below if base is None else overlay(base, below)
+        return own if base is None else overlay(base, own)
+
+    def _base(self, node: ScalarNode, place: _Place) -> MapNode | None:
+        text = str(node.value)
+        if OPENING in text:
+            self._problems.error(
+                "R2B125",
+                "nothing is replaced in 'extends'",
+                node.span,
+                "files are merged before variables are known: name the file",
+            )
+            return None
+        folder = posixpath.dirname(place.file.replace(os.sep, "/"))
+        file = posixpath.normpath(posixpath.join(folder, text))
+        real = self._found(node, FilePath(file), text)
+        if real is None:
+            return None
+        way = (Related(f"{quote(text)} is extended here", node.span), *place.way)
+        if real in place.outer:
+            self._problems.error(
+                "R2B135",
+                f"{quote(text)} is extended by itself: it would never end",
+                node.span,
+                "remove one of the 'extends' of this circle",
+                related=place.way,
+            )
+            return None
+        self._read += 1
+        if len(place.outer) > DEEPEST or self._read > MOST_FILES:
+            limit = f"{DEEPEST} files deep" if len(place.outer) > DEEPEST else f"{MOST_FILES} files"
+            message = f"'extends' leads through more than {limit}"
+            self._problems.error("R2B135", message, node.span, "merge some of them", related=way)
+            return None
+        self._result.ways.setdefault(file, way)
+        below = self._composed(node, file)
+        if below is None:
+            return None
+        inner = _Place(file, real, way, (*place.outer, real))
+        whole = self.merged(below, inner) if KEY in below.entries else below
+        moved = posixpath.dirname(posixpath.normpath(text))
+        if not moved:
+            return whole
+        done = rebased(whole, self._schema, moved)
+        return done if isinstance(done, MapNode) else None
+
+    def _found(self, node: ScalarNode, path: FilePath, text: str) -> FilePath | None:
+        """The real path of a file that may be read; else why not has been said."""
+        try:
+            real = path.resolve()
+            inside = any(real.is_relative_to(folder) for folder in self._folders)
+            there = inside and real.is_file()
+        except (OSError, ValueError, RuntimeError):
+            inside, there, real = True, False, path
+        if not inside:
+            self._problems.error(
+                "R2B134",
+                f"{quote(text)} lies outside of the folder of this spec",
+                node.span,
+                "copy it below that folder, or allow it: --allow-path "
+                f"{quote(posixpath.dirname(str(path)) or '.')}",
+            )
+        elif not there:
+            message = f"there is no file {quote(text)} to extend"
+            self._problems.error("R2B133", message, node.span, _nearby(path))
+        else:
+            return real
+        return None
+
+    def _composed(self, node: ScalarNode, file: str) -> MapNode | None:
+        read = read_file(FilePath(file))
+        self._result.sources[file] = read.source
+        if not read.usable:
+            self._add(read.diagnostics)
+            return None
+        composed = compose(read.source)
+        self._add((*read.diagnostics, *composed.diagnostics))
+        if isinstance(composed.tree, MapNode):
+            return composed.tree
+        if composed.tree is not None:
+            self._problems.error(
+                "R2B133",
+                f"{quote(posixpath.basename(file))} holds no map that could be extended",
+                node.span,
+                "a file to build on has the keys of a spec",
+                related=(Related("its content", Span.of_file(file)),),
+            )
+        return None
+
+    def _add(self, found: Iterable[Diagnostic]) -> None:
+        for one in found:
+            if one not in self._problems.found:
+                self._problems.found.append(one)
+
+
+def _named(root: MapNode) -> Iterator[ScalarNode]:
+    """The values that name files; none if one of them is of a wrong type."""
+    value = root.entries[KEY].value
+    items = value.items if isinstance(value, ListNode) else (value,)
+    texts = [item for item in items if isinstance(item, ScalarNode)]
+    if len(texts) == len(items) and all(isinstance(t.value, str) and t.value for t in texts):
+        yield from texts
+
+
+def _nearby(path: FilePath) -> str:
+    try:
+        names = sorted(each.name for each in path.parent.iterdir() if each.suffix == ".yaml")[:100]
+    except (OSError, ValueError):
+        return f"there is no folder {quote(str(path.parent))} either"
+    close = did_you_mean(path.name, names)
+    return f"did you mean {quote(close)}?" if close else "paths are relative to this file"

@@ -1,0 +1,58 @@
+"""Paths in a document of another folder, rewritten so that they still mean the same.
+
+A path is relative to the file in which it is written. The words of command lines are words: what
+among them is a path is not known, and they are left as they are.
+"""
+
+from __future__ import annotations
+
+import posixpath
+from dataclasses import replace
+from typing import Any
+
+from r2bspec.language.located_tree import Entry, ListNode, MapNode, ScalarNode, TreeNode
+from r2bspec.language.schema.schema_builder import PATH
+from r2bspec.language.variable_references import OPENING
+
+_FILE_AND_NAME = ".py:"
+
+
+def rebased(node: TreeNode, rule: Any, folder: str) -> TreeNode:
+    """The tree with every relative path put below `folder`; `rule` is the schema of the node."""
+    if not isinstance(rule, dict):
+        return node
+    if isinstance(node, ScalarNode):
+        return _scalar(node, folder) if rule.get(PATH) else node
+    if isinstance(node, ListNode):
+        items = tuple(rebased(item, rule.get("items"), folder) for item in node.items)
+        return ListNode(items, node.span)
+    if isinstance(node, MapNode):
+        known = rule.get("properties", {})
+        other = rule.get("additionalProperties")
+        return MapNode(
+            {
+                key: Entry(
+                    entry.key_span,
+                    rebased(entry.value, known.get(key, other), folder),
+                    entry.known,
+                )
+                for key, entry in node.entries.items()
+            },
+            node.span,
+        )
+    return node
+
+
+def _scalar(node: ScalarNode, folder: str) -> ScalarNode:
+    text = node.value
+    if not isinstance(text, str) or not text or text.startswith(("/", OPENING)):
+        return node
+    # One word may be the name of a dataset or a module; whoever means a file writes './'.
+    if not text.startswith(".") and "/" not in text and not text.endswith((".yaml", ".yml")):
+        return node
+    if ":" in text and _FILE_AND_NAME not in text:
+        return node
+    moved = posixpath.normpath(posixpath.join(folder, text))
+    if not moved.startswith((".", "/")):
+        moved = f"./{moved}"
+    return replace(node, value=moved, text=moved)

@@ -1,0 +1,44 @@
+"""Keys that begin with ``x-``: a place for notes and anchors, which the language ignores."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from r2bspec.language.located_tree import Entry, ListNode, MapNode, TreeNode
+
+PREFIX = "x-"
+
+
+def without_extensions(root: TreeNode, schema: dict[str, Any]) -> TreeNode:
+    """The tree without ``x-`` keys, where `schema` knows the keys of a map.
+
+    In maps whose keys are names that the user gives, such a key is a name like any other.
+    Shared values stay shared.
+    """
+    done: dict[tuple[int, int], TreeNode] = {}
+
+    def strip(node: TreeNode, rule: Any) -> TreeNode:
+        if not isinstance(rule, dict) or not isinstance(node, MapNode | ListNode):
+            return node
+        name = (id(node), id(rule))
+        if name not in done:
+            done[name] = strip_map(node, rule) if isinstance(node, MapNode) else node
+        return done[name]
+
+    def strip_map(node: MapNode, rule: dict[str, Any]) -> MapNode:
+        known = rule.get("properties")
+        below = rule.get("additionalProperties")
+        entries: dict[str, Entry] = {}
+        changed = False
+        for key, entry in node.entries.items():
+            if known is not None and key.startswith(PREFIX):
+                changed = True
+                continue
+            value = strip(entry.value, known.get(key) if known is not None else below)
+            if value is not entry.value:
+                changed = True
+                entry = Entry(entry.key_span, value, entry.known)
+            entries[key] = entry
+        return MapNode(entries, node.span) if changed else node
+
+    return strip(root, schema)

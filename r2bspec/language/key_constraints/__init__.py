@@ -1,0 +1,1 @@
+"""Keys that exclude, require or contradict each other."""

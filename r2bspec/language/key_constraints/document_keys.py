@@ -1,0 +1,254 @@
+"""Keys outside of nodes and recordings that exclude, need or contradict each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from r2bspec.diagnostics import Diagnostic, Path, Related, Severity, did_you_mean, format_path
+from r2bspec.language.located_tree import MapNode, ScalarNode, TreeNode, child, lookup
+from r2bspec.language.quantities import QuantityError, Rate
+from r2bspec.language.shorthand import MOST_RATES
+
+_ONE_OF: dict[str, tuple[str, ...]] = {
+    "ready": ("file", "service", "log", "topic"),
+    "after_ready": ("command", "service"),
+}
+_TIMELINE_ONLY = ("timeline", "record_timeline", "tf")
+_NOTHING_PLAYED = ("data_loader", "preprocessors")
+_HARNESS_PARTS = ("data_loader", "playback", "monitor")
+
+
+def together_errors(root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
+    """What contradicts itself; in maps at `misspelt`, a missing key may be there, misspelt."""
+    for name, keys in _ONE_OF.items():
+        for path, entry in _named(root, (name,)):
+            yield from _one_of(entry, path, keys, misspelt)
+    sections: tuple[Path, ...] = (("preprocessors",), ("graph", "nodes"))
+    for section in sections:
+        for path, node in _named(root, section):
+            launch = child(node, "launch")
+            if isinstance(launch, MapNode):
+                yield from _launch(launch, (*path, "launch"), misspelt)
+    yield from _playback(root)
+    yield from _harness(root)
+    yield from _transport(root)
+    yield from _benchmark(root)
+    yield from _conditions(root)
+
+
+def _named(root: TreeNode, section: Path) -> Iterator[tuple[Path, MapNode]]:
+    entries = lookup(root, section)
+    if isinstance(entries, MapNode):
+        for name, entry in entries.entries.items():
+            if isinstance(entry.value, MapNode):
+                yield (*section, name), entry.value
+
+
+def _one_of(
+    entry: MapNode, path: Path, keys: Sequence[str], misspelt: set[Path]
+) -> Iterator[Diagnostic]:
+    given = [key for key in entry.entries if key in keys]
+    name = f"'{format_path(path)}'"
+    listed = ", ".join(f"'{key}'" for key in keys[:-1]) + f" or '{keys[-1]}'"
+    if len(given) > 1:
+        yield _both(entry, path, (given[0], given[1]), f"give it only one of {listed}")
+    elif not given and path not in misspelt:
+        yield Diagnostic(
+            "R2B118",
+            Severity.ERROR,
+            f"{name} says nothing: it needs {listed}",
+            entry.span,
+            path=path,
+            help=f"give it one of {listed}",
+        )
+
+
+def _launch(launch: MapNode, path: Path, misspelt: set[Path]) -> Iterator[Diagnostic]:
+    given = [key for key in launch.entries if key in ("package", "file", "path")]
+    help_text = "give it 'package' and 'file', or 'path'"
+    if "path" in given and len(given) > 1:
+        other = next(key for key in given if key != "path")
+        yield _both(launch, path, ("path", other), help_text)
+    elif len(given) < 2 and "path" not in given and path not in misspelt:
+        lacks = {"package": "'file'", "file": "'package'"}.get("".join(given), "a launch file")
+        message = f"'{format_path(path)}' lacks {lacks}"
+        yield Diagnostic("R2B118", Severity.ERROR, message, launch.span, path=path, help=help_text)
+
+
+def _playback(root: TreeNode) -> Iterator[Diagnostic]:
+    playback = child(root, "playback")
+    if not isinstance(playback, MapNode):
+        return
+    mode = _word(playback, "mode") if "mode" in playback.entries else "looping"
+    if mode == "live":
+        for key in _NOTHING_PLAYED:
+            if isinstance(root, MapNode) and key in root.entries:
+                message = f"'{key}' has no use here: a live benchmark plays nothing"
+                yield _at_key(root, (), key, message, f"remove '{key}', or change playback.mode")
+        for key in ("inputs", "buffer"):
+            if key in playback.entries:
+                message = f"'playback.{key}' has no use here: a live benchmark plays nothing"
+                help_text = f"remove '{key}', or change playback.mode"
+                yield _at_key(playback, ("playback",), key, message, help_text)
+    if mode and mode != "timeline":
+        for key in _TIMELINE_ONLY:
+            if key in playback.entries:
+                message = f"'playback.{key}' has no use with mode {mode}"
+                help_text = f"remove it, or write 'mode: timeline' in place of '{mode}'"
+                yield _at_key(playback, ("playback",), key, message, help_text)
+    yield from _translations(playback)
+
+
+def _translations(playback: MapNode) -> Iterator[Diagnostic]:
+    inputs = child(playback, "inputs")
+    translations = lookup(playback, ("timeline", "translations"))
+    if not isinstance(inputs, MapNode) or not isinstance(translations, MapNode):
+        return
+    for topic, entry in translations.entries.items():
+        if topic not in inputs.entries and entry.known:
+            close = did_you_mean(topic, inputs.entries)
+            known = "the inputs are " + ", ".join(list(inputs.entries)[:10])
+            yield _at_key(
+                translations,
+                ("playback", "timeline", "translations"),
+                topic,
+                f"'{topic}' is no input that is played",
+                f"did you mean '{close}'? {known}" if close else known,
+            )
+
+
+def _harness(root: TreeNode) -> Iterator[Diagnostic]:
+    harness = child(root, "harness")
+    other = isinstance(harness, MapNode) and _word(harness, "kind") not in ("", "r2bspec")
+    if isinstance(harness, MapNode) and not other:
+        for key in _HARNESS_PARTS:
+            if key in harness.entries:
+                message = f"'harness.{key}' has no use with the harness r2bspec"
+                help_text = "write 'kind: ros2_benchmark', or remove it"
+                yield _at_key(harness, ("harness",), key, message, help_text)
+    if not other:
+        for path, monitor in _named(root, ("monitors",)):
+            if "parameters" in monitor.entries:
+                message = f"'{format_path((*path, 'parameters'))}' has no use here: the monitors "
+                message += "of the harness r2bspec take none"
+                help_text = "write 'harness: {kind: ros2_benchmark}', or remove it"
+                yield _at_key(monitor, path, "parameters", message, help_text)
+
+
+def _transport(root: TreeNode) -> Iterator[Diagnostic]:
+    transport = child(root, "transport")
+    if isinstance(transport, MapNode) and "segment" in transport.entries:
+        kind = _word(transport, "kind")
+        if kind not in ("", "shared_memory"):
+            message = f"'transport.segment' has no use with {kind}: only shared_memory has segments"
+            help_text = "remove it, or write 'kind: shared_memory'"
+            yield _at_key(transport, ("transport",), "segment", message, help_text)
+
+
+def _benchmark(root: TreeNode) -> Iterator[Diagnostic]:
+    benchmark = child(root, "benchmark")
+    if not isinstance(benchmark, MapNode):
+        return
+    fewest = _number(benchmark, "iterations", 5)
+    most = _number(benchmark, "max_iterations", 0)
+    if fewest is not None and most and most < fewest:
+        message = f"'benchmark.max_iterations' is {most}, fewer than the {fewest} 'iterations'"
+        yield _at_key(
+            benchmark, ("benchmark",), "max_iterations", message, f"write {fewest} or more"
+        )
+    rates = child(benchmark, "rates")
+    if isinstance(rates, MapNode):
+        yield from _range(rates)
+
+
+def _range(rates: MapNode) -> Iterator[Diagnostic]:
+    path: Path = ("benchmark", "rates")
+    if "count" in rates.entries and "step" in rates.entries:
+        yield _both(rates, path, ("count", "step"), "keep the one that is meant")
+        return
+    if "count" not in rates.entries and "step" not in rates.entries:
+        yield Diagnostic(
+            "R2B118",
+            Severity.ERROR,
+            "'benchmark.rates' does not say which rates lie between its ends",
+            rates.span,
+            path=path,
+            help="add 'step: 10 Hz', or 'count: 6'",
+        )
+        return
+    first, last, step = (_rate(rates, key) for key in ("from", "to", "step"))
+    if first is None or last is None:
+        return
+    if first >= last:
+        message = f"the range of rates ends at {last}, not above its beginning, {first}"
+        yield _at_key(rates, path, "to", message, "swap the two, or write a list of rates")
+    elif step is not None and step.hz > 0:
+        if step.hz > last.hz - first.hz:
+            message = f"a step of {step} leads out of the range from {first} to {last}"
+            yield _at_key(rates, path, "step", message, "make it smaller")
+        elif (last.hz - first.hz) / step.hz >= MOST_RATES:
+            message = f"the range holds more than {MOST_RATES:,} rates"
+            yield _at_key(rates, path, "step", message, "make the step larger")
+
+
+def _conditions(root: TreeNode) -> Iterator[Diagnostic]:
+    """Variables named by the `when` of an objective."""
+    declared = child(root, "variables")
+    known = declared.entries if isinstance(declared, MapNode) else {}
+    for path, objective in _named(root, ("slos",)):
+        when = child(objective, "when")
+        if not isinstance(when, MapNode):
+            continue
+        for name in when.entries:
+            if name not in known:
+                close = did_you_mean(name, known)
+                listed = "declared are " + ", ".join(sorted(known)[:10])
+                help_text = listed if known else "declare it under 'variables'"
+                yield _at_key(
+                    when,
+                    (*path, "when"),
+                    name,
+                    f"there is no variable '{name}'",
+                    f"did you mean '{close}'? {listed}" if close else help_text,
+                    "R2B120",
+                )
+
+
+def _word(node: MapNode, key: str) -> str:
+    value = child(node, key)
+    return value.value if isinstance(value, ScalarNode) and isinstance(value.value, str) else ""
+
+
+def _number(node: MapNode, key: str, default: int) -> int | None:
+    value = child(node, key)
+    if value is None:
+        return default
+    number = value.value if isinstance(value, ScalarNode) else None
+    return number if isinstance(number, int) and not isinstance(number, bool) else None
+
+
+def _rate(node: MapNode, key: str) -> Rate | None:
+    try:
+        return Rate.parse(_word(node, key))
+    except QuantityError:
+        return None
+
+
+def _both(node: MapNode, path: Path, keys: tuple[str, str], help_text: str) -> Diagnostic:
+    first, second = sorted(keys, key=list(node.entries).index)
+    return Diagnostic(
+        "R2B118",
+        Severity.ERROR,
+        f"'{format_path(path)}' has both '{first}' and '{second}'",
+        node.entries[second].key_span,
+        path=(*path, second),
+        help=help_text,
+        related=(Related("the first one", node.entries[first].key_span),),
+    )
+
+
+def _at_key(
+    node: MapNode, path: Path, key: str, message: str, help_text: str, code: str = "R2B119"
+) -> Diagnostic:
+    span = node.entries[key].key_span
+    return Diagnostic(code, Severity.ERROR, message, span, path=(*path, key), help=help_text)

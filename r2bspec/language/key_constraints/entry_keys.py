@@ -1,0 +1,186 @@
+"""Keys that exclude or need each other, in words of their own.
+
+JSON Schema's ``oneOf`` would say the same, with messages that nobody understands. Nodes and
+recordings are judged here, everything else in `r2bspec.language.key_constraints.document_keys`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from r2bspec.diagnostics import Diagnostic, Path, Related, Severity, format_path
+from r2bspec.language.key_constraints.document_keys import together_errors
+from r2bspec.language.located_tree import (
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    child,
+    lookup,
+    span_at,
+)
+
+_KIND_OF = {
+    "python": "python",
+    "package": "package",
+    "plugin": "package",
+    "executable": "package",
+    "command": "command",
+    "launch": "launch",
+    "external": "external",
+}
+_NODE_MAPS: tuple[Path, ...] = (("preprocessors",), ("graph", "nodes"))
+_KIND_HELP = (
+    "give it one of 'python', 'package' with 'plugin' or 'executable', 'command', 'launch', or "
+    "'external: true'"
+)
+_RESOURCES = ("cpus", "nice", "prefix", "memory_limit")
+_PROCESS_KINDS = ("executable", "command")
+_NOT_FOR: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "arguments": (
+        ("python", "plugin", "external", "launch"),
+        "only an executable or a command takes 'arguments'",
+    ),
+    "container": (
+        (*_PROCESS_KINDS, "launch", "external"),
+        "only Python nodes and plugins run in a container",
+    ),
+    "env": (("external",), "what runs already has its environment"),
+    "parameters": (("external",), "what runs already has its parameters"),
+    **dict.fromkeys(
+        _RESOURCES, (("launch", "external"), "it is not r2bspec that makes its processes")
+    ),
+}
+"""Keys that mean nothing for some kinds of node, and why."""
+
+_NOT_FOR_HELP = {
+    ("arguments", "launch"): "put them under 'launch.arguments'",
+    ("arguments", "python"): "a Python node takes 'parameters'",
+    ("arguments", "plugin"): "a plugin takes 'parameters'",
+}
+
+
+def exclusive_errors(root: TreeNode, found: Sequence[Diagnostic] = ()) -> Iterator[Diagnostic]:
+    """Nodes that are not exactly one kind of node, bags that are not exactly one source, and more.
+
+    `found` is what the schema says: a map in which it found an unknown key may well have the
+    key that is missed here, misspelt.
+    """
+    misspelt = {one.path[:-1] for one in found if one.code == "R2B101"}
+    for path in _NODE_MAPS:
+        nodes = lookup(root, path)
+        if isinstance(nodes, MapNode):
+            for name, entry in nodes.entries.items():
+                if isinstance(entry.value, MapNode):
+                    yield from _node(entry.value, (*path, name), root, misspelt)
+    yield from _bags(root, misspelt)
+    yield from together_errors(root, misspelt)
+
+
+def _node(node: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
+    given = [key for key in node.entries if key in _KIND_OF and not _is_false(node, key)]
+    name = f"'{format_path(path)}'"
+    first_of: dict[str, str] = {}
+    for key in given:
+        first_of.setdefault(_KIND_OF[key], key)
+    if not first_of:
+        if path not in misspelt:
+            yield _error("R2B113", f"{name} does not say what it runs", root, path, _KIND_HELP)
+        return
+    if len(first_of) > 1:
+        first, second = list(first_of.values())[:2]
+        yield _both(name, path, node, (first, second), "R2B113", _KIND_HELP)
+        return
+    if "package" in first_of:
+        parts = [key for key in given if key != "package"]
+        if len(parts) > 1:
+            yield _both(name, path, node, (parts[0], parts[1]), "R2B113", _KIND_HELP)
+            return
+        if len(given) == 1 and path not in misspelt:
+            yield _half(name, path, given[0], root)
+            return
+        kind = "plugin" if "plugin" in given else "executable"
+    else:
+        kind = next(iter(first_of))
+    for key, (kinds, why) in _NOT_FOR.items():
+        if key in node.entries and kind in kinds:
+            help_text = _NOT_FOR_HELP.get((key, kind), f"remove '{key}'")
+            message = f"{name} cannot have '{key}': {why}"
+            yield _error("R2B119", message, root, (*path, key), help_text)
+    if "container" in node.entries:
+        for key in (*_RESOURCES, "env"):
+            if key in node.entries:
+                message = f"{name} cannot have '{key}': it shares its process with others"
+                help_text = f"put '{key}' into the container"
+                yield _error("R2B119", message, root, (*path, key), help_text)
+
+
+def _half(name: str, path: Path, given: str, root: TreeNode) -> Diagnostic:
+    if given == "package":
+        message = f"{name} has 'package' but no 'executable' and no 'plugin'"
+        way_out = "add one of them; ros2 pkg executables and ros2 component types list both"
+    else:
+        message = f"{name} has '{given}' but no 'package'"
+        shown = "ros2 component types" if given == "plugin" else "ros2 pkg executables"
+        way_out = f"add 'package'; {shown} lists both"
+    return _error("R2B113", message, root, (*path, given), way_out)
+
+
+def _is_false(node: MapNode, key: str) -> bool:
+    value = node.entries[key].value
+    return isinstance(value, ScalarNode) and value.value is False
+
+
+def _bags(root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
+    loader = child(root, "data_loader")
+    if not isinstance(loader, MapNode):
+        return
+    place: Path = ("data_loader",)
+    given = [key for key in loader.entries if key in ("bag", "bags")]
+    if len(given) == 2:
+        help_text = "put all recordings under 'bags'"
+        yield _both("'data_loader'", place, loader, (given[0], given[1]), "R2B114", help_text)
+    elif not given and place not in misspelt:
+        message = "'data_loader' names no recording"
+        yield _error("R2B114", message, root, place, "add 'bag: r2b_storage', or 'bag: ./a/bag'")
+    bag, bags = child(loader, "bag"), child(loader, "bags")
+    if isinstance(bag, MapNode):
+        yield from _bag(bag, (*place, "bag"), root, misspelt)
+    if isinstance(bags, ListNode):
+        if not bags.items:
+            message = "'data_loader.bags' must not be empty"
+            yield _error("R2B108", message, root, (*place, "bags"), "for example: [./a/bag]")
+        for index, each in enumerate(bags.items):
+            if isinstance(each, MapNode):
+                yield from _bag(each, (*place, "bags", index), root, misspelt)
+
+
+def _bag(bag: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
+    name = f"'{format_path(path)}'"
+    given = [key for key in bag.entries if key in ("dataset", "path")]
+    if len(given) == 2:
+        help_text = "keep the one that is meant"
+        yield _both(name, path, bag, (given[0], given[1]), "R2B114", help_text)
+    elif not given and path not in misspelt:
+        help_text = "give it 'dataset: r2b_storage', or 'path: ./a/bag'"
+        yield _error("R2B114", f"{name} names no recording", root, path, help_text)
+
+
+def _both(
+    name: str, path: Path, node: MapNode, keys: tuple[str, str], code: str, help_text: str
+) -> Diagnostic:
+    first, second = keys
+    return Diagnostic(
+        code,
+        Severity.ERROR,
+        f"{name} has both '{first}' and '{second}'",
+        node.entries[second].key_span,
+        path=(*path, second),
+        help=help_text,
+        related=(Related("the first one", node.entries[first].key_span),),
+    )
+
+
+def _error(code: str, message: str, root: TreeNode, path: Path, help_text: str) -> Diagnostic:
+    span = span_at(root, path, key=True)
+    return Diagnostic(code, Severity.ERROR, message, span, path=path, help=help_text)

@@ -1,0 +1,152 @@
+"""The located tree: what a YAML document says, with the place of every key and value.
+
+The tree is immutable. Anchored values are shared, not copied, and keep the place where they were
+written; the composer bounds how large the tree becomes when sharing is undone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from r2bspec.diagnostics.diagnostic import Path, Related, Span
+from r2bspec.language.yaml_scalars import ScalarValue
+
+
+@dataclass(frozen=True, slots=True)
+class ScalarNode:
+    """A single value.
+
+    Attributes:
+        value: what the text means.
+        text: the characters as YAML reads them, without quotes and escapes.
+        span: where it stands, quotes included.
+        style: ``""`` for plain, else the quote or block indicator: ``'``, ``"``, ``|`` or ``>``.
+        origin: where the value came from, if a variable brought it here.
+    """
+
+    value: ScalarValue
+    text: str
+    span: Span
+    style: str = ""
+    origin: Related | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ListNode:
+    """A sequence of values."""
+
+    items: tuple[TreeNode, ...]
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownNode:
+    """A value that could not be found out; the reason has been reported, once."""
+
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A key with its value. `known` is False where substitution in the key failed."""
+
+    key_span: Span
+    value: TreeNode
+    known: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class MapNode:
+    """Values by their keys, in the order of the document."""
+
+    entries: dict[str, Entry]
+    span: Span
+
+
+TreeNode = ScalarNode | ListNode | MapNode | UnknownNode
+
+
+def child(node: TreeNode, part: str | int) -> TreeNode | None:
+    """The value under a key or an index, or None."""
+    if isinstance(node, MapNode) and isinstance(part, str):
+        entry = node.entries.get(part)
+        return entry.value if entry is not None else None
+    if isinstance(node, ListNode) and isinstance(part, int) and -1 < part < len(node.items):
+        return node.items[part]
+    return None
+
+
+def lookup(root: TreeNode, path: Path) -> TreeNode | None:
+    """The value at a path, or None."""
+    node: TreeNode | None = root
+    for part in path:
+        node = child(node, part) if node is not None else None
+    return node
+
+
+def replaced(root: TreeNode, path: Path, value: TreeNode) -> TreeNode:
+    """The tree with the value at an existing path replaced; everything else is shared."""
+    if not path:
+        return value
+    part, rest = path[0], path[1:]
+    if isinstance(root, MapNode):
+        old = root.entries[str(part)]
+        new = Entry(old.key_span, replaced(old.value, rest, value), old.known)
+        return MapNode({**root.entries, str(part): new}, root.span)
+    if isinstance(root, ListNode):
+        index = int(part)
+        items = list(root.items)
+        items[index] = replaced(items[index], rest, value)
+        return ListNode(tuple(items), root.span)
+    return root
+
+
+def without(node: MapNode, key: str) -> MapNode:
+    """The map without one of its keys."""
+    entries = {name: entry for name, entry in node.entries.items() if name != key}
+    return MapNode(entries, node.span)
+
+
+def span_at(root: TreeNode, path: Path, *, key: bool = False) -> Span:
+    """Where the value at a path stands, or, with `key`, where its key stands.
+
+    Where the path leads nowhere, the key of the nearest ancestor that exists is meant; for the
+    document itself that is its first key.
+    """
+    node = root
+    key_span = _head(root)
+    for part in path:
+        below = child(node, part)
+        if below is None:
+            return key_span
+        key_span = node.entries[str(part)].key_span if isinstance(node, MapNode) else below.span
+        node = below
+    return key_span if key or node is root else node.span
+
+
+def _head(root: TreeNode) -> Span:
+    if isinstance(root, MapNode) and root.entries:
+        return next(iter(root.entries.values())).key_span
+    return root.span
+
+
+def to_plain(root: TreeNode) -> Any:
+    """The tree as dicts, lists and scalars; unknown values become None. Sharing is kept."""
+    known: dict[int, Any] = {}
+
+    def plain(node: TreeNode) -> Any:
+        if isinstance(node, ScalarNode):
+            return node.value
+        if isinstance(node, UnknownNode):
+            return None
+        done = known.get(id(node))
+        if done is None:
+            if isinstance(node, MapNode):
+                done = {key: plain(entry.value) for key, entry in node.entries.items()}
+            else:
+                done = [plain(item) for item in node.items]
+            known[id(node)] = done
+        return done
+
+    return plain(root)

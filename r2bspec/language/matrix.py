@@ -1,0 +1,242 @@
+"""`matrix`: the cases of a benchmark that differ in the values of variables.
+
+    matrix:
+      axes: {threads: [1, 2, 4], rate: [30 Hz, 60 Hz]}   # each with each
+      exclude: [{threads: 1, rate: 60 Hz}]               # all that have these values
+      cases: {night: {bag: r2b_lounge}}                  # and further ones, by name
+
+A case is called by its values, ``threads=1,rate=30 Hz``, or by its name, ``night``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.located_tree import Entry, ListNode, MapNode, ScalarNode, TreeNode, child
+from r2bspec.language.variable_declarations import assigned, same
+
+KEY = "matrix"
+MOST_CASES = 1000
+"""Cases of one document."""
+
+Values = Mapping[str, ScalarNode]
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One case: what it is called, its values, and where it is asked for."""
+
+    name: str
+    values: Values
+    span: Span
+
+
+@dataclass(slots=True)
+class Matrix:
+    """The cases of a document, and what is wrong with them.
+
+    Attributes:
+        span: where the matrix stands.
+        choices: the cases in their order; empty where the matrix is not usable.
+    """
+
+    span: Span
+    choices: tuple[Choice, ...] = ()
+    problems: Problems = field(default_factory=Problems)
+
+
+def matrix_of(root: TreeNode) -> Matrix | None:
+    """The matrix of a document, or None if it has none.
+
+    What is of a wrong type is left to the schema: such a matrix has no cases, and no problems.
+    """
+    node = child(root, KEY)
+    if not isinstance(root, MapNode) or node is None:
+        return None
+    found = Matrix(root.entries[KEY].key_span)
+    if not isinstance(node, MapNode):
+        return found
+    axes, cases, excluded = _axes(node), _cases(node), _excluded(node)
+    if axes is None or cases is None or excluded is None:
+        return found
+    declared = child(root, "variables")
+    known = declared.entries if isinstance(declared, MapNode) else {}
+    if _names_are_right(found.problems, known, axes, cases, excluded):
+        found.choices = _choices(found, axes, cases, excluded)
+    return found
+
+
+def chosen(root: TreeNode, choice: Choice) -> TreeNode:
+    """The document with the values of a case."""
+    for name, value in choice.values.items():
+        root = assigned(root, name, value)
+    return root
+
+
+def _choices(
+    found: Matrix,
+    axes: Mapping[str, Entry],
+    cases: Mapping[str, tuple[Span, Values]],
+    excluded: list[tuple[Span, Values]],
+) -> tuple[Choice, ...]:
+    problems = found.problems
+    lists = {name: _scalars(entry.value) for name, entry in axes.items()}
+    number = len(cases) + (math.prod(map(len, lists.values())) if lists else 0)
+    if number > MOST_CASES:
+        message = f"the matrix has {number:,} cases; {MOST_CASES:,} are the most"
+        problems.error("R2B139", message, found.span, "leave out values, or make several specs")
+        return ()
+    for name, listed in lists.items():
+        _no_value_twice(problems, name, listed)
+    made: list[Choice] = []
+    used: set[int] = set()
+    for combination in itertools.product(*lists.values()) if lists else ():
+        values: Values = dict(zip(lists, combination, strict=True))
+        matching = [i for i, (_, rule) in enumerate(excluded) if _matches(rule, values)]
+        used.update(matching)
+        if not matching:
+            name = ",".join(f"{key}={value.text}" for key, value in values.items())
+            span = combination[-1].span
+            made.append(Choice(name, values, span))
+    for index, (span, _) in enumerate(excluded):
+        if index not in used:
+            problems.found.append(
+                Diagnostic(
+                    "R2B138",
+                    Severity.WARNING,
+                    "no combination of the axes has these values",
+                    span,
+                    path=(KEY, "exclude", index),
+                    help='remove it, or put it right; 2 and "2" are different values',
+                )
+            )
+    made += [Choice(name, given, span) for name, (span, given) in cases.items()]
+    if not made:
+        message = "the matrix has no case" + (": all combinations are excluded" if lists else "")
+        problems.error("R2B139", message, found.span, "for example: axes: {threads: [1, 2]}")
+    return tuple(made)
+
+
+def _matches(rule: Values, values: Values) -> bool:
+    return all(same(values[name].value, wanted.value) for name, wanted in rule.items())
+
+
+def _no_value_twice(problems: Problems, name: str, values: tuple[ScalarNode, ...]) -> None:
+    seen: dict[str, ScalarNode] = {}
+    for value in values:
+        first = seen.setdefault(value.text, value)
+        if first is not value:
+            problems.error(
+                "R2B141",
+                f"the axis {quote(name)} has {quote(value.text)} twice",
+                value.span,
+                "remove one: two cases would have one name",
+                related=(Related("the first one", first.span),),
+            )
+
+
+def _names_are_right(
+    problems: Problems,
+    known: Mapping[str, Entry],
+    axes: Mapping[str, Entry],
+    cases: Mapping[str, tuple[Span, Values]],
+    excluded: list[tuple[Span, Values]],
+) -> bool:
+    before = len(problems.found)
+    declare = "declare it under 'variables' with the value that it has without a case"
+    for name, entry in axes.items():
+        if name not in known:
+            _unknown(problems, name, entry.key_span, known, "there is no variable", declare)
+    for _, values in cases.values():
+        for name, value in values.items():
+            if name not in known:
+                _unknown(problems, name, value.span, known, "there is no variable", declare)
+    for _, values in excluded:
+        for name, value in values.items():
+            if name not in axes:
+                help_text = "exclude names axes of the matrix"
+                _unknown(problems, name, value.span, axes, "there is no axis", help_text)
+    return len(problems.found) == before
+
+
+def _unknown(
+    problems: Problems,
+    name: str,
+    span: Span,
+    known: Mapping[str, object],
+    what: str,
+    help_text: str,
+) -> None:
+    close = did_you_mean(name, known)
+    problems.error(
+        "R2B137",
+        f"{what} {quote(name)}",
+        span,
+        f"did you mean '{close}'?" if close else help_text,
+    )
+
+
+def _axes(node: MapNode) -> Mapping[str, Entry] | None:
+    axes = child(node, "axes")
+    if axes is None:
+        return {}
+    if not isinstance(axes, MapNode):
+        return None
+    for entry in axes.entries.values():
+        if not isinstance(entry.value, ListNode) or not entry.value.items:
+            return None
+        if len(_scalars(entry.value)) != len(entry.value.items):
+            return None
+    return axes.entries
+
+
+def _cases(node: MapNode) -> dict[str, tuple[Span, Values]] | None:
+    cases = child(node, "cases")
+    if cases is None:
+        return {}
+    if not isinstance(cases, MapNode):
+        return None
+    found: dict[str, tuple[Span, Values]] = {}
+    for name, entry in cases.entries.items():
+        values = _values(entry.value)
+        if values is None:
+            return None
+        found[name] = (entry.key_span, values)
+    return found
+
+
+def _excluded(node: MapNode) -> list[tuple[Span, Values]] | None:
+    excluded = child(node, "exclude")
+    if excluded is None:
+        return []
+    if not isinstance(excluded, ListNode):
+        return None
+    found: list[tuple[Span, Values]] = []
+    for item in excluded.items:
+        values = _values(item)
+        if values is None:
+            return None
+        found.append((item.span, values))
+    return found
+
+
+def _values(node: TreeNode) -> Values | None:
+    if not isinstance(node, MapNode):
+        return None
+    found = {
+        name: entry.value
+        for name, entry in node.entries.items()
+        if isinstance(entry.value, ScalarNode) and entry.value.value is not None
+    }
+    return found if len(found) == len(node.entries) else None
+
+
+def _scalars(node: TreeNode) -> tuple[ScalarNode, ...]:
+    items = node.items if isinstance(node, ListNode) else ()
+    return tuple(each for each in items if isinstance(each, ScalarNode) and each.value is not None)

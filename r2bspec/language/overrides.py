@@ -1,0 +1,176 @@
+"""`--set a.b.c=v` and `--var x=v`: values given beside the document.
+
+Each option is a little document of its own: a finding in it shows the option with a caret.
+A value that begins with a bracket, a brace or a quote is read as YAML; anything else as an
+unquoted scalar.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.located_tree import (
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    UnknownNode,
+    child,
+    lookup,
+    replaced,
+)
+from r2bspec.language.source_text import Source, accept
+from r2bspec.language.substitution import as_unquoted
+from r2bspec.language.variable_declarations import assigned, is_declared_text
+from r2bspec.language.yaml_composer import compose
+
+_PART = re.compile(r"\[(\d{1,9})\]|\['([^']*)'\]|(?:^|\.)([^.\[\]'=]+)")
+
+
+@dataclass(slots=True)
+class Overridden:
+    """The tree with the options applied, what was wrong, and the options as sources."""
+
+    tree: TreeNode
+    problems: Problems = field(default_factory=Problems)
+    sources: dict[str, Source] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Option:
+    """One option's text, the path that it names, and the offset of each part and of the value."""
+
+    source: Source
+    path: Path
+    offsets: tuple[int, ...]
+    value_offset: int
+
+    def span(self, start: int, end: int) -> Span:
+        return Span(self.source.file, 1, start + 1, 1, max(end, start + 1) + 1)
+
+
+def apply_overrides(
+    root: TreeNode, sets: Sequence[str], variables: Mapping[str, bool | int | float | str]
+) -> Overridden:
+    """Apply `sets`, each ``path=value``, in their order; then `variables`."""
+    result = Overridden(root)
+    for text in sets:
+        _apply_set(result, text)
+    for name, given in variables.items():
+        shown = str(given).lower() if isinstance(given, bool) else str(given)
+        _apply_variable(result, name, shown)
+    return result
+
+
+def parse_path(text: str) -> Path:
+    """The path that a text such as ``data_loader.topics['/a']`` names; empty if it names none."""
+    return _parse(f"{text}=").path
+
+
+def _apply_set(result: Overridden, text: str) -> None:
+    option = _parse(text)
+    result.sources[option.source.file] = option.source
+    if not option.path:
+        result.problems.error(
+            "R2B127",
+            f"{quote(text)} is not of the form path=value",
+            option.span(0, len(text)),
+            "for example: --set benchmark.iterations=3",
+        )
+        return
+    node = result.tree
+    for depth, part in enumerate(option.path):
+        below = child(node, part)
+        if below is None:
+            start = option.offsets[depth]
+            wrong = format_path(option.path[: depth + 1])
+            span = option.span(start, start + len(str(part)))
+            message = f"there is no '{wrong}' in the document to replace"
+            result.problems.error("R2B127", message, span, _alternatives(node, part))
+            return
+        node = below
+    value = _value(result, option)
+    result.tree = replaced(result.tree, option.path, value)
+
+
+def _apply_variable(result: Overridden, name: str, text: str) -> None:
+    source = Source(f"--var {name}", f"{name}={text}")
+    option = _Option(source, ("variables", name), (0, 0), len(name) + 1)
+    result.sources[source.file] = source
+    if lookup(result.tree, ("matrix", "axes", name)) is not None:
+        result.problems.error(
+            "R2B128",
+            f"{quote(name)} is an axis of the matrix: each case has a value of its own",
+            option.span(0, len(name)),
+            "choose a case with --case, or replace the axis: "
+            + quote(f"--set matrix.axes.{name}=[{text}]"),
+        )
+        return
+    declared = child(result.tree, "variables")
+    known = declared.entries if isinstance(declared, MapNode) else {}
+    if name not in known:
+        close = did_you_mean(name, known)
+        listed = "declared are " + ", ".join(sorted(known)[:10]) if known else "it declares none"
+        result.problems.error(
+            "R2B128",
+            f"the document declares no variable {quote(name)}",
+            option.span(0, len(name)),
+            f"did you mean '{close}'? {listed}" if close else listed,
+        )
+        return
+    value = _value(result, option)
+    if is_declared_text(known[name].value) and isinstance(value, ScalarNode):
+        value = ScalarNode(text, text, value.span, '"')
+    result.tree = assigned(result.tree, name, value)
+
+
+def _parse(text: str) -> _Option:
+    path: list[str | int] = []
+    offsets: list[int] = []
+    at = 0
+    while at < len(text) and text[at] != "=":
+        match = _PART.match(text, at)
+        if match is None:
+            return _Option(Source("--set", text), (), (), 0)
+        index, quoted, name = match.groups()
+        path.append(int(index) if index is not None else quoted if quoted is not None else name)
+        offsets.append(match.start(match.lastindex or 0))
+        at = match.end()
+    if at >= len(text):
+        return _Option(Source("--set", text), (), (), 0)
+    source = Source(f"--set {text[:at]}", text)
+    return _Option(source, tuple(path), tuple(offsets), at + 1)
+
+
+def _value(result: Overridden, option: _Option) -> TreeNode:
+    text = option.source.text[option.value_offset :]
+    span = option.span(option.value_offset, len(option.source.text))
+    if text[:1] not in ("[", "{", "'", '"'):
+        read = accept(text, option.source.file)
+        if not read.usable:
+            result.problems.found += [replace(found, span=span) for found in read.diagnostics]
+            return UnknownNode(span)
+        return ScalarNode(as_unquoted(text), text, span)
+    # Blanks in place of the path keep the columns right.
+    padded = accept(" " * option.value_offset + text, option.source.file)
+    if not padded.usable:
+        result.problems.found += padded.diagnostics
+        return UnknownNode(span)
+    composed = compose(padded.source)
+    result.problems.found += composed.diagnostics
+    return composed.tree or UnknownNode(span)
+
+
+def _alternatives(node: TreeNode, part: str | int) -> str:
+    if isinstance(node, MapNode) and node.entries:
+        close = did_you_mean(str(part), node.entries)
+        known = "there are " + ", ".join(list(node.entries)[:12])
+        return f"did you mean '{close}'? {known}" if close else known
+    if isinstance(node, ListNode):
+        return f"the list has {len(node.items)} items, counted from [0]"
+    return "only what the document has can be replaced"

@@ -1,0 +1,295 @@
+"""Quantities of the language: strings with units, parsed to exact numbers.
+
+Grammar, for every kind::
+
+    quantity = number [ws] unit
+    number   = digits ["." digits] [("e" | "E") ["+" | "-"] digits]
+
+A duration is kept in whole nanoseconds, a rate in hertz, a size in bytes and a share as a
+fraction of one. A bare number has no unit and is refused: its meaning would be a guess.
+"""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+from functools import lru_cache
+from typing import ClassVar, Self
+
+from r2bspec.diagnostics.quote import quote
+
+_NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
+_QUANTITY = re.compile(rf"(?P<number>{_NUMBER})\s*(?P<unit>[A-Za-zµμ%/]+)", re.ASCII)
+_BARE = re.compile(_NUMBER, re.ASCII)
+_LONGEST = 40
+_OTHER_NAMES = {
+    "sec": "s",
+    "secs": "s",
+    "second": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "millisecond": "ms",
+    "milliseconds": "ms",
+    "usec": "us",
+    "microseconds": "us",
+    "nsec": "ns",
+    "nanoseconds": "ns",
+    "minute": "min",
+    "minutes": "min",
+    "hour": "h",
+    "hours": "h",
+    "hertz": "Hz",
+    "percent": "%",
+    "bytes": "B",
+}
+"""Units as people write them, and what they are called here."""
+
+
+class QuantityError(ValueError):
+    """A string that is not a quantity of the kind asked for.
+
+    Attributes:
+        suggestion: a text that would have been accepted, or empty.
+        same: whether the suggestion means what was written, and is not a mere example.
+    """
+
+    def __init__(self, message: str, suggestion: str = "", *, same: bool = False) -> None:
+        super().__init__(message)
+        self.suggestion = suggestion
+        self.same = same
+
+
+class Quantity:
+    """A number with the dimension that its class names: immutable, ordered, hashable.
+
+    Not a dataclass: msgspec would read those from JSON objects, and a quantity is a string in
+    every document (see `r2bspec.language.value_codec`).
+    """
+
+    __slots__ = ("_value",)
+    units: ClassVar[dict[str, Decimal]] = {}
+    kind: ClassVar[str] = "quantity"
+    example: ClassVar[str] = ""
+    _value: int | float
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and other._value == self._value
+
+    def __lt__(self, other: Self) -> bool:
+        return self._comparable(other) and self._value < other._value
+
+    def __le__(self, other: Self) -> bool:
+        return self._comparable(other) and self._value <= other._value
+
+    def __gt__(self, other: Self) -> bool:
+        return self._comparable(other) and self._value > other._value
+
+    def __ge__(self, other: Self) -> bool:
+        return self._comparable(other) and self._value >= other._value
+
+    def _comparable(self, other: Quantity) -> bool:
+        if type(other) is not type(self):
+            raise TypeError(f"a {self.kind} cannot be compared with {type(other).__name__}")
+        return True
+
+    def __hash__(self) -> int:
+        return hash((self.kind, self._value))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._value!r})"
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a text such as `example`.
+
+        Raises:
+            QuantityError: the text is no quantity of this kind.
+        """
+        raise NotImplementedError
+
+    @classmethod
+    @lru_cache(maxsize=4096)
+    def _scaled(cls, text: str) -> Decimal:
+        if len(text) > _LONGEST:
+            raise QuantityError(f"this is too long for a {cls.kind}", suggestion=cls.example)
+        match = _QUANTITY.fullmatch(text.strip())
+        known = ", ".join(cls.units)
+        if match is None:
+            if _BARE.fullmatch(text.strip()):
+                default = next(iter(cls.units))
+                raise QuantityError(
+                    f"{quote(text)} has no unit; a {cls.kind} needs one of {known}",
+                    suggestion=f"{text.strip()} {default}",
+                )
+            if text.lstrip().startswith("-"):
+                raise QuantityError(f"a {cls.kind} cannot be negative", suggestion=cls.example)
+            raise QuantityError(
+                f"{quote(text)} is not a {cls.kind}; write a number and one of {known}",
+                suggestion=cls.example,
+            )
+        unit = match["unit"].replace("μ", "µ")
+        if unit not in cls.units:
+            meant = cls._known_unit(unit)
+            raise QuantityError(
+                f"{quote(match['unit'])} is not a unit of {cls.kind}; known are {known}",
+                suggestion=f"{match['number']} {meant}" if meant else cls.example,
+                same=bool(meant),
+            )
+        # Beyond this exponent, Decimal itself gives up.
+        if re.search(r"[eE][+-]?\d{4}", match["number"]):
+            raise QuantityError(f"{quote(text)} is out of range for a {cls.kind}")
+        number = Decimal(match["number"])
+        # 10^100 s would overflow every clock; the limit is generous and keeps integers small.
+        if number.adjusted() > 15:
+            raise QuantityError(f"{quote(text)} is too large for a {cls.kind}")
+        return number * cls.units[unit]
+
+    @classmethod
+    def _known_unit(cls, unit: str) -> str:
+        """The unit that a word certainly means, or an empty string."""
+        folded = unit.casefold()
+        by_fold = {name.casefold(): name for name in reversed(cls.units)}
+        meant = by_fold.get(folded) or _OTHER_NAMES.get(folded, "")
+        # MHz is not mHz: where a capital makes a prefix, nothing is guessed.
+        ambiguous = unit.startswith("M") and meant.startswith("m")
+        return meant if meant in cls.units and not ambiguous else ""
+
+
+class Duration(Quantity):
+    """A length of time in whole nanoseconds."""
+
+    __slots__ = ()
+    kind: ClassVar[str] = "duration"
+    example: ClassVar[str] = "10 s"
+    units: ClassVar[dict[str, Decimal]] = {
+        "s": Decimal(10**9),
+        "ms": Decimal(10**6),
+        "us": Decimal(1000),
+        "µs": Decimal(1000),
+        "ns": Decimal(1),
+        "min": Decimal(60 * 10**9),
+        "h": Decimal(3600 * 10**9),
+    }
+
+    def __init__(self, ns: int) -> None:
+        self._value = ns
+
+    @property
+    def ns(self) -> int:
+        """The value in nanoseconds."""
+        return int(self._value)
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a duration such as ``10 s`` or ``150ms``."""
+        return cls(int(cls._scaled(text).to_integral_value()))
+
+    @property
+    def seconds(self) -> float:
+        """The duration in seconds."""
+        return self.ns / 1e9
+
+    def __str__(self) -> str:
+        for unit in ("s", "ms", "us"):
+            scale = int(self.units[unit])
+            if self.ns >= scale:
+                return f"{_plain(Decimal(self.ns) / scale)} {unit}"
+        return f"{self.ns} ns" if self.ns else "0 s"
+
+
+class Rate(Quantity):
+    """A frequency in hertz."""
+
+    __slots__ = ()
+    kind: ClassVar[str] = "rate"
+    example: ClassVar[str] = "30 Hz"
+    units: ClassVar[dict[str, Decimal]] = {
+        "Hz": Decimal(1),
+        "kHz": Decimal(1000),
+        "fps": Decimal(1),
+        "mHz": Decimal("0.001"),
+    }
+
+    def __init__(self, hz: float) -> None:
+        self._value = hz
+
+    @property
+    def hz(self) -> float:
+        """The value in hertz."""
+        return self._value
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a rate such as ``30 Hz``."""
+        return cls(float(cls._scaled(text)))
+
+    def __str__(self) -> str:
+        return f"{_plain(Decimal(repr(self.hz)))} Hz"
+
+
+class Size(Quantity):
+    """An amount of memory or data in bytes."""
+
+    __slots__ = ()
+    kind: ClassVar[str] = "size"
+    example: ClassVar[str] = "64 MiB"
+    units: ClassVar[dict[str, Decimal]] = {
+        "MiB": Decimal(2**20),
+        "KiB": Decimal(2**10),
+        "GiB": Decimal(2**30),
+        "B": Decimal(1),
+        "kB": Decimal(10**3),
+        "MB": Decimal(10**6),
+        "GB": Decimal(10**9),
+    }
+
+    def __init__(self, count: int) -> None:
+        self._value = count
+
+    @property
+    def bytes(self) -> int:
+        """The value in bytes."""
+        return int(self._value)
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a size such as ``64 MiB``."""
+        return cls(int(cls._scaled(text).to_integral_value()))
+
+    def __str__(self) -> str:
+        for unit in ("GiB", "MiB", "KiB"):
+            scale = int(self.units[unit])
+            if self.bytes >= scale and self.bytes * 10 % scale == 0:
+                return f"{_plain(Decimal(self.bytes) / scale)} {unit}"
+        return f"{self.bytes} B"
+
+
+class Share(Quantity):
+    """A fraction; ``2 %`` is kept as 0.02."""
+
+    __slots__ = ()
+    kind: ClassVar[str] = "share"
+    example: ClassVar[str] = "2 %"
+    units: ClassVar[dict[str, Decimal]] = {"%": Decimal("0.01")}
+
+    def __init__(self, fraction: float) -> None:
+        self._value = fraction
+
+    @property
+    def fraction(self) -> float:
+        """The value in parts of one."""
+        return self._value
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a share such as ``0.5 %``."""
+        return cls(float(cls._scaled(text)))
+
+    def __str__(self) -> str:
+        return f"{_plain(Decimal(repr(self.fraction)) * 100)} %"
+
+
+def _plain(number: Decimal) -> str:
+    """Write a decimal without exponent and without trailing zeros."""
+    text = format(number.normalize(), "f")
+    return text.rstrip("0").rstrip(".") if "." in text else text

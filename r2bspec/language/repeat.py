@@ -1,0 +1,54 @@
+"""`repeat`: named instances of one entry, each with variables of its own."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from r2bspec.diagnostics import Span
+from r2bspec.language.located_tree import Entry, MapNode, ScalarNode, child, without
+from r2bspec.language.schema.name_patterns import INSTANCE, VARIABLE
+
+KEY = "repeat"
+_INSTANCE = re.compile(INSTANCE.pattern)
+_VARIABLE = re.compile(VARIABLE.pattern)
+
+
+@dataclass(frozen=True, slots=True)
+class Repeated:
+    """An entry that is repeated: what is left of it, and its instances."""
+
+    entry: MapNode
+    instances: dict[str, Instance]
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """Where an instance is named, and its variables."""
+
+    span: Span
+    variables: dict[str, ScalarNode]
+
+
+def repeated(node: MapNode) -> Repeated | None:
+    """What an entry is repeated as; None where nothing is, or where the schema will complain."""
+    named = child(node, KEY)
+    if not isinstance(named, MapNode) or not named.entries:
+        return None
+    found = {name: _instance(name, entry) for name, entry in named.entries.items()}
+    instances = {name: each for name, each in found.items() if each is not None}
+    return Repeated(without(node, KEY), instances) if len(instances) == len(found) else None
+
+
+def _instance(name: str, entry: Entry) -> Instance | None:
+    if not _INSTANCE.search(name) or not entry.known or not isinstance(entry.value, MapNode):
+        return None
+    values: dict[str, ScalarNode] = {}
+    for variable, inner in entry.value.entries.items():
+        value = inner.value
+        if not _VARIABLE.search(variable) or not isinstance(value, ScalarNode):
+            return None
+        if value.value is None:
+            return None
+        values[variable] = value
+    return Instance(entry.key_span, values)

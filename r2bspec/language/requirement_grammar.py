@@ -1,0 +1,295 @@
+"""The grammar of a requirement, and of the conditions under which a probed rate holds.
+
+Grammar (white space between tokens is free)::
+
+    requirement = "sustained" | metric op bound [ windows ]
+    metric      = [monitor "."] name ["." part]
+    op          = "<" | "<=" | ">" | ">="  | "==" | "!="
+    bound       = quantity | integer | share " of " ( "offered" | "baseline" )
+    windows     = "in " share " of " duration " windows"
+    name, part, monitor = letter { letter | digit | "_" }
+
+Which metrics exist, and their dimensions, is known to `r2bspec.measure.metric_catalogue`; this
+module knows only the shape of the sentence.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from functools import lru_cache
+from typing import Literal, TypeVar
+
+import msgspec
+
+from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.suggest import did_you_mean
+from r2bspec.language.quantities import Duration, Quantity, QuantityError, Rate, Share, Size
+
+_Q = TypeVar("_Q", bound=Quantity)
+Operator = Literal["<", "<=", ">", ">=", "==", "!="]
+
+_WORD = "[A-Za-z][A-Za-z0-9_]*"
+_METRIC = re.compile(rf"\s*(?P<metric>{_WORD}(?:\.{_WORD})*)")
+_OPERATOR = re.compile(r"\s*(?P<op><=|>=|==|!=|<|>)")
+_LONGEST = 300
+_MISTAKEN = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}
+_OF = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
+_REFERENCES = ("offered", "baseline")
+_IN = re.compile(r"\sin(?:\s+|$)")
+_WINDOWS_EXAMPLE = "in 99 % of 1 s windows"
+
+
+class RequirementError(ValueError):
+    """A text that is not a requirement.
+
+    Attributes:
+        column: offset into the text, counted from 0, at which the problem begins.
+        suggestion: a text that would have been accepted there, or empty.
+    """
+
+    def __init__(self, message: str, column: int, suggestion: str = "") -> None:
+        super().__init__(message)
+        self.column = column
+        self.suggestion = suggestion
+
+
+class Bound(msgspec.Struct, frozen=True, kw_only=True):
+    """The right-hand side: a value in SI base units (s, Hz, bytes, fraction, or a count)."""
+
+    value: float
+    dimension: Literal["time", "rate", "size", "share", "count"]
+    of_offered: bool = False
+    of_baseline: bool = False
+
+
+class Requirement:
+    """One parsed requirement; immutable, and equal to any other of the same text.
+
+    Not a struct: in every document a requirement is its text (see `r2bspec.language.value_codec`).
+
+    Attributes:
+        text: what the user wrote.
+        metric: the dotted name as written: ``latency.p99``, ``detections.latency.p99``, or
+            ``sustained``, which has neither operator nor bound.
+        metric_column: offset of the metric into `text`.
+        bound_column: offset of the bound into `text`.
+        windows_share: the share of windows of `window_ns` in which the comparison must hold, as a
+            fraction; None where it concerns all that was measured at once.
+        windows_column: offset of ``in`` into `text`.
+    """
+
+    __slots__ = (
+        "bound",
+        "bound_column",
+        "metric",
+        "metric_column",
+        "op",
+        "text",
+        "window_ns",
+        "windows_column",
+        "windows_share",
+    )
+
+    def __init__(
+        self,
+        *,
+        text: str,
+        metric: str,
+        op: Operator | None = None,
+        bound: Bound | None = None,
+        metric_column: int = 0,
+        bound_column: int = 0,
+        windows_share: float | None = None,
+        window_ns: int = 0,
+        windows_column: int = 0,
+    ) -> None:
+        self.text = text
+        self.metric = metric
+        self.op = op
+        self.bound = bound
+        self.metric_column = metric_column
+        self.bound_column = bound_column
+        self.windows_share = windows_share
+        self.window_ns = window_ns
+        self.windows_column = windows_column
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Requirement) and other.text == self.text
+
+    def __hash__(self) -> int:
+        return hash(self.text)
+
+    def __repr__(self) -> str:
+        return f"Requirement({self.text!r})"
+
+    def __str__(self) -> str:
+        return self.text
+
+    def holds(self, value: float, limit: float) -> bool:
+        """Compare one value with a limit, both in the bound's SI unit."""
+        match self.op:
+            case "<":
+                return value < limit
+            case "<=":
+                return value <= limit
+            case ">":
+                return value > limit
+            case ">=":
+                return value >= limit
+            case "==":
+                return value == limit
+            case "!=":
+                return value != limit
+        raise ValueError(f"{self.text!r} is not a comparison")
+
+
+@lru_cache(maxsize=4096)
+def parse_requirement(text: str) -> Requirement:
+    """Parse one requirement.
+
+    Raises:
+        RequirementError: with the offset at which the text stops making sense.
+    """
+    if len(text) > _LONGEST:
+        raise RequirementError(f"a requirement has at most {_LONGEST} characters", 0)
+    found = _METRIC.match(text)
+    if found is None:
+        raise RequirementError(
+            "a requirement begins with a metric, such as latency.p99",
+            _first(text),
+            "latency.p99 < 50 ms",
+        )
+    metric = found["metric"]
+    metric_column = found.start("metric")
+    if metric == "sustained":
+        if text[found.end() :].strip():
+            column = _first(text, found.end())
+            raise RequirementError("nothing may follow 'sustained'", column)
+        return Requirement(text=text, metric=metric, metric_column=metric_column)
+    compared = _OPERATOR.match(text, found.end())
+    if compared is None:
+        column = _first(text, found.end())
+        meant = next((op for other, op in _MISTAKEN.items() if text.startswith(other, column)), "<")
+        raise RequirementError(
+            f"after {quote(metric)} comes one of < <= > >= == !=", column, f"{metric} {meant} ..."
+        )
+    column = _first(text, compared.end())
+    windows = _IN.search(text, compared.end())
+    end = windows.start() if windows is not None else len(text)
+    bound = _parse_bound(text[column:end].rstrip(), min(column, end))
+    share, window_ns = _parse_windows(text, windows.end()) if windows is not None else (None, 0)
+    return Requirement(
+        text=text,
+        metric=metric,
+        op=compared["op"],  # type: ignore[arg-type]  # the pattern admits only operators
+        bound=bound,
+        metric_column=metric_column,
+        bound_column=column,
+        windows_share=share,
+        window_ns=window_ns,
+        windows_column=windows.start() + 1 if windows is not None else 0,
+    )
+
+
+def _parse_windows(text: str, column: int) -> tuple[float, int]:
+    """What follows ``in``: the share of windows, and their length in nanoseconds."""
+    found = re.match(r"(?P<share>[^%]*%)\s*", text[column:])
+    if found is None:
+        message = "after 'in' comes a share of windows, such as 99 %"
+        raise RequirementError(message, _first(text, column), _WINDOWS_EXAMPLE)
+    share = _inside(Share, found["share"], column)
+    if not 0 < share.fraction <= 1:
+        message = "the share of windows must be more than 0 % and at most 100 %"
+        raise RequirementError(message, column, _WINDOWS_EXAMPLE)
+    at = column + found.end()
+    of = re.match(r"of\s+(?P<duration>.*?)\s*(?P<word>[A-Za-z_]*)\s*\Z", text[at:], re.DOTALL)
+    if of is None:
+        message = "after the share comes 'of' and the length of a window"
+        raise RequirementError(message, _first(text, at), _WINDOWS_EXAMPLE)
+    start = at + of.start("duration")
+    if of["word"] not in ("window", "windows"):
+        duration = text[start:].rstrip()
+        message = "the sentence ends with 'windows'"
+        raise RequirementError(message, start + len(duration), f"of {duration or '1 s'} windows")
+    length = _inside(Duration, of["duration"], start)
+    if length.ns <= 0:
+        raise RequirementError("a window must be longer than nothing", start, _WINDOWS_EXAMPLE)
+    return share.fraction, length.ns
+
+
+def _inside(kind: type[_Q], text: str, column: int) -> _Q:
+    try:
+        return kind.parse(text)
+    except QuantityError as error:
+        raise RequirementError(str(error), column, error.suggestion or kind.example) from None
+
+
+def _parse_bound(text: str, column: int) -> Bound:
+    if not text:
+        raise RequirementError("the bound is missing", column, "50 ms")
+    relative = _OF.fullmatch(text)
+    if relative is not None:
+        return _relative_bound(relative, column)
+    if re.fullmatch(r"[0-9]{1,15}", text):
+        return Bound(value=float(text), dimension="count")
+    for kind in (Duration, Rate, Size, Share):
+        with contextlib.suppress(QuantityError):
+            return _absolute_bound(kind.parse(text))
+    raise _bad_bound(text, column)
+
+
+def _absolute_bound(quantity: Quantity) -> Bound:
+    if isinstance(quantity, Duration):
+        return Bound(value=quantity.seconds, dimension="time")
+    if isinstance(quantity, Rate):
+        return Bound(value=quantity.hz, dimension="rate")
+    if isinstance(quantity, Size):
+        return Bound(value=float(quantity.bytes), dimension="size")
+    if isinstance(quantity, Share):
+        return Bound(value=quantity.fraction, dimension="share")
+    raise AssertionError(f"{type(quantity).__name__} has no dimension")
+
+
+def _bad_bound(text: str, column: int) -> RequirementError:
+    unit = re.fullmatch(r"([0-9.]+)\s*([^\s0-9.]\S*)", text)
+    units = [name for kind in (Duration, Rate, Size, Share) for name in kind.units]
+    if unit is not None and unit[2] not in units:
+        close = did_you_mean(unit[2], units)
+        return RequirementError(
+            f"{quote(unit[2])} is not a unit; known are {', '.join(units)}",
+            column + unit.start(2),
+            f"{unit[1]} {close}" if close else "",
+        )
+    return RequirementError(
+        f"{quote(text)} is not a bound; write a number with a unit, such as 50 ms, 30 Hz, 2 % "
+        "or 64 MiB, or a whole number for a count",
+        column,
+    )
+
+
+def _relative_bound(found: re.Match[str], column: int) -> Bound:
+    try:
+        share = Share.parse(found["share"])
+    except QuantityError as error:
+        raise RequirementError(str(error), column, error.suggestion) from None
+    reference = found["reference"]
+    if reference not in _REFERENCES:
+        meant = did_you_mean(reference, _REFERENCES) or "offered"
+        raise RequirementError(
+            "a bound is relative to 'offered', the rate that was asked for, or to 'baseline', an "
+            f"earlier run, not to {quote(reference)}",
+            column + found.start("reference"),
+            f"{found['share']} of {meant}",
+        )
+    return Bound(
+        value=share.fraction,
+        dimension="share",
+        of_offered=reference == "offered",
+        of_baseline=reference == "baseline",
+    )
+
+
+def _first(text: str, start: int = 0) -> int:
+    """The offset of the first character that is not white space, from `start` on."""
+    return len(text) - len(text[start:].lstrip()) if text[start:].strip() else len(text)

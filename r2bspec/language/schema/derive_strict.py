@@ -1,0 +1,203 @@
+"""The two schemas that are made from the one source.
+
+- The strict one judges a document whose variables are substituted and whose ``x-`` keys are
+  gone. Quantities and requirements are judged by the classes that parse them.
+- The published one is for editors. It is plain draft-07, accepts ``$(var x)`` and ``$(env X)``
+  wherever a scalar may stand, ignores ``x-`` keys, and takes null where something is extended.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from r2bspec.language.schema.document_root import DOCUMENT
+from r2bspec.language.schema.schema_builder import (
+    ALONE,
+    KIND,
+    LOADER,
+    NOUN,
+    PATH,
+    POSITIVE,
+    QUANTITIES,
+    TOPIC_KEYS,
+    UNLESS_LIVE,
+    WORDS,
+    Schema,
+)
+
+TITLE = "r2bspec, version 1"
+FILE_NAME = "r2bspec-v1.schema.json"
+
+_KEPT = "nothing_is_removed"
+_OWN = (ALONE, KIND, LOADER, NOUN, PATH, POSITIVE, TOPIC_KEYS, UNLESS_LIVE, WORDS)
+_REFERENCE = r"\$\((?:var|env) +[A-Za-z_][A-Za-z0-9_]* *\)"
+_WHOLE = f"^{_REFERENCE}$"
+_NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
+_OTHER_SCALARS = {"integer": "a whole number", "boolean": "true or false"}
+_METRIC = r"[A-Za-z][A-Za-z0-9_]*(?:\.[A-Za-z][A-Za-z0-9_]*)*"
+_REQUIREMENT = rf"^\s*(?:sustained|{_METRIC}\s*(?:[<>]=?|[=!]=)\s*\d.*?)\s*$"
+
+
+def strict_schema(*, live: bool = False) -> Schema:
+    """The schema that the loader applies; for `live`, to a document in which nothing is played."""
+
+    def stricter(schema: Schema) -> Schema:
+        strict = dict(schema)
+        if UNLESS_LIVE in strict and not live:
+            needed = {*strict.get("required", ()), *strict[UNLESS_LIVE]}
+            strict["required"] = [key for key in strict["properties"] if key in needed]
+        # The class says it better than 'type' could; see `r2bspec.language.schema_validator`.
+        if KIND in strict:
+            del strict["type"]
+        for pattern in (strict, strict.get("propertyNames", {})):
+            # In Python, '$' also matches before a line break at the end.
+            if pattern.get("pattern", "").endswith("$"):
+                pattern["pattern"] = pattern["pattern"][:-1] + r"\Z"
+        return strict
+
+    return _rewrite(DOCUMENT, stricter)
+
+
+def published_schema() -> Schema:
+    """The schema for editors: what `r2bspec schema spec` prints."""
+    return {
+        "$schema": "http://json-schema.org/draft-07/schema#",
+        "$id": FILE_NAME,
+        "title": TITLE,
+        **_removable(_rewrite(DOCUMENT, _publish)),
+        "definitions": {_KEPT: _kept()},
+    }
+
+
+def published_schema_text() -> str:
+    """The published schema as a file, with a newline at its end."""
+    return json.dumps(published_schema(), indent=2, ensure_ascii=False) + "\n"
+
+
+def _removable(schema: Schema) -> Schema:
+    """The schema with null allowed wherever it may remove a key, and refused where nothing extends.
+
+    Only what `extends` can be removed from. The check is one small schema of its own, so that the
+    one for editors need not be there twice.
+    """
+    allowed = _rewrite(schema, _with_null)
+    # Of the document itself, and of this one key, nothing can be removed.
+    allowed["type"] = schema["type"]
+    allowed["properties"]["r2bspec"] = schema["properties"]["r2bspec"]
+    return allowed | {"allOf": [{"$ref": f"#/definitions/{_KEPT}"}]}
+
+
+def _with_null(schema: Schema) -> Schema:
+    """Each value of a map may be null. The words for people and for completion stay as they are."""
+    changed = dict(schema)
+    if "properties" in changed:
+        changed["properties"] = {key: _or_null(each) for key, each in changed["properties"].items()}
+    if isinstance(changed.get("additionalProperties"), dict):
+        changed["additionalProperties"] = _or_null(changed["additionalProperties"])
+    return changed
+
+
+def _or_null(schema: Schema) -> Schema:
+    kinds = schema.get("type")
+    if kinds is None:
+        return schema
+    # The kind that is meant comes first: by it, editors choose what to insert.
+    changed = schema | {"type": [*([kinds] if isinstance(kinds, str) else kinds), "null"]}
+    if "enum" in changed:
+        changed["enum"] = [*changed["enum"], None]
+    return changed
+
+
+def _kept() -> Schema:
+    """No value is null, except below a map that extends another.
+
+    By 'not' and without 'type': editors then propose nothing because of it.
+    """
+    itself = {"$ref": f"#/definitions/{_KEPT}"}
+    return {
+        "if": {"type": "object", "required": ["extends"]},
+        "else": {
+            "not": {"type": "null"},
+            "errorMessage": "a value is missing; null removes a key, where 'extends' brings one",
+            "additionalProperties": itself,
+            "items": itself,
+        },
+    }
+
+
+def _publish(schema: Schema) -> Schema:
+    public = {key: value for key, value in schema.items() if key not in _OWN}
+    if "extends" in schema.get("properties", {}) and "required" in public:
+        # What is missing here may stand where this builds on.
+        public["if"] = {"not": {"required": ["extends"]}}
+        public["then"] = {"required": public.pop("required")}
+    kind = schema.get(KIND)
+    if kind is not None:
+        public |= _judged_by_pattern(kind)
+    if ALONE in schema:
+        alone = ("pattern", "patternErrorMessage")
+        public |= {key: public["items"][key] for key in alone}
+    if WORDS in schema:
+        public |= _or_words(schema[WORDS], public.get("pattern"))
+    if schema.get("additionalProperties") is False:
+        public["patternProperties"] = {"^x-": {"description": "Ignored."}}
+    if "propertyNames" in public:
+        keys = {key: value for key, value in public["propertyNames"].items() if key not in _OWN}
+        if TOPIC_KEYS in schema:
+            keys["pattern"] = _or_reference(keys["pattern"])
+        public["propertyNames"] = keys
+    if "enum" in public:
+        values = public.pop("enum")
+        return public | {"anyOf": [{"enum": values}, {"pattern": _WHOLE}]}
+    if "pattern" in public and "type" in public:
+        public["pattern"] = _or_reference(public["pattern"])
+    for kind, meant in _OTHER_SCALARS.items():
+        if public.get("type") == kind and "const" not in public:
+            public |= {
+                "type": [kind, "string"],
+                "pattern": _WHOLE,
+                "patternErrorMessage": f"{meant}, or $(var name)",
+            }
+    return public
+
+
+def _or_words(words: list[str], pattern: str | None) -> Schema:
+    """Words that may stand in place of a map, or of text of a pattern."""
+    only = f"^(?:{'|'.join(words)})$"
+    if pattern is not None:
+        return {"pattern": f"(?:{pattern})|{only}"}
+    return {"pattern": only, "patternErrorMessage": f"one of {', '.join(words)}; or a map"}
+
+
+def _judged_by_pattern(kind: str) -> Schema:
+    if kind == "requirement":
+        return {
+            "pattern": _REQUIREMENT,
+            "patternErrorMessage": "a requirement is 'metric op bound', such as latency.p99 < 50 "
+            "ms; or sustained",
+        }
+    units = "|".join(QUANTITIES[kind].units)
+    return {
+        "pattern": rf"^\s*{_NUMBER}\s*(?:{units})\s*$",
+        "patternErrorMessage": f"a {kind} is a number with a unit, such as "
+        f"{QUANTITIES[kind].example}",
+    }
+
+
+def _or_reference(pattern: str) -> str:
+    return f"(?:{pattern})|{_REFERENCE}"
+
+
+def _rewrite(schema: Schema, change: Callable[[Schema], Schema]) -> Schema:
+    """Apply `change` to a schema and to all schemas in it, innermost first."""
+    inner: dict[str, Any] = dict(schema)
+    if "propertyNames" in inner:
+        inner["propertyNames"] = dict(inner["propertyNames"])
+    if "properties" in inner:
+        inner["properties"] = {k: _rewrite(v, change) for k, v in inner["properties"].items()}
+    for key in ("items", "additionalProperties"):
+        if isinstance(inner.get(key), dict):
+            inner[key] = _rewrite(inner[key], change)
+    return change(inner)

@@ -1,0 +1,51 @@
+"""ROS parameters: values, parameters files, or a list of both."""
+
+from __future__ import annotations
+
+from r2bspec.language.schema import name_patterns
+from r2bspec.language.schema.schema_builder import PATH, SCALAR_TYPES, Schema, named, scalar
+
+
+def values(description: str) -> Schema:
+    """Parameters by their names."""
+    return named(
+        description,
+        name_patterns.PARAMETER,
+        {
+            "type": [*SCALAR_TYPES, "array"],
+            "description": "Text, a number, a truth value, or a list of one of these.",
+            "items": scalar("An item of the list.", examples=[0.5, "left"]),
+            "examples": [1280, "36h11", [0.1, 0.2]],
+        },
+        examples=[{"width": 1280, "height": 720}],
+    )
+
+
+_VALUES = values("Parameters by their names. Nested ones are written with dots: camera.fx.")
+
+PARAMETERS: Schema = {
+    **_VALUES,
+    "type": ["object", "string", "array"],
+    "description": "ROS parameters of the node: a map, the path of a parameters file relative to "
+    "this file, or a list of both, of which the later ones win. Nested names are written with "
+    "dots: camera.fx.",
+    "minLength": 1,
+    PATH: True,
+    "items": {
+        **{key: value for key, value in _VALUES.items() if key != "default"},
+        "type": ["object", "string"],
+        "description": "Parameters by their names, or the path of a parameters file.",
+        "minLength": 1,
+        PATH: True,
+        "examples": ["./camera.yaml", {"width": 1280}],
+    },
+    "examples": [
+        {"width": 1280, "height": 720},
+        "./camera.yaml",
+        ["./camera.yaml", {"width": 1280}],
+    ],
+    "defaultSnippets": [
+        {"label": "values", "body": {"${1:name}": "$2"}},
+        {"label": "a file and values", "body": ["./${1:parameters}.yaml", {"${2:name}": "$3"}]},
+    ],
+}

@@ -1,0 +1,101 @@
+"""How a process is run: what nodes, containers and steps have in common."""
+
+from __future__ import annotations
+
+from r2bspec.language.quantities import Size
+from r2bspec.language.schema import name_patterns
+from r2bspec.language.schema.reuse import sibling
+from r2bspec.language.schema.schema_builder import (
+    Schema,
+    choice,
+    integer,
+    listing,
+    named,
+    quantity,
+    record,
+    text,
+)
+
+ENV: Schema = named(
+    "Environment variables of the process.",
+    name_patterns.ENVIRONMENT,
+    text("The variable's value.", examples=["4"]),
+    examples=[{"OMP_NUM_THREADS": "4"}],
+)
+
+
+def words(description: str, *, at_least: int = 0, examples: list[list[str]]) -> Schema:
+    """A command line, or a part of one."""
+    word = text("A word of the command line.", examples=[examples[0][0]])
+    return listing(description, word, at_least=at_least, examples=examples)
+
+
+RESOURCES: dict[str, Schema] = {
+    "cpus": listing(
+        "The processor cores on which the process may run; empty for all.",
+        integer("The number of a core, counted from 0.", minimum=0, examples=[0, 2]),
+        examples=[[2, 3]],
+    ),
+    "nice": integer(
+        "The niceness of the process: below 0 takes more of the processor, and needs the right "
+        "to do so.",
+        minimum=-20,
+        maximum=19,
+        default=0,
+        examples=[-5],
+    ),
+    "prefix": words(
+        "Words put before the command line, such as a profiler.",
+        examples=[["perf", "record", "-g"]],
+    ),
+    "memory_limit": quantity(
+        Size,
+        "The most memory that the process may take; above it, it is ended, and the run fails.",
+        examples=["2 GiB"],
+        positive=True,
+    ),
+}
+"""What a process is given, in the order of the language."""
+
+CONTAINERS: Schema = named(
+    "Processes that hold several nodes, by a name that nodes refer to.",
+    name_patterns.NODE_NAME,
+    record(
+        "A process for several nodes.",
+        {
+            "extends": sibling("container"),
+            "executable": choice(
+                "What holds the nodes: one of rclcpp_components' containers for plugins, or python "
+                "for Python nodes.",
+                [
+                    "component_container",
+                    "component_container_mt",
+                    "component_container_isolated",
+                    "python",
+                ],
+                "component_container",
+            ),
+            "executor": choice(
+                "With python: whether callbacks run one after another or side by side.",
+                ["single_threaded", "multi_threaded"],
+                "single_threaded",
+            ),
+            "threads": integer(
+                "Threads of the executor; 0 leaves the number to it.",
+                minimum=0,
+                default=0,
+                examples=[4],
+            ),
+            "env": ENV,
+            **RESOURCES,
+        },
+        examples=[{"executable": "component_container_mt", "threads": 4}],
+    ),
+    examples=[{"vision": {"executable": "component_container_mt"}}],
+    snippets=[
+        {
+            "label": "a container",
+            "body": {"${1:name}": {"executable": "${2:component_container_mt}"}},
+        }
+    ],
+)

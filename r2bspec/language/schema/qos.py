@@ -1,0 +1,58 @@
+"""Quality of service: a profile by name, or field by field."""
+
+from __future__ import annotations
+
+from r2bspec.language.qos_profiles import PROFILES
+from r2bspec.language.schema.schema_builder import (
+    Schema,
+    choice,
+    integer,
+    or_words,
+    record,
+    used_up,
+)
+
+
+def qos(description: str, *, default: object = None) -> Schema:
+    """A quality-of-service profile."""
+    fields = record(
+        f"{description} A name of ROS's profiles, or a map.",
+        {
+            "profile": used_up(
+                choice(
+                    "The profile from which the other keys of this map depart.",
+                    list(PROFILES),
+                    "default",
+                )
+            ),
+            "reliability": choice(
+                "Whether lost messages are sent again. A reliable reader gets nothing from a "
+                "best-effort writer.",
+                ["reliable", "best_effort"],
+                "reliable",
+            ),
+            "durability": choice(
+                "Whether a late reader gets the last messages, too.",
+                ["volatile", "transient_local"],
+                "volatile",
+            ),
+            "history": choice(
+                "Whether only the last 'depth' messages are kept.",
+                ["keep_last", "keep_all"],
+                "keep_last",
+            ),
+            "depth": integer(
+                "How many messages are kept with keep_last.", minimum=1, default=10, examples=[10]
+            ),
+        },
+        examples=[{"reliability": "best_effort", "depth": 5}],
+        default=default,
+        snippets=[
+            {"label": "sensor data", "body": "sensor_data"},
+            {
+                "label": "a profile of its own",
+                "body": {"reliability": "best_effort", "depth": "${1:5}"},
+            },
+        ],
+    )
+    return or_words(fields, list(PROFILES), ["sensor_data"])

@@ -1,0 +1,229 @@
+"""Small builders from which the sections of the schema are made.
+
+They write JSON Schema, draft-07, plus annotations that `r2bspec.language.schema.derive_strict`
+takes out before anything is published:
+
+- ``r2b-kind``: the string is a quantity (``duration``, ``rate``, ``size``, ``share``) or a
+  ``requirement``, and is judged by the class that parses it,
+- ``r2b-positive``: the quantity must be more than zero,
+- ``r2b-keys``: the keys of the map are topics, in which variables may stand,
+- ``r2b-noun``: what a text of the pattern is called,
+- ``r2b-words``: the words that a string may be, where the value may also be a map or a quantity,
+- ``r2b-path``: the string is a path, relative to the file in which it is written,
+- ``r2b-loader``: the loader uses the key up; no typed value has it,
+- ``r2b-unless-live``: keys that are required unless nothing is played,
+- ``r2b-alone``: a text in place of the list is its only item.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from r2bspec.language.quantities import Duration, Quantity, Rate, Share, Size
+from r2bspec.language.schema.name_patterns import Form
+
+Schema = dict[str, Any]
+
+KIND = "r2b-kind"
+POSITIVE = "r2b-positive"
+TOPIC_KEYS = "r2b-keys"
+NOUN = "r2b-noun"
+WORDS = "r2b-words"
+PATH = "r2b-path"
+LOADER = "r2b-loader"
+UNLESS_LIVE = "r2b-unless-live"
+ALONE = "r2b-alone"
+SCALAR_TYPES = ["string", "number", "boolean"]
+
+QUANTITIES: dict[str, type[Quantity]] = {kind.kind: kind for kind in (Duration, Rate, Size, Share)}
+
+
+def text(
+    description: str,
+    *,
+    examples: Sequence[str],
+    form: Form | None = None,
+    default: str = "",
+    path: bool = False,
+) -> Schema:
+    """A string, of a form if one is given; `path` says that it names a file or a folder."""
+    schema: Schema = {"type": "string", "description": description, "examples": list(examples)}
+    if form is not None:
+        schema |= _pattern(form)
+    if path:
+        schema[PATH] = True
+    # An empty default would be inserted by editors as if it were a value.
+    return schema | {"default": default} if default else schema
+
+
+def integer(
+    description: str,
+    *,
+    minimum: int,
+    examples: Sequence[int],
+    default: int | None = None,
+    maximum: int | None = None,
+) -> Schema:
+    """A whole number."""
+    schema: Schema = {"type": "integer", "description": description, "minimum": minimum}
+    if maximum is not None:
+        schema["maximum"] = maximum
+    if default is not None:
+        schema["default"] = default
+    return schema | {"examples": list(examples)}
+
+
+def truth(description: str, *, default: bool) -> Schema:
+    """A truth value."""
+    return {
+        "type": "boolean",
+        "description": description,
+        "default": default,
+        "examples": [not default],
+    }
+
+
+def choice(description: str, values: Sequence[str], default: str) -> Schema:
+    """One of a few words."""
+    return {
+        "type": "string",
+        "description": description,
+        "enum": list(values),
+        "default": default,
+        "examples": list(values[:1]),
+    }
+
+
+def scalar(description: str, *, examples: Sequence[object]) -> Schema:
+    """Text, a number or a truth value."""
+    return {"type": list(SCALAR_TYPES), "description": description, "examples": list(examples)}
+
+
+def quantity(
+    kind: type[Quantity],
+    description: str,
+    *,
+    default: str | None = None,
+    examples: Sequence[str] = (),
+    positive: bool = False,
+    words: Sequence[str] = (),
+) -> Schema:
+    """A number with a unit, written as a string; or one of `words`."""
+    schema: Schema = {
+        "type": "string",
+        "description": description,
+        KIND: kind.kind,
+        "examples": list(examples) or [kind.example],
+    }
+    if positive:
+        schema[POSITIVE] = True
+    if words:
+        schema[WORDS] = list(words)
+    return schema if default is None else schema | {"default": default}
+
+
+def requirement(description: str, *, examples: Sequence[str]) -> Schema:
+    """One sentence of the requirement grammar."""
+    return {
+        "type": "string",
+        "description": description,
+        KIND: "requirement",
+        "examples": list(examples),
+    }
+
+
+def listing(
+    description: str,
+    items: Schema,
+    *,
+    examples: Sequence[object],
+    at_least: int = 0,
+) -> Schema:
+    """A list."""
+    schema: Schema = {"type": "array", "description": description, "items": items}
+    if at_least:
+        schema["minItems"] = at_least
+    else:
+        schema["default"] = []
+    return schema | {"examples": list(examples)}
+
+
+def record(
+    description: str,
+    properties: Mapping[str, Schema],
+    *,
+    examples: Sequence[object],
+    required: Sequence[str] = (),
+    snippets: Sequence[Schema] = (),
+    default: object = None,
+    unless_live: Sequence[str] = (),
+) -> Schema:
+    """A map whose keys are known; `unless_live` are required where something is played."""
+    schema: Schema = {
+        "type": "object",
+        "description": description,
+        "properties": {
+            name: {k: v for k, v in prop.items() if not (name in required and k == "default")}
+            for name, prop in properties.items()
+        },
+        "additionalProperties": False,
+        "examples": list(examples),
+    }
+    if required:
+        schema["required"] = list(required)
+    if unless_live:
+        schema[UNLESS_LIVE] = list(unless_live)
+    if default is not None:
+        schema["default"] = default
+    if snippets:
+        schema["defaultSnippets"] = list(snippets)
+    return schema
+
+
+def named(
+    description: str,
+    keys: Form,
+    values: Schema,
+    *,
+    examples: Sequence[object],
+    topics: bool = False,
+    at_least: int = 0,
+    snippets: Sequence[Schema] = (),
+) -> Schema:
+    """A map whose keys are names that the user gives; `topics` says that they are topics."""
+    schema: Schema = {
+        "type": "object",
+        "description": description,
+        "propertyNames": _pattern(keys),
+        "additionalProperties": values,
+        "examples": list(examples),
+    }
+    if topics:
+        schema[TOPIC_KEYS] = "topics"
+    if at_least:
+        schema["minProperties"] = at_least
+    else:
+        schema["default"] = {}
+    if snippets:
+        schema["defaultSnippets"] = list(snippets)
+    return schema
+
+
+def or_words(schema: Schema, words: Sequence[str], examples: Sequence[object]) -> Schema:
+    """A map, or one of a few words that stand for a map."""
+    return {
+        **schema,
+        "type": ["string", "object"],
+        WORDS: list(words),
+        "examples": [*examples, *schema["examples"]],
+    }
+
+
+def used_up(schema: Schema) -> Schema:
+    """The same, as a key that the loader uses up."""
+    return schema | {LOADER: True}
+
+
+def _pattern(form: Form) -> Schema:
+    return {"pattern": form.pattern, "patternErrorMessage": form.message, NOUN: form.noun}

@@ -1,0 +1,156 @@
+"""`setup`, `ready` and `after_ready`: what happens around the start of the graph."""
+
+from __future__ import annotations
+
+from r2bspec.language.quantities import Duration
+from r2bspec.language.schema import name_patterns
+from r2bspec.language.schema.process import ENV, words
+from r2bspec.language.schema.schema_builder import Schema, named, quantity, record, text
+
+
+def _timeout(what: str, default: str) -> Schema:
+    return quantity(
+        Duration,
+        f"How long {what} may take; then the run fails.",
+        default=default,
+        examples=[default],
+        positive=True,
+    )
+
+
+_MODEL = {
+    "command": ["trtexec", "--onnx=model.onnx", "--saveEngine=model.plan"],
+    "creates": "model.plan",
+}
+
+SETUP: Schema = named(
+    "Commands that run once, in this order, before anything else is started.",
+    name_patterns.NAME,
+    record(
+        "A command that runs before anything else is started.",
+        {
+            "command": words(
+                "The program with its arguments, one item each; no shell reads it.",
+                at_least=1,
+                examples=[["./build_model.sh"]],
+            ),
+            "creates": text(
+                "The file that the command makes. If it is there, the command is skipped; while it "
+                "is made, other runs wait.",
+                examples=["model.plan"],
+                path=True,
+            ),
+            "timeout": _timeout("it", "10 min"),
+            "directory": text(
+                "The folder in which it runs; that of this file by default.",
+                examples=["./models"],
+                path=True,
+            ),
+            "env": ENV,
+        },
+        required=["command"],
+        examples=[_MODEL],
+    ),
+    examples=[{"model": _MODEL}],
+    snippets=[
+        {"label": "a step", "body": {"${1:name}": {"command": ["$2"], "creates": "${3:file}"}}}
+    ],
+)
+
+READY: Schema = named(
+    "What must be so before the graph counts as ready, beyond writers and readers that found each "
+    "other.",
+    name_patterns.NAME,
+    record(
+        "A condition: exactly one of 'file', 'service', 'log' and 'topic'.",
+        {
+            "file": text("A file that is there.", examples=["model.plan"], path=True),
+            "service": text(
+                "A service that somebody offers.",
+                form=name_patterns.TOPIC,
+                examples=["detector/set_parameters"],
+            ),
+            "log": record(
+                "A line in the output of a process.",
+                {
+                    "process": text(
+                        "The node, or the container, whose output is read.",
+                        form=name_patterns.NODE_NAME,
+                        examples=["detector"],
+                    ),
+                    "pattern": text(
+                        "A regular expression that is found in the line.",
+                        form=name_patterns.SOME_TEXT,
+                        examples=["model loaded"],
+                    ),
+                },
+                required=["process", "pattern"],
+                examples=[{"process": "detector", "pattern": "model loaded"}],
+            ),
+            "topic": text(
+                "A topic that somebody writes.",
+                form=name_patterns.TOPIC,
+                examples=["detector/status"],
+            ),
+            "timeout": _timeout("it", "30 s"),
+        },
+        examples=[{"log": {"process": "detector", "pattern": "model loaded"}}],
+    ),
+    examples=[{"model_loaded": {"log": {"process": "detector", "pattern": "model loaded"}}}],
+    snippets=[
+        {"label": "a service", "body": {"${1:name}": {"service": "$2"}}},
+        {"label": "a log line", "body": {"${1:name}": {"log": {"process": "$2", "pattern": "$3"}}}},
+    ],
+)
+
+_CALL = record(
+    "A call of a service.",
+    {
+        "name": text("The service.", form=name_patterns.TOPIC, examples=["detector/enable"]),
+        "type": text(
+            "Its type, as ros2 service list -t shows it.",
+            form=name_patterns.SERVICE_TYPE,
+            examples=["std_srvs/srv/SetBool"],
+        ),
+        "request": named(
+            "The fields of the request; those left out have their defaults.",
+            name_patterns.PARAMETER,
+            {
+                "description": "The field's value: a scalar, a list or a map.",
+                "examples": [True, 1.5],
+            },
+            examples=[{"data": True}],
+        ),
+    },
+    required=["name", "type"],
+    examples=[
+        {"name": "detector/enable", "type": "std_srvs/srv/SetBool", "request": {"data": True}}
+    ],
+)
+
+AFTER_READY: Schema = named(
+    "What is done once, in this order, when the graph stands and before anything is played.",
+    name_patterns.NAME,
+    record(
+        "A step: exactly one of 'command' and 'service'.",
+        {
+            "command": {
+                **words(
+                    "The program with its arguments, one item each; no shell reads it.",
+                    at_least=1,
+                    examples=[["ros2", "lifecycle", "set", "/r2b/detector", "activate"]],
+                ),
+            },
+            "service": _CALL,
+            "timeout": _timeout("it", "30 s"),
+        },
+        examples=[{"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}}],
+    ),
+    examples=[{"enable": {"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}}}],
+    snippets=[
+        {
+            "label": "a service call",
+            "body": {"${1:name}": {"service": {"name": "$2", "type": "$3"}}},
+        }
+    ],
+)

@@ -1,0 +1,114 @@
+"""The strict schema, applied: quickly where nothing is wrong, else by jsonschema."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.language.fast_validator import Judge, judge_of
+from r2bspec.language.schema import strict_schema
+from r2bspec.language.schema.schema_builder import ALONE, KIND, WORDS
+from r2bspec.language.value_kinds import judge
+
+if TYPE_CHECKING:
+    from jsonschema.exceptions import ValidationError
+    from jsonschema.protocols import Validator
+
+
+@cache
+def schema(*, live: bool = False) -> dict[str, Any]:
+    """The strict schema, made once; for `live`, that of a document in which nothing is played."""
+    return strict_schema(live=live)
+
+
+def obeys(plain: Any) -> bool:
+    """Whether the document violates nothing."""
+    return _judge(live=is_live(plain))(plain)
+
+
+def is_live(plain: Any) -> bool:
+    """Whether the document says that nothing is played."""
+    playback = plain.get("playback") if isinstance(plain, dict) else None
+    return isinstance(playback, dict) and playback.get("mode") == "live"
+
+
+def schema_at(path: Path) -> dict[str, Any] | None:
+    """The part of the strict schema that describes the value at a path, or None."""
+    part: Any = schema()
+    for step in path:
+        if isinstance(step, int):
+            part = part.get("items")
+        else:
+            part = part.get("properties", {}).get(step, part.get("additionalProperties"))
+        if not isinstance(part, dict):
+            return None
+    found: dict[str, Any] = part
+    return found
+
+
+def schema_errors(plain: Any) -> Iterator[ValidationError]:
+    """Every violation of the strict schema."""
+    yield from _validator(live=is_live(plain)).iter_errors(plain)
+
+
+@cache
+def _judge(*, live: bool) -> Judge:
+    return judge_of(schema(live=live))
+
+
+@cache
+def _validator(*, live: bool) -> Validator:
+    from jsonschema import Draft7Validator, validators
+    from jsonschema.exceptions import ValidationError
+
+    def check_kind(
+        validator: Any, kind: str, instance: object, schema: dict[str, Any]
+    ) -> Iterator[ValidationError]:
+        del validator, kind
+        problem = judge(instance, schema)
+        if problem is not None:
+            yield ValidationError(problem.message)
+
+    def check_other_keys(
+        validator: Any, rule: Any, instance: object, schema: dict[str, Any]
+    ) -> Iterator[ValidationError]:
+        if not isinstance(instance, dict):
+            return
+        known = schema.get("properties", {})
+        others = [key for key in instance if key not in known]
+        if isinstance(rule, dict):
+            for key in others:
+                yield from validator.descend(instance[key], rule, path=key)
+        elif others:
+            yield ValidationError("unknown keys")
+
+    def check_words(
+        validator: Any, words: list[str], instance: object, schema: dict[str, Any]
+    ) -> Iterator[ValidationError]:
+        del validator
+        if KIND not in schema and isinstance(instance, str) and instance not in words:
+            yield ValidationError("not a known word")
+
+    def check_alone(
+        validator: Any, alone: bool, instance: object, schema: dict[str, Any]
+    ) -> Iterator[ValidationError]:
+        del alone
+        if isinstance(instance, str):
+            yield from validator.descend(instance, schema["items"])
+
+    # To JSON Schema 1.0 is an integer; to a ROS parameter and to YAML it is not.
+    types = Draft7Validator.TYPE_CHECKER.redefine(
+        "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
+    )
+    # jsonschema's own additionalProperties goes through a set: another order in each process.
+    changed = {
+        ALONE: check_alone,
+        KIND: check_kind,
+        WORDS: check_words,
+        "additionalProperties": check_other_keys,
+    }
+    extend: Any = validators.extend
+    made: Validator = extend(Draft7Validator, changed, type_checker=types)(schema(live=live))
+    return made

@@ -1,0 +1,150 @@
+"""The one place where the shorthands of the language are written out.
+
+It works on documents that obey the strict schema, and gives what `r2bspec.language.spec` reads:
+
+- a bag, one condition, a transport, a harness or a QoS profile written as one word,
+- a QoS profile that departs from a named one,
+- several bags, of which the first is also *the* bag,
+- declared variables, of which the value is kept,
+- parameters as a file or as a list of files and maps,
+- a range of rates,
+- ``at: peak``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from decimal import Decimal
+from typing import Any
+
+from r2bspec.language.qos_profiles import PROFILES
+from r2bspec.language.quantities import Rate
+
+Plain = dict[str, Any]
+
+MOST_RATES = 1000
+"""Rates that a range may stand for at most."""
+
+USED_UP = ("extends", "matrix")
+"""Keys at the top of a document that no typed value has."""
+
+
+def write_out(document: Plain) -> Plain:
+    """The document without shorthands; what it is made of is shared, not changed."""
+    done = {key: value for key, value in document.items() if key not in USED_UP}
+    for key, change in _SECTIONS.items():
+        if key in done:
+            done[key] = change(done[key])
+    transport = document.get("transport")
+    if isinstance(transport, dict):
+        done["transport"] = transport.get("kind", "shared_memory")
+        if "segment" in transport:
+            done["segment"] = transport["segment"]
+    return done
+
+
+def bag_source(bag: str | Plain) -> Plain:
+    """What a bag written as one string means: a path if it looks like one, else a dataset."""
+    if isinstance(bag, dict):
+        return bag
+    return {"path" if "/" in bag or bag.startswith(".") else "dataset": bag}
+
+
+def qos(written: str | Plain) -> Plain:
+    """A profile with all fields that its name, or the name it departs from, gives it."""
+    if isinstance(written, str):
+        return PROFILES[written]
+    if "profile" not in written:
+        return written
+    own = {key: value for key, value in written.items() if key != "profile"}
+    return PROFILES[written["profile"]] | own
+
+
+def rates_of(between: Mapping[str, Any]) -> list[str]:
+    """The rates of a range, in exact arithmetic; the last is `to` only where a step leads there.
+
+    More than `MOST_RATES` are not written out, and a step that leads nowhere gives none: what is
+    odd about a range has been said before (`r2bspec.language.key_constraints.entry_keys`).
+    """
+    first, last = (Decimal(repr(Rate.parse(between[key]).hz)) for key in ("from", "to"))
+    if "step" in between:
+        step = Decimal(repr(Rate.parse(between["step"]).hz))
+        count = int((last - first) / step) + 1 if step > 0 else 0
+    else:
+        count = between.get("count", 2)
+        step = (last - first) / (count - 1)
+    return [str(Rate(float(first + step * index))) for index in range(min(count, MOST_RATES))]
+
+
+def value_of(declared: Any) -> Any:
+    """The value of a declared variable, however it is declared; None if there is none."""
+    if isinstance(declared, dict):
+        return declared.get("value", declared.get("default"))
+    return declared
+
+
+def _each(change: Callable[[Any], Any]) -> Callable[[Plain], Plain]:
+    return lambda entries: {name: change(each) for name, each in entries.items()}
+
+
+def _changed(entry: Plain, key: str, change: Callable[[Any], Any]) -> Plain:
+    return {**entry, key: change(entry[key])} if key in entry else entry
+
+
+def _data_loader(loader: Plain) -> Plain:
+    bags = [bag_source(each) for each in loader.get("bags", ())]
+    if bags:
+        return {**loader, "bag": bags[0], "bags": bags}
+    return _changed(loader, "bag", bag_source)
+
+
+def _harness(written: str | Plain) -> Plain:
+    return {"kind": written} if isinstance(written, str) else written
+
+
+def _node(node: Plain) -> Plain:
+    written = node.get("parameters")
+    if isinstance(written, str | list):
+        parts = written if isinstance(written, list) else [written]
+        sources = [{"file": p} if isinstance(p, str) else {"values": p} for p in parts]
+        node = {**node, "parameters": {}, "parameter_sources": sources}
+        for source in sources:
+            node["parameters"] = node["parameters"] | source.get("values", {})
+        if not any("file" in source for source in sources):
+            del node["parameter_sources"]
+    if "qos" in node:
+        node = {**node, "qos": {topic: qos(each) for topic, each in node["qos"].items()}}
+    return node
+
+
+def _playback(playback: Plain) -> Plain:
+    return _changed(playback, "inputs", _each(lambda each: _changed(each, "qos", qos)))
+
+
+def _benchmark(benchmark: Plain) -> Plain:
+    if isinstance(benchmark.get("rates"), dict):
+        benchmark = {**benchmark, "rates": rates_of(benchmark["rates"])}
+    return _changed(
+        benchmark,
+        "search",
+        lambda search: _changed(search, "holds", lambda h: [h] if isinstance(h, str) else h),
+    )
+
+
+def _objective(objective: Plain) -> Plain:
+    if objective.get("at") != "peak":
+        return objective
+    return {**{key: value for key, value in objective.items() if key != "at"}, "at_peak": True}
+
+
+_SECTIONS: dict[str, Callable[[Any], Any]] = {
+    "variables": _each(value_of),
+    "harness": _harness,
+    "data_loader": _data_loader,
+    "preprocessors": _each(_node),
+    "playback": _playback,
+    "graph": lambda graph: _changed(graph, "nodes", _each(_node)),
+    "monitors": _each(lambda each: _changed(each, "qos", qos)),
+    "benchmark": _benchmark,
+    "slos": _each(_objective),
+}

@@ -1,0 +1,386 @@
+"""Substitution of ``$(var x)`` and ``$(env X)`` in the located tree.
+
+The rules:
+
+- It happens in values, and in keys of maps whose keys are topics; nowhere below unknown keys.
+- A value that is one reference and nothing else takes the type of what it refers to, unless only
+  text may stand there; in any other text, the variable's own text is inserted.
+- Values of `variables:` may refer to the environment, not to other variables: order would begin
+  to matter, and cycles would be possible.
+- Inside an entry with `repeat`, the variables of the instance come before all others; the entry
+  is written out once for each.
+- ``$(env X)`` reads only what `environment:` lists, so that a reader of the file knows what it
+  depends on. What it reads is understood as an unquoted value, as with ``--var``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from r2bspec.diagnostics import Certainty, Diagnostic, Related, Span, did_you_mean
+from r2bspec.diagnostics import Path as TreePath
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.located_tree import (
+    Entry,
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    UnknownNode,
+    child,
+)
+from r2bspec.language.repeat import repeated
+from r2bspec.language.schema.schema_builder import TOPIC_KEYS
+from r2bspec.language.source_columns import inner_span
+from r2bspec.language.source_text import LARGEST_BYTES, Source
+from r2bspec.language.variable_declarations import declared_value, judge_declared, with_value
+from r2bspec.language.variable_references import OPENING, Malformed, Reference, references
+from r2bspec.language.yaml_composer import MOST_SHARED
+from r2bspec.language.yaml_scalars import ScalarError, ScalarValue, resolve
+
+_DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
+
+
+@dataclass(frozen=True, slots=True)
+class Substituted:
+    """The tree after substitution, what was wrong, and which variables were used.
+
+    Attributes:
+        ways: for each entry that `repeat` made, the place that names the instance.
+    """
+
+    tree: TreeNode
+    diagnostics: tuple[Diagnostic, ...]
+    used: frozenset[str]
+    ways: Mapping[TreePath, tuple[Related, ...]]
+
+
+def substitute(
+    root: MapNode,
+    schema: dict[str, Any],
+    sources: Mapping[str, Source],
+    environ: Mapping[str, str],
+) -> Substituted:
+    """Replace every reference in a document; `schema` tells which keys are known."""
+    known = schema["properties"]
+    work = _Substitution(root, sources, environ, _sections(known))
+    entries = dict(root.entries)
+    if work.variables is not None:
+        entries["variables"] = replace(entries["variables"], value=work.variables)
+    for key, entry in root.entries.items():
+        if key not in _DECLARATIONS:
+            entries[key] = replace(entry, value=work.walk(entry.value, known.get(key)))
+    tree = MapNode(entries, root.span)
+    return Substituted(tree, tuple(work.problems.found), frozenset(work.used), work.ways)
+
+
+def _sections(known: dict[str, Any]) -> dict[int, TreePath]:
+    """Where entries may be repeated, by the schema of the map that holds them."""
+    return {
+        id(known["preprocessors"]): ("preprocessors",),
+        id(known["graph"]["properties"]["nodes"]): ("graph", "nodes"),
+        id(known["monitors"]): ("monitors",),
+    }
+
+
+class _Substitution:
+    def __init__(
+        self,
+        root: MapNode,
+        sources: Mapping[str, Source],
+        environ: Mapping[str, str],
+        sections: Mapping[int, TreePath],
+    ) -> None:
+        self.problems = Problems()
+        self.used: set[str] = set()
+        self.variables: MapNode | None = None
+        self._sources = sources
+        self._environ = environ
+        self._allowed = _listed(root)
+        self.ways: dict[TreePath, tuple[Related, ...]] = {}
+        self._sections = sections
+        self._local: Mapping[str, TreeNode] = {}
+        self._scope: object = None
+        self._here: tuple[Related, ...] = ()
+        self._repeated = 0
+        self._done: dict[tuple[int, int, int], TreeNode] = {}
+        self._alive: list[object] = []  # so that no id is used twice
+        self._inserted = 0
+        self._overflown = False
+        self._in_declarations = True
+        declared = child(root, "variables")
+        if isinstance(declared, MapNode):
+            self.variables = MapNode(
+                {
+                    key: replace(entry, value=self._declared(key, entry))
+                    for key, entry in declared.entries.items()
+                },
+                declared.span,
+            )
+        self._in_declarations = False
+
+    def _declared(self, name: str, entry: Entry) -> TreeNode:
+        node = entry.value
+        value = declared_value(node)
+        if isinstance(value, ScalarNode):
+            node = with_value(node, self._scalar(value)) if OPENING in value.text else node
+        if isinstance(node, MapNode):
+            sound = judge_declared(name, node, entry.key_span, self.problems)
+            if value is not None and not sound:  # said here, and not again wherever it is used
+                return with_value(node, UnknownNode(value.span))
+        return node
+
+    def walk(self, node: TreeNode, rule: Any) -> TreeNode:
+        """Substitute below a node of which the schema says `rule`; None is an unknown key."""
+        if not isinstance(rule, dict):
+            return node
+        if isinstance(node, ScalarNode):
+            found = self._scalar(node)
+            if found is not node and rule.get("type") == "string":
+                return _as_text(found)
+            return found
+        if isinstance(node, UnknownNode):
+            return node
+        name = (id(node), id(rule), id(self._scope))
+        if name not in self._done:
+            if self._scope is not None:
+                self._count(node)
+            if isinstance(node, MapNode):
+                self._done[name] = self._map(node, rule)
+            else:
+                items = tuple(self.walk(item, rule.get("items")) for item in node.items)
+                self._done[name] = ListNode(items, node.span)
+        return self._done[name]
+
+    def _map(self, node: MapNode, rule: dict[str, Any]) -> MapNode:
+        known = rule.get("properties")
+        below = rule.get("additionalProperties")
+        entries: dict[str, Entry] = {}
+        section = self._sections.get(id(rule))
+        for key, entry in node.entries.items():
+            made = self._instances(section, key, entry, below) if section is not None else None
+            if made is not None:
+                for name, instance in made.items():
+                    if name in entries:
+                        self._clash(name, instance.key_span, entries[name].key_span)
+                    entries.setdefault(name, instance)
+                continue
+            value = self.walk(entry.value, known.get(key) if known is not None else below)
+            new, sure = (key, True)
+            if OPENING in key:
+                new, sure = self._key(key, entry.key_span, topics=TOPIC_KEYS in rule)
+            if new in entries:
+                self._clash(new, entry.key_span, entries[new].key_span)
+                continue
+            entries[new] = Entry(entry.key_span, value, known=sure and entry.known)
+        return MapNode(entries, node.span)
+
+    def _instances(
+        self, section: TreePath, key: str, entry: Entry, rule: Any
+    ) -> dict[str, Entry] | None:
+        """The entries that `repeat` makes of one, or None if it does not."""
+        found = repeated(entry.value) if isinstance(entry.value, MapNode) else None
+        if found is None:
+            return None
+        made: dict[str, Entry] = {}
+        self._alive.append(found)
+        for name, instance in found.instances.items():
+            if self._repeated > MOST_SHARED:
+                break
+            local = {name: self._scalar(value) for name, value in instance.variables.items()}
+            self._local, self._scope = local, instance
+            whole = f"{key}_{name}"
+            self._here = (Related(f"the instance '{name}' of '{key}'", instance.span),)
+            self.ways[(*section, whole)] = self._here
+            made[whole] = Entry(instance.span, self.walk(found.entry, rule), entry.known)
+            self._local, self._scope, self._here = {}, None, ()
+        return made
+
+    def _count(self, node: TreeNode) -> None:
+        """Bound what repeating makes of a document."""
+        before = self._repeated
+        if isinstance(node, MapNode | ListNode):
+            self._repeated += 1 + len(node.entries if isinstance(node, MapNode) else node.items)
+        if before <= MOST_SHARED < self._repeated:
+            message = f"written out, 'repeat' makes more than {MOST_SHARED:,} values"
+            self.problems.error("R2B129", message, node.span, "use fewer instances")
+
+    def _key(self, key: str, span: Span, *, topics: bool) -> tuple[str, bool]:
+        if not topics:
+            self.problems.error(
+                "R2B125",
+                "nothing is replaced in this key",
+                span,
+                "$(var ...) and $(env ...) may stand in values, and in keys that are topics",
+            )
+            return key, False
+        found = self._scalar(ScalarNode(key, key, span))
+        return (found.text, True) if isinstance(found, ScalarNode) else (key, False)
+
+    def _clash(self, key: str, span: Span, first: Span) -> None:
+        self.problems.error(
+            "R2B126",
+            f"with variables replaced, two keys are {quote(key)}",
+            span,
+            "rename one of the two",
+            related=(Related("the first one", first),),
+        )
+
+    def _scalar(self, node: ScalarNode) -> ScalarNode | UnknownNode:
+        """Replace what `node` refers to; UnknownNode where that is not known."""
+        text = node.value
+        if not isinstance(text, str) or OPENING not in text:
+            return node
+        parts: list[str] = []
+        at = 0
+        failed = False
+        origin: Related | None = None
+        for found in references(text):
+            value = self._value(found, node)
+            if value is None:
+                failed = True
+                continue
+            if isinstance(found, Reference) and (found.start, found.end) == (0, len(text)):
+                return replace(value, span=node.span)
+            parts += [text[at : found.start], value.text]
+            at = found.end
+            origin = origin or value.origin
+            self._inserted += len(value.text)
+            if self._inserted > LARGEST_BYTES:
+                self._too_long(node.span)
+                failed = True
+                break
+        if failed:
+            return UnknownNode(node.span)
+        parts.append(text[at:])
+        joined = "".join(parts)
+        return ScalarNode(joined, joined, node.span, '"', origin)
+
+    def _too_long(self, span: Span) -> None:
+        if not self._overflown:
+            limit = LARGEST_BYTES // 1_000_000
+            message = f"with variables replaced, the document has more than {limit} MB"
+            self.problems.error("R2B129", message, span, "use shorter values")
+        self._overflown = True
+
+    def _value(self, found: Reference | Malformed, node: ScalarNode) -> ScalarNode | None:
+        """What one reference stands for, with its origin; None if that is not known."""
+        if isinstance(found, Malformed):
+            span = self._inner(node, found.start, found.end - found.start)
+            self.problems.error("R2B123", found.message, span, found.help)
+            return None
+        if found.kind == "env":
+            return self._environment(found, node)
+        if self._in_declarations:
+            self.problems.error(
+                "R2B124",
+                "a variable cannot refer to another variable",
+                self._inner(node, found.start, found.end - found.start),
+                "write its value here, or combine both where they are used",
+            )
+            return None
+        return self._variable(found, node)
+
+    def _variable(self, found: Reference, node: ScalarNode) -> ScalarNode | None:
+        name = found.name
+        if name in self._local:
+            local = self._local[name]
+            if not isinstance(local, ScalarNode):
+                return None
+            return replace(local, origin=Related(f"'{name}' gets its value here", local.span))
+        declared = self.variables.entries if self.variables is not None else {}
+        if name not in declared:
+            if not self.problems.full:
+                span = self._inner(node, found.name_start, len(name))
+                way_out = _known_variables(name, {**declared, **self._local})
+                close = did_you_mean(name, declared)
+                self.problems.error(
+                    "R2B120",
+                    f"there is no variable '{name}'",
+                    span,
+                    way_out,
+                    related=(*self._here, *_declared_at(close, declared)),
+                )
+            return None
+        self.used.add(name)
+        value = declared_value(declared[name].value)
+        # A list, a map or nothing: the schema says so at the declaration, once.
+        if not isinstance(value, ScalarNode) or value.value is None:
+            return None
+        return replace(value, origin=Related(f"'{name}' gets its value here", value.span))
+
+    def _environment(self, found: Reference, node: ScalarNode) -> ScalarNode | None:
+        name = found.name
+        if name not in self._allowed:
+            span = self._inner(node, found.name_start, len(name))
+            close = did_you_mean(name, self._allowed)
+            self.problems.error(
+                "R2B121",
+                f"'environment:' does not list {name}",
+                span,
+                f"did you mean {close}?" if close else f"add {name} to the list 'environment:'",
+            )
+            return None
+        text = self._environ.get(name)
+        if text is None:
+            span = self._inner(node, found.name_start, len(name))
+            self.problems.error(
+                "R2B122",
+                f"the environment variable {name} is not set",
+                span,
+                f"set it, for example: export {name}=...",
+                related=(Related("listed here", self._allowed[name]),),
+                certainty=Certainty.ENVIRONMENT,
+            )
+            return None
+        origin = Related(f"{name} is {quote(text)} in the environment", self._allowed[name])
+        return ScalarNode(as_unquoted(text), text, node.span, origin=origin)
+
+    def _inner(self, node: ScalarNode, offset: int, length: int) -> Span:
+        if self.problems.full:
+            return node.span
+        source = self._sources.get(node.span.file)
+        return inner_span(source, node.span, node.text, offset, length)
+
+
+def _as_text(node: ScalarNode | UnknownNode) -> ScalarNode | UnknownNode:
+    """A word of a command line that is a variable is text, also if the variable is a number."""
+    return replace(node, value=node.text) if isinstance(node, ScalarNode) else node
+
+
+def as_unquoted(text: str) -> ScalarValue:
+    """What a text from outside means: as if it stood unquoted in the document."""
+    if not text:
+        return text
+    try:
+        return resolve(text)
+    except ScalarError:
+        return text
+
+
+def _listed(root: MapNode) -> dict[str, Span]:
+    """The names under `environment:` and where each stands."""
+    listed = child(root, "environment")
+    items = listed.items if isinstance(listed, ListNode) else ()
+    return {
+        item.value: item.span
+        for item in items
+        if isinstance(item, ScalarNode) and isinstance(item.value, str)
+    }
+
+
+def _declared_at(name: str, declared: Mapping[str, Entry]) -> tuple[Related, ...]:
+    if not name:
+        return ()
+    return (Related(f"'{name}' is declared here", declared[name].key_span),)
+
+
+def _known_variables(name: str, declared: Mapping[str, object]) -> str:
+    if not declared:
+        return f"declare it: 'variables: {{{name}: ...}}' at the top of the document"
+    close = did_you_mean(name, declared)
+    known = "declared are " + ", ".join(sorted(declared)[:10])
+    return f"did you mean '{close}'? {known}" if close else known

@@ -1,0 +1,63 @@
+"""Why a text is not YAML, in plain words.
+
+PyYAML tells what its scanner expected; people want to know what they did. Each case below turns
+the scanner's report, and the text around it, into a cause and a way out. The texts of libyaml and
+of PyYAML's pure Python scanner differ, so that both are looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import yaml
+
+from r2bspec.diagnostics import Diagnostic, Span
+from r2bspec.language.source_text import Source
+from r2bspec.language.syntax import yaml_layout, yaml_marks
+from r2bspec.language.syntax.scanner_report import Report
+
+_CASES: tuple[Callable[[Report], Diagnostic | None], ...] = (
+    yaml_marks.tab,
+    yaml_marks.reserved,
+    yaml_marks.unclosed_quote,
+    yaml_marks.unclosed_bracket,
+    yaml_marks.stray_bracket,
+    yaml_layout.colon,
+    yaml_layout.no_colon,
+    yaml_layout.wrong_indentation,
+    yaml_layout.list_in_line,
+    yaml_marks.escape,
+    yaml_marks.name_missing,
+    yaml_layout.document,
+)
+"""Asked in this order; the first that recognises the report explains it."""
+
+
+def explain_syntax_error(error: yaml.YAMLError, source: Source) -> Diagnostic:
+    """The diagnostic for an error of PyYAML's scanner or parser."""
+    mark = getattr(error, "problem_mark", None)
+    place = _span(source, mark.line, mark.column) if mark else Span.of_file(source.file)
+    began_mark = getattr(error, "context_mark", None)
+    began = _span(source, began_mark.line, began_mark.column) if began_mark else place
+    report = Report(
+        problem=str(getattr(error, "problem", None) or error),
+        context=str(getattr(error, "context", None) or ""),
+        place=place,
+        began=began,
+        source=source,
+    )
+    for case in _CASES:
+        found = case(report)
+        if found is not None:
+            return found
+    return report.error("R2B010", f"this is not YAML: {report.problem}", "look at the lines above")
+
+
+def _span(source: Source, line: int, column: int) -> Span:
+    """One character; a place past the end of the text becomes the end of its last line."""
+    last = len(source.lines)
+    while last > 1 and not source.lines[last - 1].strip():
+        last -= 1
+    if line >= last:
+        line, column = last - 1, len(source.lines[last - 1].rstrip())
+    return Span(source.file, line + 1, column + 1, line + 1, column + 2)

@@ -1,0 +1,79 @@
+"""The report of PyYAML's scanner, and the text around the place where it gave up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from r2bspec.diagnostics import Diagnostic, Edit, Related, Severity, Span
+from r2bspec.language.source_text import Source
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The scanner's report: where it gave up, what it was reading, and the text there."""
+
+    problem: str
+    context: str
+    place: Span
+    began: Span
+    source: Source
+
+    @property
+    def line(self) -> str:
+        """The line of the place."""
+        return self.source.line(self.place.line)
+
+    @property
+    def rest(self) -> str:
+        """The text of the line from the place on."""
+        return self.line[self.place.column - 1 :]
+
+    @property
+    def before(self) -> str:
+        """The text of the line up to the place."""
+        return self.line[: self.place.column - 1]
+
+    def error(
+        self,
+        code: str,
+        message: str,
+        help_text: str,
+        *,
+        span: Span | None = None,
+        related: tuple[Related, ...] = (),
+        edit: Edit | None = None,
+    ) -> Diagnostic:
+        """A diagnostic at the place, or at `span`."""
+        return Diagnostic(
+            code,
+            Severity.ERROR,
+            message,
+            span or self.place,
+            help=help_text,
+            related=related,
+            edit=edit,
+        )
+
+    def rest_span(self) -> Span:
+        """The content of the line from the place on."""
+        start = self.place.column
+        end = start + max(len(self.rest.rstrip()), 1)
+        return Span(self.place.file, self.place.line, start, self.place.line, end)
+
+    def line_span(self, number: int) -> Span:
+        """The content of one line, without its indentation."""
+        text = self.source.line(number)
+        return Span(self.place.file, number, indentation(text) + 1, number, len(text.rstrip()) + 1)
+
+    def line_above(self) -> tuple[int, str]:
+        """The nearest line above that has content: its number, and its text."""
+        for number in range(self.place.line - 1, 0, -1):
+            text = self.source.line(number)
+            if text.strip() and not text.lstrip().startswith("#"):
+                return number, text
+        return self.place.line, ""
+
+
+def indentation(line: str) -> int:
+    """The number of blanks at the beginning of a line."""
+    return len(line) - len(line.lstrip(" "))

@@ -1,0 +1,146 @@
+"""Characters that YAML takes for something else: tabs, quotes, brackets, marks."""
+
+from __future__ import annotations
+
+import re
+
+from r2bspec.diagnostics import Diagnostic, Edit, Related, Span
+from r2bspec.language.syntax.scanner_report import Report
+
+
+def tab(report: Report) -> Diagnostic | None:
+    """A tab for indentation."""
+    at_tab = report.rest.startswith("\t") and "start any token" in report.problem
+    if not at_tab and "tab character" not in report.problem:
+        return None
+    indent = re.match(r"[ \t]*", report.line)
+    width = len(indent[0]) if indent is not None else 0
+    span = Span(report.place.file, report.place.line, 1, report.place.line, width + 1)
+    return report.error(
+        "R2B011",
+        "a tab stands where the indentation is counted",
+        "indent with spaces, two for each level",
+        span=span if "\t" in report.line[:width] else None,
+    )
+
+
+def reserved(report: Report) -> Diagnostic | None:
+    """A character with which no unquoted text begins."""
+    if "start any token" not in report.problem:
+        return None
+    char = report.rest[:1]
+    word = _word(report.rest)
+    span = report.place
+    span = Span(span.file, span.line, span.column, span.line, span.column + max(len(word), 1))
+    text = f'"{word}"'
+    simple = word and not set(word) & {'"', "\\"}
+    return report.error(
+        "R2B013",
+        f"unquoted text cannot begin with '{char}'",
+        f"quote it: {text}" if simple else "quote it",
+        span=span,
+        edit=Edit(span, text) if simple else None,
+    )
+
+
+def unclosed_quote(report: Report) -> Diagnostic | None:
+    """A quote without its partner."""
+    ended = "unexpected end of stream" in report.problem
+    if not ended and "document indicator" not in report.problem:
+        return None
+    mark = report.source.line(report.began.line)[report.began.column - 1 :][:1]
+    return report.error(
+        "R2B012",
+        f"the quote {mark} that opens here is never closed",
+        f"close it with {mark}; inside single quotes, write '' for an apostrophe"
+        if mark == "'"
+        else f"close it with {mark}",
+        span=report.began,
+    )
+
+
+def unclosed_bracket(report: Report) -> Diagnostic | None:
+    """A list or map in brackets that meets something else than a comma or its end."""
+    if "flow" not in report.context:
+        return None
+    at_end = not report.rest.strip() or "stream end" in report.problem
+    opener = report.source.line(report.began.line)[report.began.column - 1 :][:1]
+    if opener not in ("[", "{"):
+        if not at_end:
+            return None
+        return report.error(
+            "R2B012",
+            "the file ends inside a list or a map in brackets",
+            "close it with ']' or '}'",
+        )
+    closer = {"[": "]", "{": "}"}[opener]
+    if report.rest[:1] in "]}" and report.rest[:1] and report.rest[:1] != closer:
+        return report.error(
+            "R2B012",
+            f"'{report.rest[:1]}' cannot close what '{opener}' opened",
+            f"write '{closer}'",
+            related=(Related("opened here", report.began),),
+        )
+    if at_end or report.place.line != report.began.line:
+        return report.error(
+            "R2B012",
+            f"the '{opener}' that opens here is not closed before what follows",
+            f"close it with '{closer}', and put a comma between its items",
+            span=report.began,
+            related=(Related("the text stops making sense here", report.place),),
+        )
+    return report.error(
+        "R2B012",
+        f"a ',' or '{closer}' is missing before this",
+        f"put a comma between the items, and close with '{closer}'; quote a value that holds a "
+        "bracket, a brace or a comma",
+        related=(Related("opened here", report.began),),
+    )
+
+
+def stray_bracket(report: Report) -> Diagnostic | None:
+    """A closing bracket, or a comma, without anything open."""
+    if report.rest[:1] not in ("]", "}", ","):
+        return None
+    return report.error(
+        "R2B012",
+        f"nothing is open that '{report.rest[:1]}' could close"
+        if report.rest[:1] != ","
+        else "a value is missing before this comma",
+        "remove it, or quote the value if it belongs to the text",
+    )
+
+
+def escape(report: Report) -> Diagnostic | None:
+    """A backslash before a character that needs none."""
+    if "escape character" not in report.problem and "hexdecimal" not in report.problem:
+        return None
+    # libyaml points to the backslash, the Python scanner behind it.
+    column = report.place.column if report.rest.startswith("\\") else report.place.column - 1
+    span = Span(report.place.file, report.place.line, column, report.place.line, column + 2)
+    shown = report.line[column - 1 : column + 1]
+    return report.error(
+        "R2B016",
+        f"'{shown}' is no escape that YAML knows",
+        "write a backslash as \\\\, or use single quotes, which know no escapes",
+        span=span,
+    )
+
+
+def name_missing(report: Report) -> Diagnostic | None:
+    """A ``*`` or ``&`` with which text begins."""
+    if "alphabetic or numeric" not in report.problem:
+        return None
+    char = "*" if "alias" in report.context else "&"
+    return report.error(
+        "R2B013",
+        f"unquoted text cannot begin with '{char}', which marks an "
+        f"{'alias' if char == '*' else 'anchor'}",
+        "quote it",
+        span=report.began,
+    )
+
+
+def _word(text: str) -> str:
+    """The text that begins here: up to a colon, a comment, or the next mark in brackets."""
+    return re.split(r"\s+#|[,\]}]|:(?:\s|$)", text, maxsplit=1)[0].rstrip()

@@ -1,0 +1,34 @@
+"""How the values of the language that are strings in a document are read and written."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from r2bspec.language.quantities import Quantity
+from r2bspec.language.requirement_grammar import Requirement, parse_requirement
+
+
+def encode(value: object) -> str:
+    """The `enc_hook` of msgspec: a quantity or a requirement as the user would write it."""
+    if isinstance(value, Quantity):
+        return str(value)
+    if isinstance(value, Requirement):
+        return value.text
+    raise NotImplementedError(f"cannot write {type(value).__name__}")
+
+
+def decode(kind: type, value: object) -> Any:
+    """The `dec_hook` of msgspec: the inverse of `encode`.
+
+    Raises:
+        QuantityError: the text is no quantity of that kind.
+        RequirementError: the text is no requirement.
+    """
+    if isinstance(value, kind):
+        return value
+    if isinstance(value, str):
+        if issubclass(kind, Quantity):
+            return kind.parse(value)
+        if issubclass(kind, Requirement):
+            return parse_requirement(value)
+    raise NotImplementedError(f"cannot read a {kind.__name__} from {type(value).__name__}")

@@ -1,0 +1,148 @@
+"""Where a value came from: every place between what the user wrote and what a run gets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
+from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.language.loaded_spec import Loaded
+from r2bspec.language.located_tree import (
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    child,
+    lookup,
+    to_plain,
+)
+from r2bspec.language.overrides import parse_path
+from r2bspec.language.schema_validator import schema_at
+from r2bspec.language.violations.schema_words import flow
+
+_LONGEST = 200
+
+
+class UnknownPathError(ValueError):
+    """A path that leads to nothing that the language knows.
+
+    Attributes:
+        hint: what may have been meant.
+    """
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.hint = hint
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One place on the way of a value; `span` is None where nothing is written."""
+
+    message: str
+    span: Span | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """A value, as YAML on one line, and its way, from where it is used to where it was written."""
+
+    path: Path
+    value: str
+    steps: tuple[Step, ...]
+
+    def text(self) -> str:
+        """The value and its way, one step a line."""
+        lines = [f"{format_path(self.path)} = {clip(self.value, _LONGEST)}"]
+        for step in self.steps:
+            place = f"{step.span.file}:{step.span.line}:{step.span.column}: " if step.span else ""
+            lines.append(f"  {place}{step.message}")
+        return "\n".join(lines) + "\n"
+
+
+def provenance(loaded: Loaded, text: str) -> Provenance:
+    """Where the value at a path came from.
+
+    Raises:
+        UnknownPathError: the text names nothing that the document or the language has.
+    """
+    path = parse_path(text)
+    if not path or loaded.tree is None:
+        raise UnknownPathError(f"{quote(text)} is no path", "for example: benchmark.duration")
+    node = lookup(loaded.tree, path)
+    if node is None:
+        return _default(loaded.tree, path, text)
+    routes = loaded.routes.to(path, node.span)
+    told = {each.span for each in routes}
+    steps = list(_written(loaded, node))
+    steps += [step for step in _taken_over(loaded.tree, path) if step.span not in told]
+    known = {step.span for step in steps}
+    steps += [Step(each.message, each.span) for each in routes if each.span not in known]
+    return Provenance(path, flow(to_plain(node)), tuple(steps))
+
+
+def _written(loaded: Loaded, node: TreeNode) -> Iterator[Step]:
+    """Where the value itself stands, and the variable that it refers to."""
+    source = loaded.sources.get(node.span.file)
+    option = node.span.file.startswith("--")
+    here = "given by this option" if option else "written here"
+    if source is not None and node.span.line == node.span.end_line:
+        raw = source.line(node.span.line)[node.span.column - 1 : node.span.end_column - 1]
+        if isinstance(node, ScalarNode) and node.origin is not None:
+            here += f", as {clip(raw)}"
+    yield Step(here, node.span)
+    if isinstance(node, ScalarNode) and node.origin is not None:
+        yield Step(node.origin.message, node.origin.span)
+        choice, brought = loaded.choice, node.origin.span
+        if choice is not None and any(v.span == brought for v in choice.values.values()):
+            yield Step(f"in the case {choice.name} of the matrix", choice.span)
+
+
+def _taken_over(root: TreeNode, path: Path) -> Iterator[Step]:
+    """Aliases and merge keys on the way: what they bring stands outside of what holds it."""
+    node: TreeNode | None = root
+    for part in path:
+        owner, node = node, child(node, part) if node is not None else None
+        if node is None:
+            return
+        if isinstance(owner, MapNode):
+            key = owner.entries[str(part)].key_span
+            if _before(node.span, key):
+                yield Step(f"an alias stands here as the value of {quote(str(part))}", key)
+            elif key.file == owner.span.file and not _inside(key, owner.span):
+                yield Step(f"{quote(str(part))} is taken over from here", key)
+        elif isinstance(owner, ListNode) and not _inside(node.span, owner.span):
+            yield Step("an alias stands in this list", owner.span)
+
+
+def _before(span: Span, other: Span) -> bool:
+    return span.file == other.file and (span.line, span.column) < (other.line, other.column)
+
+
+def _inside(span: Span, outer: Span) -> bool:
+    start = (outer.line, outer.column)
+    end = (outer.end_line, outer.end_column)
+    return span.file == outer.file and start <= (span.line, span.column) <= end
+
+
+def _default(root: TreeNode, path: Path, text: str) -> Provenance:
+    """The default of something that the document does not have."""
+    for length in range(1, len(path) + 1):
+        known = schema_at(path[:length])
+        if known is not None:
+            continue
+        above = schema_at(path[: length - 1]) or {}
+        names = list(above.get("properties", ()))
+        close = did_you_mean(str(path[length - 1]), names)
+        where = f"'{format_path(path[: length - 1])}'" if length > 1 else "the document"
+        hint = f"did you mean '{close}'?" if close else ""
+        raise UnknownPathError(f"{where} has no {quote(str(path[length - 1]))}", hint)
+    for length in range(1, len(path) + 1):
+        owner = lookup(root, path[:length])
+        if owner is None and "propertyNames" in (schema_at(path[: length - 1]) or {}):
+            raise UnknownPathError(f"the document has no {quote(format_path(path[:length]))}")
+    found = schema_at(path) or {}
+    if "default" in found:
+        return Provenance(path, flow(found["default"]), (Step("the default: nothing is written"),))
+    return Provenance(path, "nothing", (Step(f"{quote(text)} is not written, and has no default"),))

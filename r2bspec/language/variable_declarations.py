@@ -1,0 +1,170 @@
+"""Variables with a type, choices and a description.
+
+    variables:
+      width: 1280                                  # a value
+      rate: {type: rate, value: 30 Hz, choices: [10 Hz, 30 Hz]}
+
+Whatever gives a variable its value, the file, ``--var`` or a case of the matrix: it must be of the
+declared type, and among the choices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from r2bspec.diagnostics import Related, Span, did_you_mean
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.located_tree import (
+    Entry,
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    child,
+    replaced,
+)
+from r2bspec.language.quantities import QuantityError
+from r2bspec.language.schema.schema_builder import QUANTITIES
+from r2bspec.language.yaml_scalars import ScalarValue
+
+_VALUE_KEYS = ("value", "default")
+_PLAIN_TYPES: dict[str, tuple[str, tuple[type, ...]]] = {
+    "string": ("text", (str,)),
+    "integer": ("a whole number", (int,)),
+    "number": ("a number", (int, float)),
+    "boolean": ("true or false", (bool,)),
+}
+
+
+def declared_value(declared: TreeNode) -> TreeNode | None:
+    """The node that holds a variable's value, however it is declared; None if it has none."""
+    if not isinstance(declared, MapNode):
+        return declared
+    for key in _VALUE_KEYS:
+        if key in declared.entries:
+            return declared.entries[key].value
+    return None
+
+
+def with_value(declared: TreeNode, value: TreeNode) -> TreeNode:
+    """The same declaration with another value."""
+    if not isinstance(declared, MapNode):
+        return value
+    entries = {key: each for key, each in declared.entries.items() if key not in _VALUE_KEYS}
+    return MapNode({**entries, "value": Entry(value.span, value)}, declared.span)
+
+
+def assigned(root: TreeNode, name: str, value: TreeNode) -> TreeNode:
+    """The document with another value for a variable that it declares."""
+    declared = child(root, "variables")
+    if not isinstance(declared, MapNode) or name not in declared.entries:
+        return root
+    return replaced(root, ("variables", name), with_value(declared.entries[name].value, value))
+
+
+def is_declared_text(declared: TreeNode) -> bool:
+    """Whether a variable is declared to be text, so that 010 given to it is text."""
+    kind = child(declared, "type")
+    return isinstance(kind, ScalarNode) and kind.value == "string"
+
+
+def judge_declared(name: str, declared: MapNode, span: Span, problems: Problems) -> bool:
+    """Report what is wrong with the value of a declared variable; `span` is that of its name.
+
+    Values of types that no variable can have are left to the schema.
+
+    Returns:
+        Whether the value, right or wrong, is of its type.
+    """
+    given = [key for key in _VALUE_KEYS if key in declared.entries]
+    if len(given) == 2:
+        problems.error(
+            "R2B118",
+            f"'variables.{name}' has both 'value' and 'default'",
+            declared.entries[given[1]].key_span,
+            "keep the one that is meant",
+            related=(Related("the first one", declared.entries[given[0]].key_span),),
+        )
+        return True
+    value = declared_value(declared)
+    if value is None:
+        message = f"the variable {quote(name)} has no value"
+        help_text = f"add 'value: ...', or give one with --var {name}=..."
+        problems.error("R2B132", message, span, help_text)
+        return True
+    kind = child(declared, "type")
+    known = kind.value if isinstance(kind, ScalarNode) else None
+    choices = child(declared, "choices")
+    items = choices.items if isinstance(choices, ListNode) else ()
+    sound = [one for one in items if isinstance(one, ScalarNode) and _scalar(one)]
+    ok = True
+    for one in (value, *sound):
+        if isinstance(one, ScalarNode) and _scalar(one) and isinstance(known, str):
+            ok &= _judge_type(name, one, known, kind, problems)
+    if ok and sound and isinstance(value, ScalarNode) and _scalar(value):
+        _judge_choice(name, value, sound, problems)
+    return ok
+
+
+def _scalar(node: ScalarNode) -> bool:
+    return node.value is not None
+
+
+def _judge_type(
+    name: str, node: ScalarNode, kind: str, declared: TreeNode | None, problems: Problems
+) -> bool:
+    message, help_text = _mismatch(node, kind)
+    if message and declared is not None:
+        related = (Related("its type", declared.span), *((node.origin,) if node.origin else ()))
+        message = f"the variable {quote(name)}: {message}"
+        problems.error("R2B130", message, node.span, help_text, related=related)
+    return not message
+
+
+def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
+    """Why a value is not of a type, and the way out; two empty texts if it is."""
+    if kind in _PLAIN_TYPES:
+        wanted, types = _PLAIN_TYPES[kind]
+        if type(node.value) in types:
+            return "", ""
+        way_out = f'quote it: "{node.text}"' if kind == "string" else "or declare another type"
+        return f"{quote(node.text)} is not {wanted}", way_out
+    quantity = QUANTITIES.get(kind)
+    if quantity is None:  # an unknown type: the schema says so
+        return "", ""
+    if not isinstance(node.value, str):
+        unit = next(iter(quantity.units))
+        return f"{node.text} has no unit", f"write {node.text} {unit}, if that is what is meant"
+    try:
+        quantity.parse(node.value)
+    except QuantityError as error:
+        return str(error), f"for example {error.suggestion or quantity.example}"
+    return "", ""
+
+
+def _judge_choice(
+    name: str, value: ScalarNode, choices: list[ScalarNode], problems: Problems
+) -> None:
+    if any(same(value.value, one.value) for one in choices):
+        return
+    texts = [one.text for one in choices]
+    close = did_you_mean(value.text, texts)
+    known = "it may be " + ", ".join(texts[:12])
+    problems.error(
+        "R2B131",
+        f"the variable {quote(name)} cannot be {quote(value.text)}",
+        value.span,
+        f"did you mean {close}? {known}" if close else known,
+        related=(Related("the choices", _around(choices)),),
+    )
+
+
+def same(one: ScalarValue, other: ScalarValue) -> bool:
+    """Whether two values are the same: true is not 1, though Python says so."""
+    return one == other and isinstance(one, bool) == isinstance(other, bool)
+
+
+def _around(nodes: list[ScalarNode]) -> Span:
+    first, last = nodes[0].span, nodes[-1].span
+    return replace(first, end_line=last.end_line, end_column=last.end_column)

@@ -1,0 +1,75 @@
+"""How values, kinds of values and lists of words are called in messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.language.schema.schema_builder import KIND
+
+_TYPES = {
+    "string": "text",
+    "integer": "a whole number",
+    "number": "a number",
+    "boolean": "a truth value",
+    "array": "a list",
+    "object": "a map",
+}
+
+
+def called(value: object) -> str:
+    """What a plain value is: ``the number 720``, ``a list``."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return f"the number {value}"
+    if isinstance(value, str):
+        return f"the text {quote(value)}"
+    if isinstance(value, dict):
+        return "a map"
+    return "a list" if isinstance(value, list) else "nothing"
+
+
+def expected(schema: dict[str, Any]) -> str:
+    """What a schema wants: ``text``, ``a list``, ``a duration``."""
+    kind = schema.get(KIND)
+    if kind is not None:
+        return f"a {kind}"
+    types = schema.get("type", "object")
+    names = [types] if isinstance(types, str) else types
+    return either([_TYPES[name] for name in names])
+
+
+def either(words: Sequence[str], joint: str = "or") -> str:
+    """``a``, ``a or b``, ``a, b or c``."""
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} {joint} {words[-1]}"
+
+
+def listed(words: Iterable[str], most: int = 16) -> str:
+    """The words, the first `most` of them, separated by commas."""
+    all_words = [clip(word) for word in words]
+    more = len(all_words) - most
+    return ", ".join(all_words[:most]) + (f" and {more} more" if more > 0 else "")
+
+
+def example(schema: dict[str, Any]) -> str:
+    """The first example of a schema as YAML on one line, or an empty string."""
+    examples = schema.get("examples")
+    return flow(examples[0]) if examples else ""
+
+
+def flow(value: object) -> str:
+    """A plain value as YAML on one line."""
+    import yaml
+
+    text = yaml.safe_dump(value, default_flow_style=True, width=10**6, sort_keys=False)
+    return text.removesuffix("...\n").strip()
+
+
+def example_line(key: str, schema: dict[str, Any]) -> str:
+    """A line to add for a key that is missing, with a value where one is short enough."""
+    text = example(schema)
+    return f"'{key}: {text}'" if text and len(text) <= 60 else f"'{key}'"

@@ -1,0 +1,90 @@
+"""Two keys of one map that hold each other's content."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from typing import Any
+
+from r2bspec.diagnostics import Diagnostic, Path, Related
+from r2bspec.language.located_tree import MapNode, lookup, to_plain
+from r2bspec.language.schema_validator import schema_at
+from r2bspec.language.violations.violation import Violation
+
+_MOST_OWNERS = 50
+_MOST_KEYS = 20
+
+
+def exchanged(violations: Sequence[Violation]) -> Iterator[tuple[tuple[Path, Path], Diagnostic]]:
+    """The paths of two keys with each other's content, and what is said of them.
+
+    Both contents violate the schema where they are, often many times, and neither would under
+    the other key: the keys are what is wrong, and one finding says so.
+    """
+    broken: dict[Path, dict[str, Violation]] = {}
+    for one in violations:
+        for depth, key in enumerate(one.path):
+            if isinstance(key, str):
+                broken.setdefault(one.path[:depth], {}).setdefault(key, one)
+    for owner, keys in list(broken.items())[:_MOST_OWNERS]:
+        known = (schema_at(owner) or {}).get("properties", {})
+        candidates = [key for key in keys if key in known][:_MOST_KEYS]
+        for first, second in combinations(candidates, 2):
+            if _fit(keys[first], owner, (first, second), known):
+                paths = ((*owner, first), (*owner, second))
+                yield paths, _diagnostic(keys[first], owner, (first, second))
+
+
+def _fit(
+    violation: Violation, owner: Path, keys: tuple[str, str], known: dict[str, dict[str, Any]]
+) -> bool:
+    first, second = (lookup(violation.root, (*owner, key)) for key in keys)
+    if first is None or second is None or known[keys[0]] == known[keys[1]]:
+        return False
+    one, other = to_plain(first), to_plain(second)
+    if not (isinstance(one, dict | list) and isinstance(other, dict | list)):
+        return False
+    here, there = known[keys[0]], known[keys[1]]
+    wrong_here = not _has_form(one, here) and not _has_form(other, there)
+    return wrong_here and _has_form(one, there) and _has_form(other, here)
+
+
+def _has_form(plain: object, schema: dict[str, Any]) -> bool:
+    """Whether a value has the keys and levels that a schema wants, whatever its scalars say.
+
+    References to variables are not yet replaced where no schema knows the key, so that scalars
+    cannot be judged here.
+    """
+    types = schema.get("type", ())
+    types = {types} if isinstance(types, str) else set(types)
+    if isinstance(plain, list):
+        items = schema.get("items", {})
+        return "array" in types and all(_has_form(item, items) for item in plain)
+    if not isinstance(plain, dict):
+        return not types or bool(types - {"array", "object"})
+    known, others = schema.get("properties", {}), schema.get("additionalProperties")
+    if "object" not in types or any(key not in plain for key in schema.get("required", ())):
+        return False
+    below = {key: known.get(key, others) for key in plain}
+    return all(
+        isinstance(part, dict) and _has_form(plain[key], part) for key, part in below.items()
+    )
+
+
+def _diagnostic(violation: Violation, owner: Path, keys: tuple[str, str]) -> Diagnostic:
+    holder = lookup(violation.root, owner)
+    assert isinstance(holder, MapNode)  # noqa: S101 - both keys were found in it
+    first, second = sorted(keys, key=lambda key: _order(holder, key))
+    return violation.error(
+        "R2B150",
+        f"'{first}' holds what belongs under '{second}', and the other way round",
+        "exchange the two keys",
+        span=holder.entries[first].key_span,
+        path=(*owner, first),
+        related=(Related("the other key", holder.entries[second].key_span),),
+    )
+
+
+def _order(holder: MapNode, key: str) -> tuple[int, int]:
+    span = holder.entries[key].key_span
+    return span.line, span.column

@@ -1,0 +1,157 @@
+"""Keys that the language does not know: what was meant, or where they belong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+from r2bspec.diagnostics import Diagnostic, Edit, did_you_mean, format_path
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.diagnostic_collector import MOST
+from r2bspec.language.located_tree import MapNode
+from r2bspec.language.schema_validator import schema as strict
+from r2bspec.language.violations.schema_words import either, listed
+from r2bspec.language.violations.violation import Violation
+
+_SYNONYMS = {
+    "args": "arguments",
+    "bags": "bag",
+    "cmd": "command",
+    "config": "parameters",
+    "environment": "env",
+    "exec": "executable",
+    "message_type": "format",
+    "msg_type": "format",
+    "ns": "namespace",
+    "params": "parameters",
+    "pkg": "package",
+    "rate": "at",
+    "remap": "remappings",
+    "requirements": "require",
+    "requires": "require",
+    "rosbag": "bag",
+    "runs": "iterations",
+    "source": "from",
+    "timeout": "start_timeout",
+    "type": "format",
+    "vars": "variables",
+}
+"""What people write who know ROS launch files or other tools; only where the target is known."""
+
+
+def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
+    """A diagnostic for each unknown key, and the known key of the same map that it stands for."""
+    owner = violation.node
+    if not isinstance(owner, MapNode):
+        return
+    properties: dict[str, Any] = violation.schema["properties"]
+    unknown = [key for key in owner.entries if key not in properties][: MOST + 1]
+    absent = [key for key in properties if key not in owner.entries]
+    meant = _meant(unknown, absent)
+    for key in unknown:
+        if key in meant:
+            yield _misspelt(violation, owner, key, meant[key]), meant[key]
+            continue
+        above = _level_above(violation, owner, key)
+        if above:
+            way_out = f"put it under '{format_path((*violation.path, above))}'"
+        else:
+            way_out = _elsewhere(violation, key) or _already(owner, key, properties)
+        yield _diagnostic(violation, owner, key, way_out), above
+
+
+def _diagnostic(violation: Violation, owner: MapNode, key: str, help_text: str) -> Diagnostic:
+    place = f"in {violation.name}" if violation.path else "at the top of the document"
+    return violation.error(
+        "R2B101",
+        f"the key {quote(key)} is not known {place}",
+        help_text,
+        span=owner.entries[key].key_span,
+        path=(*violation.path, key),
+    )
+
+
+def _misspelt(violation: Violation, owner: MapNode, key: str, meant: str) -> Diagnostic:
+    known = f"known are {listed(violation.schema['properties'])}"
+    found = _diagnostic(violation, owner, key, f"did you mean '{meant}'? {known}")
+    if _spelling(key) == _spelling(meant):
+        return replace(found, edit=Edit(found.span, meant))
+    return found
+
+
+def _meant(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, str]:
+    """Which absent key each unknown key stands for; none is meant twice.
+
+    The surest answers come first: another way to write the same, then another word for it, then
+    a key that belongs elsewhere as it is (which stands for nothing here), then a likeness.
+    """
+    free = list(absent)
+    found: dict[str, str] = {}
+    for key in unknown:
+        other_word = _SYNONYMS.get(key.casefold().replace("-", "_"), "")
+        for name in free:
+            if _spelling(name) == _spelling(key) or name == other_word:
+                found[key] = name
+                free.remove(name)
+                break
+    for key in unknown:
+        if key not in found and key not in _homes():
+            close = did_you_mean(key, free)
+            if close:
+                found[key] = close
+                free.remove(close)
+    return found
+
+
+def _spelling(key: str) -> str:
+    """What is left when case and the kind of separator do not count."""
+    return key.casefold().replace("-", "").replace("_", "").replace(" ", "")
+
+
+def _level_above(violation: Violation, owner: MapNode, key: str) -> str:
+    """The key under which something of this shape should stand, such as 'nodes' for a node."""
+    inside = owner.entries[key].value
+    if isinstance(inside, MapNode) and inside.entries:
+        for name, below in violation.schema["properties"].items():
+            values = below.get("additionalProperties")
+            known = values.get("properties", {}) if isinstance(values, dict) else {}
+            if inside.entries.keys() <= known.keys():
+                return str(name)
+    return ""
+
+
+def _elsewhere(violation: Violation, key: str) -> str:
+    """Help for a key that is right, but not here."""
+    homes = [home for home in _homes().get(key, ()) if home != format_path(violation.path)]
+    if not homes:
+        return ""
+    known = listed(violation.schema["properties"])
+    places = either([f"'{home}'" for home in homes[:3]])
+    return f"it belongs under {places}; known here are {known}"
+
+
+def _already(owner: MapNode, key: str, properties: Iterable[str]) -> str:
+    """Help for a key like one that is there."""
+    close = did_you_mean(key, [name for name in properties if name in owner.entries])
+    known = f"known are {listed(properties)}"
+    return f"did you mean '{close}', which is there already? {known}" if close else known
+
+
+@cache
+def _homes() -> dict[str, tuple[str, ...]]:
+    """Where each key of the language belongs, as people write it: ``monitors.<name>``."""
+    homes: dict[str, list[str]] = {}
+
+    def walk(schema: dict[str, Any], path: str) -> None:
+        for key, below in schema.get("properties", {}).items():
+            if path:
+                homes.setdefault(key, []).append(path)
+            walk(below, f"{path}.{key}" if path else key)
+        values = schema.get("additionalProperties")
+        if isinstance(values, dict):
+            walk(values, f"{path}.<name>")
+
+    walk(strict(), "")
+    return {key: tuple(paths) for key, paths in homes.items()}

@@ -1,0 +1,187 @@
+"""Values of a wrong type, form or size."""
+
+from __future__ import annotations
+
+from r2bspec.diagnostics import Diagnostic, did_you_mean
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.located_tree import ScalarNode
+from r2bspec.language.schema.schema_builder import NOUN
+from r2bspec.language.schema_validator import schema_at
+from r2bspec.language.source_columns import inner_span
+from r2bspec.language.value_kinds import judge
+from r2bspec.language.violations.schema_words import called, example, expected, listed
+from r2bspec.language.violations.text_repairs import repaired_text
+from r2bspec.language.violations.violation import Violation
+from r2bspec.language.yaml_scalars import ScalarError, resolve
+
+_NOT_IN_FLOW = frozenset("[]{},#&*!|>'\"%@`:")
+
+
+def not_of_type(violation: Violation) -> Diagnostic:
+    """A value of another type than the schema wants."""
+    if violation.value is None:
+        return _no_value(violation)
+    message = (
+        f"{violation.name} must be {expected(violation.schema)}, not {called(violation.value)}"
+    )
+    help_text, repair = _way_out(violation)
+    return violation.error("R2B103", message, help_text, repair=repair)
+
+
+def _no_value(violation: Violation) -> Diagnostic:
+    if not violation.path:
+        return violation.error("R2B116", "the document has no content")
+    shown = example(violation.schema)
+    way_out = f"give it {expected(violation.schema)}"
+    if shown and len(shown) <= 60:
+        way_out += f", for example {shown}"
+    owner = schema_at(violation.path[:-1]) or {}
+    if violation.path[-1] in owner.get("properties", {}) and violation.path[-1] not in owner.get(
+        "required", ()
+    ):
+        way_out += ", or leave the key out"
+    node = violation.node
+    if isinstance(node, ScalarNode) and node.text and "string" in violation.schema.get("type", ()):
+        way_out += f"; quote it if {quote(node.text)} is meant as text"
+    return violation.error("R2B116", f"{violation.name} has no value", way_out)
+
+
+def _way_out(violation: Violation) -> tuple[str, str]:
+    """Help for a wrong type, and the text that may safely replace the value."""
+    value, node = violation.value, violation.node
+    types = violation.schema["type"]
+    types = [types] if isinstance(types, str) else types
+    plain = isinstance(node, ScalarNode) and not node.style
+    if isinstance(node, ScalarNode) and "string" in types:
+        text = f'"{node.text}"'
+        return f"quote it: {text}", text if plain else ""
+    if isinstance(node, ScalarNode) and types == ["integer"]:
+        help_text, repair = _whole_number(node)
+        return help_text or _for_example(violation), repair
+    if isinstance(node, ScalarNode) and "array" in types:
+        text = f"[{node.text}]"
+        simple = plain and not _NOT_IN_FLOW & set(node.text)
+        return f"write a list: {text}", text if simple else ""
+    if isinstance(value, list) and "object" in types:
+        shown = example(violation.schema)
+        return (f"each item stands under a name: {shown}" if shown else ""), ""
+    if isinstance(value, dict) and violation.path[-2:-1] == ("parameters",):
+        name, inner = violation.path[-1], next(iter(value), "name")
+        return f"write nested parameters with dots: '{name}.{inner}: ...'", ""
+    if not violation.path:
+        return "a spec begins with 'r2bspec: 1' and 'name: ...'", ""
+    return _for_example(violation) if {"array", "object"} & set(types) else "", ""
+
+
+def _for_example(violation: Violation) -> str:
+    shown = example(violation.schema)
+    return f"for example: {shown}" if shown else ""
+
+
+def _whole_number(node: ScalarNode) -> tuple[str, str]:
+    try:
+        meant = resolve(node.text.strip())
+    except ScalarError:
+        return "", ""
+    if isinstance(meant, float) and meant.is_integer():
+        return f"write {int(meant)}", str(int(meant))
+    if isinstance(meant, int) and not isinstance(meant, bool):
+        return f"write it without quotes: {meant}", str(meant)
+    digits = node.text.strip().lstrip("0")
+    if digits.isascii() and digits.isdigit():
+        return f"a leading zero makes it text; write {digits}", digits
+    return "", ""
+
+
+def not_a_choice(violation: Violation) -> Diagnostic:
+    """A word that is not among the allowed ones."""
+    words: list[str] = violation.limit
+    if not isinstance(violation.value, str):
+        message = f"{violation.name} must be one of {listed(words)}"
+        return violation.error("R2B103", message)
+    close = did_you_mean(violation.value, words)
+    known = f"known are {listed(words)}" if len(words) > 1 else f"known is only {words[0]}"
+    same = close and close == violation.value.strip().casefold().replace("-", "_")
+    return violation.error(
+        "R2B104",
+        f"{violation.name} cannot be {quote(violation.value)}",
+        f"did you mean {close}? {known}" if close else known,
+        repair=close if same else "",
+    )
+
+
+def not_this_version(violation: Violation) -> Diagnostic:
+    """A version of the language that this program does not read."""
+    return violation.error(
+        "R2B115",
+        f"version {violation.value} of the language is not known; this r2bspec reads version "
+        f"{violation.limit}",
+        f"write 'r2bspec: {violation.limit}', or use a newer r2bspec",
+    )
+
+
+def not_of_pattern(violation: Violation) -> Diagnostic:
+    """Text of a form that cannot be what belongs there."""
+    better = repaired_text(violation.value, violation.schema)
+    node = violation.node
+    message = violation.schema["patternErrorMessage"]
+    return violation.error(
+        "R2B105",
+        f"{quote(violation.value)} is not a valid {violation.schema[NOUN]}",
+        f"write {better}" if better else message,
+        repair=better if isinstance(node, ScalarNode) and not node.style else "",
+    )
+
+
+def too_small(violation: Violation) -> Diagnostic:
+    """A number below the least one."""
+    return violation.error(
+        "R2B107",
+        f"{violation.name} must be at least {violation.limit}, not {violation.value}",
+    )
+
+
+def too_large(violation: Violation) -> Diagnostic:
+    """A number above the greatest one."""
+    return violation.error(
+        "R2B107",
+        f"{violation.name} must be at most {violation.limit}, not {violation.value}",
+    )
+
+
+def too_few(violation: Violation) -> Diagnostic:
+    """An empty text, list or map where something must be."""
+    return violation.error("R2B108", f"{violation.name} must not be empty", _for_example(violation))
+
+
+def not_of_kind(violation: Violation) -> Diagnostic:
+    """No quantity, or no requirement: said by the class that parses it."""
+    if violation.value is None:
+        return _no_value(violation)
+    problem = judge(violation.value, violation.schema)
+    if problem is None:
+        raise AssertionError("the validator judged the same value otherwise")
+    if problem.code == "R2B103":
+        return _not_even_text(violation)
+    span = None
+    node = violation.node
+    if problem.column is not None and isinstance(node, ScalarNode) and node.origin is None:
+        source = violation.sources.get(node.span.file)
+        length = _token(node.text, problem.column)
+        span = inner_span(source, node.span, node.text, problem.column, length)
+    message = f"{violation.name}: {problem.message}"
+    return violation.error(problem.code, message, problem.help, span=span, repair=problem.repair)
+
+
+def _not_even_text(violation: Violation) -> Diagnostic:
+    return violation.error(
+        "R2B103",
+        f"{violation.name} must be {expected(violation.schema)}, not {called(violation.value)}",
+        _for_example(violation),
+    )
+
+
+def _token(text: str, column: int) -> int:
+    """The length of the word that begins at a column."""
+    rest = text[column:]
+    return len(rest.split()[0]) if rest.split() and not rest[0].isspace() else min(len(rest), 1)

@@ -1,0 +1,215 @@
+"""YAML text into a located tree, by a loop over the parser's events.
+
+PyYAML's own composer recurses once per level and expands aliases without limit, and its
+constructor drops positions; this one does neither. No object is ever constructed from a tag. Its
+limits are stated here, each with a diagnostic:
+
+- `DEEPEST` levels of nesting,
+- `MOST_VALUES` keys and values in the document,
+- `MOST_SHARED` keys and values more, once every alias is written out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+from yaml import events as ev
+
+from r2bspec.diagnostics import Diagnostic, Span
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.collection_builder import Frame
+from r2bspec.language.diagnostic_collector import Problems, StopReadingError
+from r2bspec.language.located_tree import ScalarNode, TreeNode, UnknownNode
+from r2bspec.language.source_text import Source
+from r2bspec.language.syntax import explain_syntax_error
+from r2bspec.language.yaml_scalars import ScalarError, resolve
+
+DEEPEST = 100
+MOST_VALUES = 400_000
+MOST_SHARED = 200_000
+
+_Loader: Any = getattr(yaml, "CLoader", yaml.Loader)
+
+
+@dataclass(frozen=True, slots=True)
+class Composed:
+    """The tree, or None where the text is no document; and what was wrong with it."""
+
+    tree: TreeNode | None
+    diagnostics: tuple[Diagnostic, ...]
+
+
+def compose(source: Source) -> Composed:
+    """Compose the one document of `source`. Never raises for any text."""
+    composer = _Composer(source)
+    found = composer.problems.found
+    try:
+        composer.run(yaml.parse(source.text, Loader=_Loader))
+    except StopReadingError:
+        return Composed(None, tuple(found))
+    except yaml.YAMLError as error:
+        found.append(explain_syntax_error(error, source))
+        return Composed(None, tuple(found))
+    return Composed(composer.root, tuple(found))
+
+
+class _Composer:
+    def __init__(self, source: Source) -> None:
+        self.problems = Problems()
+        self.root: TreeNode | None = None
+        self._source = source
+        self._open: list[Frame] = []
+        self._anchors: dict[str, tuple[TreeNode, int]] = {}
+        self._values = 0
+        self._shared = 0
+        self._documents = 0
+
+    def run(self, parsed: Iterator[Any]) -> None:
+        for event in parsed:
+            kind = type(event)
+            if kind is ev.ScalarEvent:
+                self._count(event)
+                self._add(self._scalar(event), 1, event.anchor)
+            elif kind is ev.MappingStartEvent or kind is ev.SequenceStartEvent:
+                self._begin(event, is_map=kind is ev.MappingStartEvent)
+            elif kind is ev.MappingEndEvent or kind is ev.SequenceEndEvent:
+                done = self._open.pop()
+                self._add(done.node(_extent(done, event)), done.size, done.anchor)
+            elif kind is ev.AliasEvent:
+                self._alias(event)
+            elif kind is ev.DocumentStartEvent:
+                self._document(event)
+        if self._documents == 0:
+            self.problems.stop(
+                "R2B020",
+                "the file holds no YAML document",
+                Span.of_file(self._source.file),
+                "a spec begins with 'r2bspec: 1' and 'name: ...'",
+            )
+
+    def _document(self, event: Any) -> None:
+        self._documents += 1
+        if self._documents > 1:
+            self.problems.stop(
+                "R2B021",
+                "a second document begins here; a file holds one benchmark",
+                self._span(event),
+                "put it into a file of its own, or remove the '---'",
+            )
+
+    def _count(self, event: Any) -> None:
+        self._values += 1
+        if self._values > MOST_VALUES:
+            self.problems.stop(
+                "R2B002",
+                f"the document has more than {MOST_VALUES:,} keys and values",
+                self._span(event),
+                "is this the right file?",
+            )
+
+    def _scalar(self, event: Any) -> TreeNode:
+        span = self._span(event)
+        if event.tag is not None:
+            self._refuse_tag(event, span)
+            return UnknownNode(span)
+        text: str = event.value
+        style: str = event.style or ""
+        if style:
+            return ScalarNode(text, text, span, style)
+        try:
+            return ScalarNode(resolve(text), text, span)
+        except ScalarError as error:
+            message = f"{quote(text)} is {error}"
+            self.problems.error("R2B029", message, span, "quote it if it is meant as text")
+            return UnknownNode(span)
+
+    def _begin(self, event: Any, *, is_map: bool) -> None:
+        self._count(event)
+        span = self._span(event)
+        if event.tag is not None:
+            self._refuse_tag(event, span)
+        if len(self._open) >= DEEPEST:
+            self.problems.stop(
+                "R2B025",
+                f"values are nested more than {DEEPEST} levels deep",
+                span,
+                "is a bracket or a brace left open?",
+            )
+        self._open.append(Frame(span, event.anchor, is_map, self.problems))
+
+    def _alias(self, event: Any) -> None:
+        name, span = event.anchor, self._span(event)
+        if any(frame.anchor == name for frame in self._open):
+            self.problems.error(
+                "R2B026",
+                f"'*{name}' stands inside the value that '&{name}' names: it would never end",
+                span,
+                "name a smaller part, or repeat what is meant",
+            )
+            self._add(UnknownNode(span), 1, None)
+            return
+        if name not in self._anchors:
+            self.problems.error(
+                "R2B026",
+                f"'*{name}' refers to '&{name}', which does not come before it",
+                span,
+                f"mark the value that is meant with '&{name}', or quote the text if it begins "
+                "with a star",
+            )
+            self._add(UnknownNode(span), 1, None)
+            return
+        node, size = self._anchors[name]
+        self._shared += size
+        if self._shared > MOST_SHARED:
+            self.problems.stop(
+                "R2B027",
+                f"written out, the aliases of this document stand for more than "
+                f"{MOST_SHARED:,} values",
+                span,
+                "refer to smaller parts",
+            )
+        self._add(node, size, None, span)
+
+    def _add(
+        self, node: TreeNode, size: int, anchor: str | None, used_at: Span | None = None
+    ) -> None:
+        if anchor is not None:
+            self._anchors[anchor] = (node, size)
+        if self._open:
+            self._open[-1].add(node, size, used_at or node.span)
+        else:
+            self.root = node
+
+    def _refuse_tag(self, event: Any, span: Span) -> None:
+        written = self._source.line(span.line)[span.column - 1 :].split()
+        self.problems.error(
+            "R2B022",
+            f"tags such as {quote(written[0] if written else event.tag)} are not part of the "
+            "language",
+            span,
+            "remove it; every value has the type that its text shows",
+        )
+
+    def _span(self, event: Any) -> Span:
+        start, end = event.start_mark, event.end_mark
+        return Span(
+            self._source.file, start.line + 1, start.column + 1, end.line + 1, end.column + 1
+        )
+
+
+def _extent(done: Frame, event: Any) -> Span:
+    """From the first to the last character of a collection.
+
+    One in block style has no closing mark: it ends where its last value does, unless that is an
+    alias, whose value was written elsewhere.
+    """
+    start, end = done.start, event.end_mark
+    last = done.last()
+    if last is not None and event.start_mark.index == end.index:
+        tail = (last.span.end_line, last.span.end_column)
+        if tail >= (start.line, start.column):
+            return Span(start.file, start.line, start.column, *tail)
+    return Span(start.file, start.line, start.column, end.line + 1, end.column + 1)

@@ -1,0 +1,239 @@
+"""How fast outputs come, estimated while a rate is being probed.
+
+A probe asks two questions of a graph: does it keep up, and does it lose messages? The first is
+answered by a rate and its standard error, the second by a share; they are kept apart, because a
+bounded queue turns the one into the other as soon as it is full.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.measure.matching import Matching
+from r2bspec.measure.percentiles import percentile
+from r2bspec.record.sample_arrays import Rows
+
+_BATCHES = 10
+"""Few, so that each is long against the correlation of what it averages over."""
+_BATCH_LEAST = 4
+"""Fewer outputs than this in a batch make no slope worth averaging."""
+
+
+@dataclass(frozen=True)
+class Slope:
+    """A rate of events and its standard error, both in Hz, from `batches` batches (0: too few)."""
+
+    hz: float
+    standard_error_hz: float
+    batches: int
+
+    def per(self, factor: float) -> Slope:
+        """The rate of what every so many of the events make one."""
+        return Slope(self.hz / factor, self.standard_error_hz / factor, self.batches)
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """What came out of the graph at one offered rate, so far.
+
+    All rates count steps, whatever the ratio of answers to them: a graph that gives one answer for
+    three steps and keeps up has settled and delivered as many steps as were played.
+
+    Attributes:
+        offered_hz: the rate that was asked for.
+        player_hz: the rate that was really published; below `offered_hz` the player limits.
+        delivered_hz: answered steps per second. With losses it is below `settled_hz`.
+        standard_error_hz: the standard error of `delivered_hz`.
+        settled_hz: steps per second that the graph has done with, answered or passed over.
+        settled_error_hz: the standard error of `settled_hz`.
+        batches: the batches behind both standard errors; batches - 1 is the number of degrees
+            of freedom. 0 if there were too few outputs for batches.
+        drop_share: of the answers done with, the share that never came.
+        published: steps published.
+        answered: answers.
+        lateness_p99_s: the 99th percentile of how late publications began.
+    """
+
+    offered_hz: float
+    player_hz: float
+    delivered_hz: float
+    standard_error_hz: float
+    settled_hz: float
+    settled_error_hz: float
+    batches: int
+    drop_share: float
+    published: int
+    answered: int
+    lateness_p99_s: float
+
+    @property
+    def backlog_growth_hz(self) -> float:
+        """Steps per second by which the queue inside the graph grows: published - settled.
+
+        Its standard error is `settled_error_hz`, for the player's own is negligible. Losses do
+        not count here: a graph that drops every tenth message at once has no backlog.
+        """
+        return self.player_hz - self.settled_hz
+
+
+def delivery(
+    offered_hz: float, playback: Rows, monitor: Rows, match: Matching, now_ns: int
+) -> Delivery:
+    """Estimate what a graph delivers, from what one monitor received so far.
+
+    Let t_i be when the i-th first answer was received, s_i the step that it answers, and r the
+    answers that each step lets expect, usually 1. The rates are the reciprocal slopes of two
+    least-squares lines:
+
+        t = a + i / (r delivered_hz)        t = a + s / settled_hz
+
+    While the graph keeps up, latency only scatters t about the second line, whose slope is the
+    period of the playback. When it does not, each answer waits longer than the one before and
+    the line is steeper. After the last answer nothing is known but that no other has come, so
+    if a published step stays unanswered for longer than any answer took, the rates are at most
+
+        answered / (r (now - t_first))      (1 + last step - first step) / (now - t_first)
+
+    Works from the first sample on: with no answer the rates are 0 with a standard error of one
+    message in the time waited.
+
+    Args:
+        offered_hz: the rate that was asked for.
+        playback: rows of type `PLAYBACK` of the steps published so far.
+        monitor: rows of type `MONITOR` of the messages received so far.
+        match: how these match.
+        now_ns: the time at which `monitor` was read; CLOCK_MONOTONIC.
+    """
+    published = playback["published_ns"]
+    lateness = percentile((published - playback["due_ns"]) / 1e9, 0.99) or 0.0
+    answers = np.flatnonzero(match.answered)
+    if match.asked.size and int(match.asked[-1]) >= playback.size:
+        raise ValueError("the matching is of other rows than the playback")
+    arrived = monitor["received_ns"][match.first_row[answers]]
+    order = np.argsort(arrived, kind="stable")
+    arrived, answers = arrived[order], answers[order]
+    until = _silent_until(published[match.asked], arrived, answers, now_ns)
+    delivered = _rate(arrived, np.arange(answers.size), until).per(match.per_step)
+    settled = _rate(arrived, match.asked[answers], until)
+    passed = int(answers.max()) + 1 if answers.size else 0
+    return Delivery(
+        offered_hz=offered_hz,
+        player_hz=_player_rate(published, offered_hz),
+        delivered_hz=delivered.hz,
+        standard_error_hz=delivered.standard_error_hz,
+        settled_hz=settled.hz,
+        settled_error_hz=settled.standard_error_hz,
+        batches=settled.batches,
+        drop_share=(passed - answers.size) / passed if passed else 0.0,
+        published=int(playback.size),
+        answered=int(answers.size),
+        lateness_p99_s=lateness,
+    )
+
+
+def _player_rate(published: NDArray[np.int64], offered_hz: float) -> float:
+    """The slope of the publication times; the offered rate while there is only one."""
+    if published.size < 2:
+        return offered_hz
+    return 1.0 / _least_squares(published, np.arange(published.size))
+
+
+def _silent_until(
+    published: NDArray[np.int64],
+    arrived: NDArray[np.int64],
+    answers: NDArray[np.int64],
+    now_ns: int,
+) -> tuple[int, int] | None:
+    """The span (from, to) that counts if the graph has fallen silent, or None if it has not.
+
+    Silence is an answer that has been waited for for longer than for any that came, and longer
+    since the last one than any pause between two. It is not counted past the moment at which the
+    last expected one would be that late, so that the time after playing is no silence.
+
+    Args:
+        published: when the step of each expected answer was published.
+        arrived: when those that came were received, ascending.
+        answers: which of the expected ones these are.
+        now_ns: until when nothing else has come.
+    """
+    if not published.size:
+        return None
+    if not answers.size:
+        return int(published[0]), now_ns
+    latest = int(answers.max())
+    if latest >= published.size - 1:
+        return None
+    longest = int(np.max(arrived - published[answers]))
+    to = min(now_ns, int(published[-1]) + longest)
+    pause = int(np.max(np.diff(arrived))) if arrived.size > 1 else 0
+    waiting = to - int(published[latest + 1])
+    if waiting <= longest or to - int(arrived[-1]) <= pause:
+        return None
+    return int(arrived[0]), to
+
+
+def _rate(
+    arrived: NDArray[np.int64], index: NDArray[np.int64], silence: tuple[int, int] | None
+) -> Slope:
+    """The rate at which `index` advances, bounded by a silence at the end."""
+    slope = _slope(arrived, index) if arrived.size > 1 else None
+    if silence is None:
+        return slope or Slope(0.0, math.inf, 0)
+    waited_s = max(silence[1] - silence[0], 1) / 1e9
+    count = int(index.max() - index.min()) + 1 if index.size else 0
+    bound_hz = count / waited_s
+    if slope is None:
+        return Slope(bound_hz, 1 / waited_s, 0)
+    if bound_hz >= slope.hz:
+        return slope
+    error = slope.standard_error_hz if slope.batches else bound_hz / math.sqrt(index.size)
+    return Slope(bound_hz, max(error, 1 / waited_s), slope.batches)
+
+
+def _slope(arrived: NDArray[np.int64], index: NDArray[np.int64]) -> Slope:
+    """The reciprocal least-squares slope, with a standard error by batch means.
+
+    The residuals of the line are correlated: they are the latencies of neighbours while the
+    graph keeps up, and a random walk of service times while it does not. The textbook error of
+    a slope would be far too small, so the answers are cut into b batches of successive ones,
+    each gets a line of its own, and with the standard deviation S of the b slopes
+
+        standard error of the slope = S / sqrt(b)
+
+    which is right for the random walk and too large, hence safe, for scatter about a line. By
+    the delta method the rate 1 / slope has the standard error  rate^2 x that of the slope.
+    With too few answers for three batches the answers are taken to be as irregular as a
+    Poisson process: standard error = rate / sqrt(n - 1).
+    """
+    rate = 1.0 / _least_squares(arrived, index)
+    batches = min(_BATCHES, arrived.size // _BATCH_LEAST)
+    if batches < 3:
+        return Slope(rate, rate / math.sqrt(arrived.size - 1), 0)
+    slopes = [
+        _least_squares(times, steps)
+        for times, steps in zip(
+            np.array_split(arrived, batches), np.array_split(index, batches), strict=True
+        )
+    ]
+    error = float(np.std(slopes, ddof=1)) / math.sqrt(batches)
+    return Slope(rate, rate * rate * error, batches)
+
+
+def _least_squares(times_ns: NDArray[np.int64], index: NDArray[np.int64]) -> float:
+    """The slope, in seconds per step, of the least-squares line of times on indices.
+
+        slope = sum (i - mean i)(t - mean t) / sum (i - mean i)^2
+
+    The times are taken from the first one on while they are still whole nanoseconds: as
+    floating-point numbers since boot they would lose the last digits. A slope of zero or less
+    (two answers at one instant) becomes one nanosecond, the resolution of the clock.
+    """
+    t = (times_ns - times_ns[0]).astype(np.float64) / 1e9
+    i = (index - index[0]).astype(np.float64)
+    i -= i.mean()
+    spread = float(i @ i)
+    return max(float(i @ (t - t.mean())) / spread, 1e-9) if spread else 1e-9

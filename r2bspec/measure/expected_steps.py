@@ -1,0 +1,59 @@
+"""Which steps a monitor is asked about: those with messages of all the inputs that it answers.
+
+Inputs of a timeline have rates of their own, and a step has messages of those that were recorded
+under one stamp. A monitor that answers the camera is not asked about the steps of the IMU.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from r2bspec.measure.live_segments import stamped_ns
+from r2bspec.measure.matching import Matching, match, ratio_of
+from r2bspec.plan.plan import InputPlan, MonitorPlan
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import Segment
+from r2bspec.record.sample_arrays import PLAYBACK, Rows
+
+
+def asked_of(playback: Rows, inputs: Sequence[InputPlan], monitor: MonitorPlan) -> Rows:
+    """The steps that count for a monitor.
+
+    Args:
+        playback: rows of type `PLAYBACK`.
+        inputs: of the plan.
+        monitor: of the plan; where it names no inputs that it answers, every step counts.
+    """
+    wanted = np.int64(input_bits(inputs, monitor.answers))
+    found: Rows = playback[(playback["inputs"] & wanted) == wanted]
+    return found
+
+
+def input_bits(inputs: Sequence[InputPlan], topics: Sequence[str]) -> int:
+    """The set of the inputs on these topics, as bits."""
+    return sum(1 << number for number, each in enumerate(inputs) if each.topic in topics)
+
+
+def asked_and_seen(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
+    """The steps of a segment that a monitor was asked about, what it received, and how they match.
+
+    Of a live segment, in which nothing is played, each message is its own step, published when its
+    source stamped it; there are none if that is not known.
+
+    Raises:
+        RecordError: a file of the segment is missing or damaged.
+    """
+    rows = run.monitor(segment, monitor.name)
+    if not segment.live:
+        steps = asked_of(run.playback(segment), run.plan.inputs, monitor)
+        ratio = ratio_of(monitor, segment.played_before)
+        return steps, rows, match(steps, rows, monitor.match, ratio)
+    stamped = stamped_ns(segment, rows)
+    steps = np.zeros(0 if stamped is None else rows.size, PLAYBACK)
+    if stamped is not None:
+        steps["stamp_ns"] = rows["stamp_ns"]
+        for name in ("due_ns", "published_ns", "done_ns"):
+            steps[name] = stamped
+    return steps, rows, match(steps, rows, "order")

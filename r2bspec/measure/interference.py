@@ -1,0 +1,119 @@
+"""What else happened on the machine over exactly one stretch of time."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+
+from r2bspec.measure.resource_usage import CONTROLLER, use
+from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.sample_arrays import Rows
+
+_TELLING_NS = 100_000
+
+
+class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
+    """What else happened on the machine during one iteration; None is unknown.
+
+    Attributes:
+        seconds: how long the iteration lasted.
+        cores: processors that the run may use.
+        steal: of the time of these, the share that other virtual machines got.
+        foreign_cores: processor time per time that processes outside the run used on them.
+        pressure: share of the time in which some task waited for a processor (PSI, ``some``).
+        throttled_s: time for which a processor or the control group was throttled.
+        calibration: how long the harness alone took, over what it usually takes here.
+    """
+
+    seconds: float = 0.0
+    cores: int | None = None
+    steal: float | None = None
+    foreign_cores: float | None = None
+    pressure: float | None = None
+    throttled_s: float | None = None
+    calibration: float | None = None
+
+
+def surroundings(
+    rows: Rows,
+    resources: Rows,
+    processes: frozenset[int],
+    cores: int | None,
+    began_ns: int,
+    ended_ns: int,
+) -> Surroundings | None:
+    """What happened between two times, interpolated linearly between samples.
+
+    Args:
+        rows: of type `SURROUNDINGS`, in order of time.
+        resources: of type `RESOURCES`.
+        processes: the indices of all processes of the run.
+        cores: how many processors the run may use, where that is known.
+        began_ns: the beginning of the window.
+        ended_ns: its end.
+
+    Returns:
+        None if the samples do not cover the window.
+    """
+    seconds = (ended_ns - began_ns) / 1e9
+    if seconds <= 0 or not _covers(rows, began_ns, ended_ns):
+        return None
+    stolen_s = _between(rows, "stolen_s", began_ns, ended_ns)
+    waited_s = _between(rows, "waited_s", began_ns, ended_ns)
+    busy_s = _between(rows, "busy_s", began_ns, ended_ns)
+    return Surroundings(
+        seconds=seconds,
+        cores=cores,
+        steal=None if stolen_s is None or not cores else min(1.0, stolen_s / (seconds * cores)),
+        foreign_cores=_foreign(busy_s, resources, processes, began_ns, ended_ns),
+        pressure=None if waited_s is None else min(1.0, waited_s / seconds),
+        throttled_s=_between(rows, "throttled_s", began_ns, ended_ns),
+    )
+
+
+def _covers(rows: Rows, began_ns: int, ended_ns: int) -> bool:
+    """Whether samples reach over at least half of a window."""
+    if rows.size < 2:
+        return False
+    inside = min(ended_ns, int(rows["time_ns"][-1])) - max(began_ns, int(rows["time_ns"][0]))
+    return 2 * inside >= ended_ns - began_ns
+
+
+def _between(rows: Rows, field: str, began_ns: int, ended_ns: int) -> float | None:
+    """By how much a sum grew; None if the system does not tell."""
+    # Relative to the start of the window, because float64 holds no nanoseconds since boot.
+    times = (rows["time_ns"] - began_ns) / 1e9
+    first, last = np.interp([0.0, (ended_ns - began_ns) / 1e9], times, rows[field])
+    grown = float(last - first)
+    return max(0.0, grown) if math.isfinite(grown) else None
+
+
+def _foreign(
+    busy_s: float | None, resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int
+) -> float | None:
+    own = use(resources, processes, began_ns, ended_ns)
+    if busy_s is None or own is None or own.cpu_mean is None:
+        return None
+    controller = use(resources, frozenset({CONTROLLER}), began_ns, ended_ns)
+    known = own.cpu_mean + ((controller.cpu_mean or 0.0) if controller is not None else 0.0)
+    return max(0.0, busy_s / ((ended_ns - began_ns) / 1e9) - known)
+
+
+def slower_by(usual: tuple[FloorRecord, ...], now: tuple[FloorRecord, ...]) -> float | None:
+    """How many times as long the harness alone took as usual: the largest ratio over the inputs.
+
+    Medians are compared, of an input with itself. A difference below `_TELLING_NS` is the timer's
+    and the scheduler's, whatever the ratio.
+
+    Returns:
+        None if no input has a floor in both.
+    """
+    before = {(each.topic, each.rate_hz): each.latency_p50_ns for each in usual}
+    ratios = [
+        each.latency_p50_ns / known if each.latency_p50_ns - known > _TELLING_NS else 1.0
+        for each in now
+        if each.latency_p50_ns and (known := before.get((each.topic, each.rate_hz)))
+    ]
+    return max(ratios, default=None)

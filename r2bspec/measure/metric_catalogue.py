@@ -1,0 +1,263 @@
+"""Every metric that exists: its name, what it measures, its dimension, and how it is judged.
+
+Grammar of a metric's name, as a requirement writes it::
+
+    metric = [monitor "."] name ["." part]          latency.p99, detections.latency.p99
+           | ("cpu" | "memory") "." process "." part    cpu.apriltag.mean
+
+This module computes nothing and imports no NumPy, so that a spec can be checked with it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from r2bspec.diagnostics import did_you_mean
+from r2bspec.language.requirement_grammar import Bound
+from r2bspec.measure.errors import MetricError
+
+Statistic = Literal["percentile", "share", "mean", "observation", "search", "sequential"]
+"""How a bound on the metric is decided: by the exact binomial test on single messages
+(percentile, share), by t over the iterations (mean), by plain comparison of something observed
+(observation), by the bracket that the search found (search) or by a probe (sequential)."""
+
+Scope = Literal["monitor", "playback", "process", "machine", "search", "probe"]
+"""What a value of the metric belongs to. Only the metrics of a monitor take its name in front."""
+
+Dimension = Literal["time", "rate", "size", "share", "count", "none"]
+
+PROCESS = "<process>"
+"""Stands in the catalogue's names for the name of any process."""
+
+
+@dataclass(frozen=True, slots=True)
+class MetricInfo:
+    """One metric.
+
+    Attributes:
+        name: the dotted name without a monitor, such as ``latency.p99``.
+        unit: the unit that values are kept in: ``s``, ``Hz``, ``B``, ``share`` (a fraction; of
+            processor time, one core is 1), ``count``, or empty for none. That
+            of ``sustained``, which has no bound, is the unit of what came out.
+        quantile: for percentiles, the fraction of messages at or below; otherwise None.
+        process: the process that the name names, for scope ``process``.
+    """
+
+    name: str
+    scope: Scope
+    dimension: Dimension
+    unit: str
+    statistic: Statistic
+    description: str
+    quantile: float | None = None
+    process: str = ""
+
+    @property
+    def family(self) -> str:
+        """The name up to the first dot."""
+        return self.name.partition(".")[0]
+
+    @property
+    def part(self) -> str:
+        """The name after the last dot, or empty."""
+        return self.name.rpartition(".")[2] if "." in self.name else ""
+
+    def accepts(self, bound: Bound) -> bool:
+        """Whether a bound has this metric's dimension.
+
+        Only rates can be 'of offered'; 'of baseline' can be whatever has a value in each
+        iteration that is not a count.
+        """
+        if bound.of_offered:
+            return self.dimension == "rate"
+        if bound.of_baseline:
+            return self.dimension not in {"count", "none"}
+        return bound.dimension == self.dimension
+
+
+_UNITS: dict[Dimension, str] = {
+    "time": "s",
+    "rate": "Hz",
+    "size": "B",
+    "share": "share",
+    "count": "count",
+    "none": "",
+}
+
+_PERCENTILE = re.compile(r"p(\d{1,2})(?:_(\d{1,4}))?")
+
+_TIMES = {
+    "latency": "time from publication of the input to reception of the output",
+    "latency_from_due": "time from when the input was due to reception of the output",
+    "interval": "time between one output and the next",
+    "jitter": "change between two intervals that follow each other, without its sign",
+}
+"""Families that have one value per message."""
+
+
+def _distribution(family: str, what: str) -> list[MetricInfo]:
+    shown = ("p50", "p90", "p95", "p99", "p99_9")
+    return [
+        _info(f"{family}.min", "monitor", "time", "observation", f"smallest {what}"),
+        _info(f"{family}.mean", "monitor", "time", "mean", f"mean {what}"),
+        *(_percentile(family, part, what) for part in shown),
+        _info(f"{family}.max", "monitor", "time", "observation", f"largest {what}"),
+    ]
+
+
+def _percentile(family: str, part: str, what: str) -> MetricInfo:
+    q = quantile(part)
+    text = f"{what}: {q * 100:g} % of them are at or below" if q is not None else what
+    scope: Scope = "monitor" if family in _TIMES else "playback"
+    return replace(_info(f"{family}.{part}", scope, "time", "percentile", text), quantile=q)
+
+
+def _info(
+    name: str, scope: Scope, dimension: Dimension, statistic: Statistic, description: str
+) -> MetricInfo:
+    return MetricInfo(name, scope, dimension, _UNITS[dimension], statistic, description)
+
+
+def quantile(part: str) -> float | None:
+    """The fraction that a percentile's name stands for: ``p99`` is 0.99, ``p99_9`` is 0.999.
+
+    None if `part` is no percentile; p0 and p00 are none, because they are the minimum.
+    """
+    found = _PERCENTILE.fullmatch(part)
+    if found is None or int(found[1]) == 0:
+        return None
+    return float(f"0.{int(found[1]):02d}{found[2] or ''}")
+
+
+_LATENESS = "time that a publication began after it was due"
+
+_CATALOGUE: tuple[MetricInfo, ...] = (
+    _info("throughput.mean", "monitor", "rate", "mean", "(n - 1) / (last - first output)"),
+    *(info for family, what in _TIMES.items() for info in _distribution(family, what)),
+    _info("sent", "playback", "count", "observation", "steps that were played"),
+    _info("received", "monitor", "count", "observation", "messages that arrived, of any kind"),
+    _info("missed", "monitor", "count", "observation", "expected answers that never came"),
+    _info("drop_rate", "monitor", "share", "share", "missed / expected answers"),
+    _info("duplicates", "monitor", "count", "observation", "answers to a step answered before"),
+    _info("reordered", "monitor", "count", "observation", "answers overtaken by a later step's"),
+    _info("unmatched", "monitor", "count", "observation", "messages that answer no step"),
+    _info("playback.rate", "playback", "rate", "mean", "(n - 1) / (last - first publication)"),
+    _percentile("playback.lateness", "p50", _LATENESS),
+    _percentile("playback.lateness", "p99", _LATENESS),
+    _info("playback.lateness.max", "playback", "time", "observation", f"longest {_LATENESS}"),
+    _info(f"cpu.{PROCESS}.mean", "process", "share", "mean", "processor time; one core is 100 %"),
+    _info(f"cpu.{PROCESS}.max", "process", "share", "observation", "the same, busiest sample"),
+    _info(f"memory.{PROCESS}.max", "process", "size", "observation", "largest resident set"),
+    _info("cpu.system.mean", "machine", "share", "mean", "all processor time; one core is 100 %"),
+    _info("cpu.system.max", "machine", "share", "observation", "the same, busiest sample"),
+    _info("memory.system.max", "machine", "size", "observation", "most memory in use"),
+    _info("peak.rate", "search", "rate", "search", "highest rate that held"),
+    replace(
+        _info("sustained", "probe", "none", "sequential", "whether the offered rate is kept up"),
+        unit="Hz",
+    ),
+)
+
+METRICS: dict[str, MetricInfo] = {info.name: info for info in _CATALOGUE}
+"""Every metric by name; ``<process>`` stands for any process, and more percentiles than those
+listed exist (see `quantile`)."""
+
+
+_LIVE = ("throughput", "latency", "interval", "jitter", "received", "cpu", "memory")
+"""Families of metrics that need nothing that was played."""
+
+
+def known_live(info: MetricInfo) -> bool:
+    """Whether a metric can be known of a live run, in which the graph has its own source."""
+    return info.family in _LIVE
+
+
+def resolve(
+    metric: str, monitors: Collection[str], processes: Collection[str] = ()
+) -> tuple[str | None, MetricInfo]:
+    """Find what a requirement's dotted name means.
+
+    A metric of a monitor may be written without the monitor: it then means the only monitor
+    there is, or, with several, each of them (the monitor returned is None). A name that is a
+    metric as it stands is one, also if a monitor has the name of a metric's family.
+
+    Args:
+        metric: the dotted name as written.
+        monitors: the names of the monitors of the spec.
+        processes: the names of the processes that ``cpu`` and ``memory`` can be asked for.
+
+    Returns:
+        The monitor's name, or None where the metric belongs to no single monitor; and the
+        metric.
+
+    Raises:
+        MetricError: no such metric, monitor or process.
+    """
+    info = _find(metric, processes)
+    if info is not None:
+        only = next(iter(monitors)) if len(monitors) == 1 and info.scope == "monitor" else None
+        return only, info
+    first, _, rest = metric.partition(".")
+    if first in monitors:
+        if not rest:
+            raise _unknown(metric, f"{metric!r} names a monitor but no metric of it", processes)
+        info = _find(rest, processes)
+        if info is None:
+            raise _unknown(rest, f"there is no metric {rest!r}", processes, prefix=f"{first}.")
+        if info.scope != "monitor":
+            raise MetricError(
+                f"{rest!r} does not belong to a monitor", known=(rest,), suggestion=rest
+            )
+        return first, info
+    if rest and _find(rest, processes) is not None:
+        known = tuple(sorted(monitors))
+        close = did_you_mean(first, known)
+        raise MetricError(
+            f"there is no monitor {first!r}", known, f"{close}.{rest}" if close else ""
+        )
+    raise _unknown(metric, f"there is no metric {metric!r}", processes)
+
+
+def _find(name: str, processes: Collection[str]) -> MetricInfo | None:
+    if name in METRICS and PROCESS not in name:
+        return METRICS[name]
+    family, _, part = name.rpartition(".")
+    if quantile(part) is not None:
+        if family in _TIMES:
+            return _percentile(family, part, _TIMES[family])
+        if family == "playback.lateness":
+            return _percentile(family, part, _LATENESS)
+    return _find_process(family, part, processes)
+
+
+def _find_process(family: str, part: str, processes: Collection[str]) -> MetricInfo | None:
+    kind, _, process = family.partition(".")
+    template = METRICS.get(f"{kind}.{PROCESS}.{part}")
+    if template is None or process not in processes:
+        return None
+    return replace(template, name=f"{family}.{part}", process=process)
+
+
+def names(processes: Collection[str] = ()) -> tuple[str, ...]:
+    """The names of all metrics, with those of each process written out."""
+    listed: list[str] = []
+    for name in METRICS:
+        if PROCESS in name:
+            listed += [name.replace(PROCESS, process) for process in sorted(processes)]
+        else:
+            listed.append(name)
+    return tuple(listed)
+
+
+def _unknown(name: str, message: str, processes: Collection[str], prefix: str = "") -> MetricError:
+    """The error for a wrong name: if its first word is a family, only that family is listed."""
+    family = name.partition(".")[0]
+    everything = names(processes)
+    known = tuple(one for one in everything if one.partition(".")[0] == family) or everything
+    close = did_you_mean(name, known)
+    return MetricError(
+        message, tuple(prefix + one for one in known), prefix + close if close else ""
+    )

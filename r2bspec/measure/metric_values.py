@@ -1,0 +1,82 @@
+"""The value of any metric of the catalogue in one segment."""
+
+from __future__ import annotations
+
+from r2bspec.measure.latency import Seconds
+from r2bspec.measure.metric_catalogue import MetricInfo, known_live
+from r2bspec.measure.percentiles import percentile
+from r2bspec.measure.resource_usage import Use
+from r2bspec.measure.samples import LOSSES_COUNT, MonitorSamples, SegmentSamples
+
+
+def value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:
+    """What a metric was in one segment, in its SI unit; None if there is nothing to say.
+
+    In a live run, that is so for every metric of what was sent, and of what came of it.
+
+    Infinity where a percentile or the maximum of the latency falls on a lost message.
+
+    Args:
+        info: the metric; not one of the search or of a sequential probe.
+        monitor: the monitor it is asked of, for metrics of scope ``monitor``.
+        samples: the segment.
+
+    Raises:
+        KeyError: there is no such monitor.
+    """
+    match info.scope:
+        case "monitor":
+            return monitor_value(info, samples.monitors[monitor or ""])
+        case "playback":
+            return _of_playback(info, samples)
+        case "process":
+            return _of_use(info, samples.processes.get(info.process))
+        case "machine":
+            return _of_use(info, samples.machine)
+        case _:
+            raise ValueError(f"{info.name} is not a metric of a segment")
+
+
+def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
+    """What a metric of scope ``monitor`` was for what one monitor saw; see `value`."""
+    if seen.live and not known_live(info):
+        return None
+    if info.family in seen.times:
+        lost = seen.missed if info.family in LOSSES_COUNT else 0
+        return _of_times(info, seen.times[info.family], lost)
+    match info.name:
+        case "throughput.mean":
+            return seen.throughput_hz
+        case "drop_rate":
+            return seen.missed / seen.expected if seen.expected else None
+        case "received" | "missed" | "duplicates" | "reordered" | "unmatched":
+            return float(getattr(seen, info.name))
+    raise ValueError(f"{info.name} is not a metric of a monitor")
+
+
+def _of_playback(info: MetricInfo, samples: SegmentSamples) -> float | None:
+    if samples.live:
+        return None
+    if info.name == "sent":
+        return float(samples.playback.sent)
+    if info.name == "playback.rate":
+        return samples.playback.rate_hz
+    return _of_times(info, samples.playback.lateness, 0)
+
+
+def _of_times(info: MetricInfo, times: Seconds, lost: int) -> float | None:
+    if info.quantile is not None:
+        return percentile(times, info.quantile, lost)
+    if info.part == "max":
+        return percentile(times, 1.0, lost)
+    if not times.size:
+        return None
+    return float(times.min() if info.part == "min" else times.mean())
+
+
+def _of_use(info: MetricInfo, used: Use | None) -> float | None:
+    if used is None:
+        return None
+    if info.family == "memory":
+        return None if used.memory_max_bytes is None else float(used.memory_max_bytes)
+    return used.cpu_mean if info.part == "mean" else used.cpu_max

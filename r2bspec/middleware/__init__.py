@@ -1,0 +1,1 @@
+"""What differs between ROS middlewares (RMW): one module for each."""

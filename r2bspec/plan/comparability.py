@@ -1,0 +1,84 @@
+"""Plans that are compared: what makes them measure the same, and one pair's share of a plan."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from typing import Final
+
+import msgspec
+
+from r2bspec.language.spec import Objective
+from r2bspec.plan.canonical_json import canonical_json
+from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
+from r2bspec.plan.plan_diff import Difference, diff_plans
+
+UNTOLD: Final = frozenset(
+    {"objectives", "title", "description", "labels", "generator", "name", "gate"}
+)
+"""Fields of a plan in which two may differ and still measure the same."""
+
+_OFFERED: Final = frozenset(
+    {
+        *("dataset", "datasets", "playback_mode", "buffer", "inputs", "monitors", "play"),
+        *("play_at_peak", "timeline", "harness", "search", "warm_up_ns", "transport"),
+    }
+)
+"""Fields that say what a graph is offered and how it is watched."""
+
+
+def measured_hash(plan: Plan) -> str:
+    """Names what a plan measures: its hash without what only words or judges the measurement."""
+    bare = msgspec.structs.replace(
+        plan, objectives={}, title="", description="", labels={}, gate=GatePlan()
+    )
+    return f"sha256:{hashlib.sha256(canonical_json(bare)).hexdigest()}"
+
+
+def offered_otherwise(base: Plan, head: Plan) -> list[Difference]:
+    """In what the load or the harness of two plans differs, beyond the graph under test."""
+    return [each for each in diff_plans(base, head) if each.path[0] in _OFFERED]
+
+
+def graph_differences(base: Plan, head: Plan) -> list[Difference]:
+    """In what two plans differ that may change what is measured."""
+    return [each for each in diff_plans(base, head) if each.path[0] not in UNTOLD]
+
+
+def one_of_a_pair(plan: Plan) -> Plan:
+    """The plan of one run of a pair: each rate is played once, and nothing is confirmed.
+
+    Pairs take the place of iterations. A search for the peak costs more than all else; it is made
+    where an objective asks for the peak.
+    """
+    searched = any(_wants_peak(each) for each in plan.objectives.values())
+    at_peak = plan.play_at_peak
+    return msgspec.structs.replace(
+        plan,
+        play=tuple(_once(each) for each in plan.play),
+        play_at_peak=_once(at_peak) if at_peak is not None else None,
+        search=plan.search if searched else None,
+        phases=tuple(each for each in plan.phases if searched or each != "search"),
+        gate=msgspec.structs.replace(plan.gate, confirm=False, time_budget_ns=0),
+    )
+
+
+def _once(play: PlayPlan) -> PlayPlan:
+    return msgspec.structs.replace(play, iterations=1, max_iterations=0)
+
+
+def _wants_peak(objective: Objective) -> bool:
+    return objective.at_peak or any(each.metric == "peak.rate" for each in objective.require)
+
+
+def pairs_of(plan: Plan) -> int:
+    """How many pairs a plan asks for: as many as iterations, and one without any."""
+    plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
+    return max((each.iterations for each in plays), default=1)
+
+
+def told(differences: list[Difference], most: int = 12) -> Iterator[str]:
+    """Differences a line each, cut short with a count."""
+    yield from (str(each) for each in differences[:most])
+    if len(differences) > most:
+        yield f"{len(differences) - most} more differences"

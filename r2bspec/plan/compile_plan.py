@@ -1,0 +1,270 @@
+"""From a spec to the plan of its run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from r2bspec._version import __version__
+from r2bspec.language.spec import BagSource, Objective, Spec
+from r2bspec.plan.monitor_plans import plan_monitors
+from r2bspec.plan.plan import (
+    BagTopicPlan,
+    DatasetPlan,
+    GatePlan,
+    HarnessPlan,
+    Plan,
+    PlayPlan,
+    PluginPlan,
+    SearchPlan,
+    TimelinePlan,
+)
+from r2bspec.plan.process_plans import harness_plugins, plan_external, plan_processes
+from r2bspec.plan.step_plans import plan_after_ready, plan_ready, plan_setup
+from r2bspec.plan.topic_plans import plan_inputs, plan_topics
+from r2bspec.wiring.build_wiring import build_wiring, harness_topic
+from r2bspec.wiring.companion_files import NOTHING, Beside
+from r2bspec.wiring.merge_bags import merge_indexes
+from r2bspec.wiring.node_interface import Table
+from r2bspec.wiring.wiring import Wiring
+
+if TYPE_CHECKING:
+    from r2bspec.bags.recording import BagIndex
+
+
+def compile_plan(
+    spec: Spec,
+    bag: BagIndex | Sequence[BagIndex | None] | None,
+    *,
+    table: Table | None = None,
+    beside: Beside = NOTHING,
+) -> Plan:
+    """Work out everything that a run of a spec will do.
+
+    A pure function: the same spec, bag metadata and version of r2bspec give the same plan on every
+    machine. It reads no clock, no environment and no path.
+
+    Args:
+        spec: a spec in which `r2bspec.check` finds no error; otherwise the plan is as good as it
+            can be, and running it makes no sense.
+        bag: what is known of the bag, or of each of several; None leaves types of bag topics
+            empty and counts zero.
+        table: interfaces of Python nodes; by default those of the reference nodes.
+        beside: what was read beside the spec, parameter files among it; by default nothing.
+    """
+    bags = list(bag) if isinstance(bag, Sequence) else [bag]
+    together = merge_indexes([each for each in bags if each is not None])
+    wiring = build_wiring(spec, bag_types=bag_types(spec, together), table=table, beside=beside)
+    datasets = tuple(_datasets(spec, bags, wiring))
+    play = tuple(_play(spec))
+    objectives = active_objectives(spec)
+    sustained_hz = _sustained_hz(objectives)
+    play_at_peak = _play_at_peak(spec, objectives)
+    return Plan(
+        generator=f"r2bspec {__version__}",
+        name=spec.name,
+        title=spec.title,
+        description=spec.description,
+        labels=spec.labels,
+        namespace=wiring.namespace,
+        environment=spec.environment,
+        transport=spec.transport,
+        largest_message_bytes=_largest_message_bytes(spec, together),
+        dataset=datasets[0],
+        processes=plan_processes(spec, wiring),
+        topics=plan_topics(spec, wiring),
+        playback_mode=spec.playback.mode,
+        buffer=spec.playback.buffer,
+        inputs=plan_inputs(spec, wiring),
+        monitors=plan_monitors(spec, wiring),
+        phases=tuple(_phases(spec, sustained_hz, plays=bool(play or play_at_peak))),
+        warm_up_ns=spec.benchmark.warm_up.ns,
+        start_timeout_ns=spec.benchmark.start_timeout.ns,
+        search=_search(spec),
+        sustained_hz=sustained_hz,
+        play=play,
+        objectives=objectives,
+        datasets=datasets if len(datasets) > 1 else (),
+        timeline=_timeline(spec),
+        harness=_harness(spec),
+        external=plan_external(wiring),
+        setup=plan_setup(spec),
+        ready=plan_ready(spec, wiring.namespace),
+        after_ready=plan_after_ready(spec, wiring.namespace),
+        gate=_gate(spec),
+        drain_timeout_ns=spec.benchmark.drain_timeout.ns,
+        segment_bytes=0 if spec.segment is None else spec.segment.bytes,
+        play_at_peak=play_at_peak,
+    )
+
+
+def active_objectives(spec: Spec) -> dict[str, Objective]:
+    """The objectives that count: not switched off, and their `when` is so."""
+    return {
+        name: each
+        for name, each in spec.slos.items()
+        if each.level != "off"
+        and all(str(spec.variables.get(key)) == str(value) for key, value in each.when.items())
+    }
+
+
+def bag_types(spec: Spec, bag: BagIndex | None) -> dict[str, str]:
+    """The types of the bag topics that a spec names, by the name that it uses."""
+    if bag is None:
+        return {}
+    found = {name: bag.find(name) for name in spec.data_loader.topics}
+    return {name: info.type for name, info in found.items() if info is not None}
+
+
+def _datasets(spec: Spec, bags: Sequence[BagIndex | None], wiring: Wiring) -> Iterator[DatasetPlan]:
+    """Each recording with the topics that it holds; one that nobody knows is taken to hold all."""
+    sources = spec.data_loader.sources or (BagSource(),)
+    for position, source in enumerate(sources):
+        bag = bags[position] if position < len(bags) else None
+        yield _dataset(spec, source, bag, wiring, only_held=len(sources) > 1 and bag is not None)
+
+
+def _dataset(
+    spec: Spec, source: BagSource, bag: BagIndex | None, wiring: Wiring, *, only_held: bool
+) -> DatasetPlan:
+    loader = spec.data_loader
+    topics = []
+    for name, target in loader.topics.items():
+        info = None if bag is None else bag.find(name)
+        if info is None and only_held:
+            continue
+        topics.append(
+            BagTopicPlan(
+                bag_topic=name if info is None else info.name,
+                topic=harness_topic(target, wiring.namespace),
+                type="" if info is None else info.type,
+                count=0 if info is None else info.count,
+                rate_hz=0.0 if info is None else info.rate_hz,
+            )
+        )
+    return DatasetPlan(
+        source=source.dataset or source.path,
+        kind="synthetic" if bag is not None and bag.synthetic else "recorded",
+        sha256=source.sha256,
+        start_ns=loader.window.start.ns,
+        end_ns=None if loader.window.end is None else loader.window.end.ns,
+        topics=tuple(topics),
+        publish_tf=loader.publish_tf,
+        publish_tf_static=loader.publish_tf_static,
+        real_time=loader.real_time,
+    )
+
+
+def _largest_message_bytes(spec: Spec, bag: BagIndex | None) -> int:
+    """The largest message among the bag topics that are used, or 0 if one is unknown."""
+    sizes = []
+    for name in spec.data_loader.topics:
+        info = None if bag is None else bag.find(name)
+        sizes.append(None if info is None else info.max_message_bytes)
+    known = [size for size in sizes if size is not None]
+    return max(known, default=0) if len(known) == len(sizes) else 0
+
+
+def _search(spec: Spec) -> SearchPlan | None:
+    search = spec.benchmark.search
+    if search is None:
+        return None
+    return SearchPlan(
+        min_hz=search.min.hz,
+        max_hz=search.max.hz,
+        precision=search.precision.fraction,
+        probe_ns=search.probe.ns,
+        holds=search.holds,
+        confidence=search.confidence.fraction,
+    )
+
+
+def _timeline(spec: Spec) -> TimelinePlan | None:
+    if spec.playback.mode != "timeline":
+        return None
+    return TimelinePlan(
+        speed=spec.playback.timeline.speed.fraction,
+        recorded=spec.playback.record_timeline,
+        shift_tf=spec.playback.tf == "shift",
+    )
+
+
+def _harness(spec: Spec) -> HarnessPlan:
+    parts = {
+        part: PluginPlan(package=each.package, plugin=each.plugin, parameters=each.parameters)
+        for part, each in harness_plugins(spec.harness).items()
+    }
+    return HarnessPlan(kind=spec.harness.kind, placement=spec.harness.placement, **parts)
+
+
+def _gate(spec: Spec) -> GatePlan:
+    gate = spec.benchmark.gate
+    return GatePlan(
+        confidence=gate.confidence.fraction,
+        inconclusive=gate.inconclusive,
+        confirm=gate.confirm,
+        time_budget_ns=0 if gate.time_budget is None else gate.time_budget.ns,
+    )
+
+
+def _sustained_hz(objectives: dict[str, Objective]) -> tuple[float, ...]:
+    rates = {
+        objective.at.hz
+        for objective in objectives.values()
+        if objective.at is not None
+        and any(each.metric == "sustained" for each in objective.require)
+    }
+    return tuple(sorted(rates))
+
+
+def _play(spec: Spec) -> Iterator[PlayPlan]:
+    rates = [rate.hz for rate in dict.fromkeys(spec.benchmark.rates)]
+    if has_own_rate(spec):
+        rates = [0.0]
+    for rate_hz in rates:
+        yield _play_at(spec, rate_hz)
+
+
+def _play_at(spec: Spec, rate_hz: float) -> PlayPlan:
+    return PlayPlan(
+        rate_hz=rate_hz,
+        duration_ns=spec.benchmark.duration.ns,
+        iterations=spec.benchmark.iterations,
+        max_iterations=spec.benchmark.max_iterations,
+    )
+
+
+def _play_at_peak(spec: Spec, objectives: dict[str, Objective]) -> PlayPlan | None:
+    asked = any(each.at_peak for each in objectives.values())
+    return _play_at(spec, 0.0) if asked and spec.benchmark.search is not None else None
+
+
+def has_own_rate(spec: Spec) -> bool:
+    """Whether the recording, or the graph's own source, decides how fast messages come."""
+    return spec.playback.mode in {"timeline", "live"}
+
+
+def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iterator[str]:
+    if spec.setup:
+        yield "setup"
+    if not spec.live:
+        yield "load"
+    if spec.preprocessors:
+        yield "preprocess"
+    yield "start"
+    if not spec.live:
+        yield "floor"
+    yield "graph"
+    if spec.ready:
+        yield "ready"
+    if spec.after_ready:
+        yield "after_ready"
+    if spec.benchmark.warm_up.ns:
+        yield "warm_up"
+    if spec.benchmark.search is not None:
+        yield "search"
+    if sustained_hz:
+        yield "sustained"
+    if plays:
+        yield "play"
+    yield "collect"

@@ -1,0 +1,151 @@
+"""What a drawing of a plan shows, whatever it is drawn with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from r2bspec.plan.plan import Plan
+
+BoxKind = Literal["node", "opaque", "harness", "bag", "topic"]
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A thing in the drawing.
+
+    Attributes:
+        id: unique in the figure; letters, digits and ``_``.
+        kind: a node of which no topic is known is ``opaque``.
+        lines: its label, the name first.
+    """
+
+    id: str
+    kind: BoxKind
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Arrow:
+    """From one box to another; `stored` if messages are kept in between."""
+
+    tail: str
+    head: str
+    stored: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """The boxes of one phase."""
+
+    id: str
+    title: str
+    boxes: tuple[Box, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A drawing: groups of boxes, boxes outside of any, and arrows."""
+
+    title: str
+    boxes: tuple[Box, ...]
+    groups: tuple[Group, ...]
+    arrows: tuple[Arrow, ...]
+
+
+_TITLES = {"preprocess": "preprocess", "measure": "measure"}
+
+
+@dataclass
+class _Sketch:
+    """A figure in the making: ids are given in the order of drawing."""
+
+    plan: Plan
+    ids: dict[tuple[str, str, str], str] = field(default_factory=dict)
+    arrows: list[Arrow] = field(default_factory=list)
+
+    def id_of(self, phase: str, kind: str, name: str) -> str:
+        return self.ids.setdefault((phase, kind, name), f"b{len(self.ids)}")
+
+
+def figure(plan: Plan) -> Figure:
+    """The figure of a plan: both phases, and how the messages get from one to the other."""
+    sketch = _Sketch(plan)
+    sources = tuple(each.source for each in plan.datasets) or (plan.dataset.source,)
+    played = any(sources)
+    bag = Box(sketch.id_of("", "bag", ""), "bag", sources)
+    phases = [
+        phase
+        for phase in ("preprocess", "measure")
+        if any(each.phase == phase for each in plan.processes)
+    ]
+    groups = tuple(_group(sketch, phase) for phase in phases)
+    if played:
+        _join_phases(sketch, bag.id)
+    boxes = (bag,) if played else ()
+    return Figure(plan.title or plan.name, boxes, groups, tuple(sketch.arrows))
+
+
+def _group(sketch: _Sketch, phase: str) -> Group:
+    plan = sketch.plan
+    topics = [each for each in plan.topics if each.phase == phase]
+    seen = {owner for each in topics for owner in (*each.writers, *each.readers)}
+    boxes = [*_harness_boxes(sketch, phase, seen)]
+    for process in plan.processes:
+        for node in process.nodes if process.phase == phase else ():
+            kind: BoxKind = "node" if node.name in seen else "opaque"
+            what = node.target or node.plugin or _program(process.argv[0])
+            boxes.append(Box(sketch.id_of(phase, "owner", node.name), kind, (node.name, what)))
+    for external in plan.external:
+        if external.phase == phase:
+            kind = "node" if external.name in seen else "opaque"
+            place = sketch.id_of(phase, "owner", external.name)
+            boxes.append(Box(place, kind, (external.name, "already runs")))
+    for topic in topics:
+        box = Box(sketch.id_of(phase, "topic", topic.name), "topic", (topic.name, topic.type))
+        boxes.append(box)
+        for writer in topic.writers:
+            sketch.arrows.append(Arrow(sketch.id_of(phase, "owner", writer), box.id))
+        for reader in topic.readers:
+            for owner in _reading_boxes(plan, reader, topic.name):
+                sketch.arrows.append(Arrow(box.id, sketch.id_of(phase, "owner", owner)))
+    return Group(phase, _TITLES[phase], tuple(boxes))
+
+
+def _harness_boxes(sketch: _Sketch, phase: str, seen: set[str]) -> list[Box]:
+    """Loader and recorder are one process, and monitors another; each end gets its own box."""
+    plan = sketch.plan
+    if phase == "preprocess":
+        names = ["loader"] if "loader" in seen else []
+        if any(not each.bag_topic for each in plan.inputs):
+            names.append("recorder")
+    else:
+        player = ["player"] if plan.inputs or "player" in seen else []
+        names = [*player, *(f"monitor {each.name}" for each in plan.monitors)]
+    return [Box(sketch.id_of(phase, "owner", name), "harness", (name,)) for name in names]
+
+
+def _program(called: str) -> str:
+    """What a process runs, in short: package and executable, or the file's name."""
+    if called.startswith("$(executable "):
+        return called.removeprefix("$(executable ").removesuffix(")")
+    return called.rpartition("/")[2]
+
+
+def _reading_boxes(plan: Plan, reader: str, topic: str) -> list[str]:
+    if reader == "loader":
+        return ["recorder"]
+    if reader == "monitor":
+        return [f"monitor {each.name}" for each in plan.monitors if each.topic == topic]
+    return [reader]
+
+
+def _join_phases(sketch: _Sketch, bag: str) -> None:
+    player = sketch.id_of("measure", "owner", "player")
+    if any(each.bag_topic for each in sketch.plan.inputs):
+        sketch.arrows.append(Arrow(bag, player, stored=True))
+    if ("preprocess", "owner", "loader") in sketch.ids:
+        sketch.arrows.append(Arrow(bag, sketch.id_of("preprocess", "owner", "loader")))
+    if ("preprocess", "owner", "recorder") in sketch.ids:
+        recorder = sketch.id_of("preprocess", "owner", "recorder")
+        sketch.arrows.append(Arrow(recorder, player, stored=True))

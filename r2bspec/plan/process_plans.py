@@ -1,0 +1,293 @@
+"""Which processes a plan has, and which nodes run in each.
+
+A node runs in the container that it names. What names none goes where ``graph.placement`` says:
+into a process of its own (`separate`), together with all others (`shared`), or, if it is a Python
+node, into the process of the harness (`harness`). C++ components need a component container in any
+case; preprocessors that name no container always have a process of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Literal
+
+from r2bspec.language.spec import Container, Harness, Node, Plugin, Spec
+from r2bspec.plan.command_lines import HARNESS_ARGV, container_argv, host_argv, node_argv
+from r2bspec.plan.plan import ExternalPlan, NodePlan, ProcessPlan
+from r2bspec.wiring.wiring import NodeWiring, Phase, Wiring
+
+HARNESS_NAMES = ("loader", "player", "monitor")
+"""Names of the harness's own processes."""
+
+HARNESS_NAME = "harness"
+"""Name of the process of a harness that is not spread over several."""
+
+SHARED_NAME = "graph"
+"""Name of the process that all Python nodes share under ``placement: shared``."""
+
+COMPONENTS_NAME = "components"
+"""Name of the container that all C++ components share under ``placement: shared``."""
+
+_PLACED = ("python", "plugin")
+"""The kinds of node that can share a process."""
+
+_ROS2_BENCHMARK = {
+    "data_loader": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::DataLoaderNode"),
+    "playback": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::PlaybackNode"),
+    "monitor": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::MonitorNode"),
+}
+
+
+def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
+    """All processes, each phase in the order writers, nodes, readers.
+
+    A preprocessor's process is called ``preprocess.KEY``, which no node of the graph can be.
+    """
+    nodes = tuple(_under_test(spec, wiring))
+    if one_harness(spec):
+        return (*_preprocess(spec, wiring), _whole_harness(spec, wiring), *nodes)
+    before = () if spec.live else (_harness("player", "measure"),)
+    return (*_preprocess(spec, wiring), *before, *nodes, _harness("monitor", "measure"))
+
+
+def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
+    """The nodes that must already run."""
+    return tuple(
+        ExternalPlan(name=node.name, phase=phase.phase)
+        for phase in wiring.phases
+        for node in phase.nodes
+        if node.node.kind == "external"
+    )
+
+
+def one_harness(spec: Spec) -> bool:
+    """Whether all of the harness that runs while measuring is one process."""
+    return (
+        spec.harness.placement == "shared"
+        or spec.harness.kind == "ros2_benchmark"
+        or spec.graph.placement == "harness"
+    )
+
+
+def reserved_names(spec: Spec) -> tuple[str, ...]:
+    """The names among processes that no node of the graph, and no container, can have.
+
+    ``system`` is none, but stands for the whole machine in the names of metrics.
+    """
+    harness = (HARNESS_NAME,) if one_harness(spec) else ()
+    shared = (SHARED_NAME, COMPONENTS_NAME) if spec.graph.placement == "shared" else ()
+    return (*HARNESS_NAMES, *harness, *shared, "system")
+
+
+def process_names(spec: Spec, wiring: Wiring) -> tuple[str, ...]:
+    """The names of the processes that run while measuring."""
+    return tuple(each.name for each in plan_processes(spec, wiring) if each.phase == "measure")
+
+
+def _preprocess(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
+    phase = wiring.preprocess
+    if phase.nodes:
+        yield _harness("loader", "preprocess")
+    placed, alone = _split(phase.nodes, spec)
+    yield from _containers(spec, wiring, placed, phase.phase)
+    for node in alone:
+        yield from _process(node, f"preprocess.{node.key}", phase.phase)
+
+
+def _under_test(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
+    phase = wiring.measure
+    placed, alone = _split(phase.nodes, spec)
+    yield from _containers(spec, wiring, placed, phase.phase)
+    together: list[NodeWiring] = []
+    for node in alone:
+        if spec.graph.placement == "separate" or node.node.kind not in _PLACED:
+            yield from _process(node, node.key, phase.phase)
+        else:
+            together.append(node)
+    if spec.graph.placement == "shared":
+        yield from _shared(wiring, together)
+    elif spec.harness.kind != "ros2_benchmark":
+        # The harness holds Python nodes only.
+        for node in together:
+            if node.node.kind == "plugin":
+                yield from _process(node, node.key, phase.phase)
+
+
+def _split(
+    nodes: Iterable[NodeWiring], spec: Spec
+) -> tuple[dict[str, list[NodeWiring]], list[NodeWiring]]:
+    """The nodes by the container that they name, and those that name none."""
+    placed: dict[str, list[NodeWiring]] = {}
+    alone = []
+    for node in nodes:
+        if node.node.container in spec.containers:
+            placed.setdefault(node.node.container, []).append(node)
+        else:
+            alone.append(node)
+    return placed, alone
+
+
+def _containers(
+    spec: Spec, wiring: Wiring, placed: dict[str, list[NodeWiring]], phase: Phase
+) -> Iterator[ProcessPlan]:
+    """The containers that are used, in the order of the spec."""
+    for name, container in spec.containers.items():
+        nodes = placed.get(name)
+        if nodes:
+            yield _container(name, container, nodes, wiring.namespace, phase)
+
+
+def _container(
+    name: str, container: Container, nodes: list[NodeWiring], namespace: str, phase: Phase
+) -> ProcessPlan:
+    python = container.executable == "python"
+    argv = host_argv() if python else container_argv(name, container, namespace)
+    limit = container.memory_limit
+    return ProcessPlan(
+        name=name if phase == "measure" else f"preprocess.{name}",
+        role="host" if python else "container",
+        phase=phase,
+        argv=(*container.prefix, *argv),
+        env=_env(container.env, nodes),
+        nodes=tuple(_node(each) for each in nodes),
+        container=name,
+        executor=container.executor,
+        threads=container.threads,
+        nice=container.nice,
+        cpus=container.cpus,
+        memory_limit_bytes=0 if limit is None else limit.bytes,
+    )
+
+
+def _shared(wiring: Wiring, nodes: list[NodeWiring]) -> Iterator[ProcessPlan]:
+    """One process of all Python nodes, and one of all C++ components."""
+    python = [each for each in nodes if each.node.kind == "python"]
+    components = [each for each in nodes if each.node.kind == "plugin"]
+    if components:
+        argv = container_argv(COMPONENTS_NAME, Container(), wiring.namespace)
+        yield ProcessPlan(
+            name=COMPONENTS_NAME,
+            role="container",
+            phase="measure",
+            argv=argv,
+            env=_env({}, components),
+            nodes=tuple(_node(each) for each in components),
+        )
+    if python:
+        yield ProcessPlan(
+            name=SHARED_NAME,
+            role="host",
+            phase="measure",
+            argv=HARNESS_ARGV,
+            env=_env({}, python),
+            nodes=tuple(_node(each) for each in python),
+        )
+
+
+def _env(env: dict[str, str], nodes: Iterable[NodeWiring]) -> dict[str, str]:
+    found = dict(env)
+    for node in nodes:
+        found |= node.node.env
+    return found
+
+
+def _harness(role: Literal["loader", "player", "monitor"], phase: Phase) -> ProcessPlan:
+    return ProcessPlan(name=role, role=role, phase=phase, argv=HARNESS_ARGV, env={})
+
+
+def _whole_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
+    """The harness in one process, with the nodes of the graph that are placed beside it."""
+    beside = [
+        node
+        for node in wiring.measure.nodes
+        if spec.graph.placement == "harness"
+        and node.node.container not in spec.containers
+        and node.node.kind in _PLACED
+    ]
+    if spec.harness.kind == "ros2_benchmark":
+        components = [each for each in beside if each.node.kind == "plugin"]
+        container = Container(executable="component_container_mt")
+        return ProcessPlan(
+            name=HARNESS_NAME,
+            role="container",
+            phase="measure",
+            argv=container_argv(HARNESS_NAME, container, wiring.namespace),
+            env=_env({}, components),
+            nodes=(
+                *_harness_nodes(spec, wiring.namespace),
+                *(_node(each) for each in components),
+            ),
+        )
+    python = [each for each in beside if each.node.kind == "python"]
+    return ProcessPlan(
+        name=HARNESS_NAME,
+        role="harness",
+        phase="measure",
+        argv=HARNESS_ARGV,
+        env=_env({}, python),
+        nodes=tuple(_node(each) for each in python),
+    )
+
+
+def harness_plugins(harness: Harness) -> dict[str, Plugin]:
+    """The components of the harness by their part; none where r2bspec itself plays and watches."""
+    if harness.kind != "ros2_benchmark":
+        return {}
+    return {part: getattr(harness, part) or own for part, own in _ROS2_BENCHMARK.items()}
+
+
+def _harness_nodes(spec: Spec, namespace: str) -> Iterator[NodePlan]:
+    """The components of the harness: loader, player, and one for each monitor."""
+    plugins = harness_plugins(spec.harness)
+    parts = [("data_loader", "data_loader", plugins["data_loader"].parameters)]
+    parts.append(("playback", "playback", plugins["playback"].parameters))
+    parts += [
+        ("monitor", f"monitor_{name}", plugins["monitor"].parameters | monitor.parameters)
+        for name, monitor in spec.monitors.items()
+    ]
+    for part, name, parameters in parts[2 if spec.live else 0 :]:
+        yield NodePlan(
+            name=f"{namespace.rstrip('/')}/{name}",
+            node=name,
+            namespace=namespace,
+            target="",
+            parameters=dict(parameters),
+            remappings={},
+            package=plugins[part].package,
+            plugin=plugins[part].plugin,
+        )
+
+
+def _process(node: NodeWiring, name: str, phase: Phase) -> Iterator[ProcessPlan]:
+    """The process of a node that has one of its own; none for one that already runs."""
+    spec: Node = node.node
+    if spec.kind == "external":
+        return
+    role: Literal["host", "container", "command"] = (
+        "host" if spec.kind == "python" else "container" if spec.kind == "plugin" else "command"
+    )
+    yield ProcessPlan(
+        name=name,
+        role=role,
+        phase=phase,
+        argv=(*spec.prefix, *node_argv(node)),
+        env=dict(spec.env),
+        nodes=(_node(node),),
+        nice=spec.nice,
+        cpus=spec.cpus,
+        memory_limit_bytes=0 if spec.memory_limit is None else spec.memory_limit.bytes,
+    )
+
+
+def _node(node: NodeWiring) -> NodePlan:
+    command = node.node.kind == "command"
+    return NodePlan(
+        name=node.name,
+        node=node.key,
+        namespace=node.namespace,
+        target=node.node.python,
+        parameters=dict(node.node.parameters if command else node.parameters),
+        remappings=dict(node.node.remappings),
+        package=node.node.package if node.node.kind == "plugin" else "",
+        plugin=node.node.plugin,
+    )

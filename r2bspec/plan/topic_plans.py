@@ -1,0 +1,83 @@
+"""The topics of a plan, and where the messages of each playback input come from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.language.spec import QoS, Spec
+from r2bspec.plan.plan import InputPlan, TopicPlan
+from r2bspec.wiring.build_wiring import harness_topic
+from r2bspec.wiring.wiring import Endpoint, PhaseWiring, Wiring
+
+
+def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
+    """The playback inputs, in the order of the spec."""
+    translations = spec.playback.timeline.translations
+    return tuple(
+        InputPlan(
+            topic=harness_topic(name, wiring.namespace),
+            type=each.format,
+            source=(source := harness_topic(each.source, wiring.namespace)),
+            bag_topic=straight_from(source, spec, wiring),
+            qos=each.qos,
+            timestamp=each.timestamp,
+            later_ns=later.ns if (later := translations.get(name)) is not None else 0,
+        )
+        for name, each in spec.playback.inputs.items()
+    )
+
+
+def straight_from(source: str, spec: Spec, wiring: Wiring) -> str:
+    """The bag topic whose messages need no preprocessing to become `source`; else empty."""
+    if any(each.is_node for each in wiring.preprocess.writers(source)):
+        return ""
+    for bag_topic, target in spec.data_loader.topics.items():
+        if harness_topic(target, wiring.namespace) == source:
+            return bag_topic
+    return ""
+
+
+def plan_topics(spec: Spec, wiring: Wiring) -> tuple[TopicPlan, ...]:
+    """Every topic that will exist, by phase and name.
+
+    In the preprocess phase the loader writes only what a preprocessor reads or, where nothing is
+    known of one, may read; and only what preprocessors make is recorded, by the loader's process.
+    """
+    before = _preprocess_topics(spec, wiring) if wiring.preprocess.nodes else ()
+    return (*before, *(_topic(wiring.measure, name) for name in wiring.measure.topics))
+
+
+def _preprocess_topics(spec: Spec, wiring: Wiring) -> Iterator[TopicPlan]:
+    phase = wiring.preprocess
+    for name in phase.topics:
+        straight = bool(straight_from(name, spec, wiring))
+        readers = tuple(
+            each for each in phase.readers(name) if not (straight and each.owner == "recorder")
+        )
+        if readers or phase.may_read or any(each.is_node for each in phase.writers(name)):
+            yield _topic(phase, name, readers)
+
+
+def _topic(phase: PhaseWiring, name: str, readers: tuple[Endpoint, ...] | None = None) -> TopicPlan:
+    writers = phase.writers(name)
+    readers = phase.readers(name) if readers is None else readers
+    types = (each.type for each in (*writers, *readers) if each.type)
+    return TopicPlan(
+        name=name,
+        type=next(types, ""),
+        phase=phase.phase,
+        writers=_owners(writers),
+        readers=_owners(readers),
+        qos=_profiles((*writers, *readers)),
+    )
+
+
+def _profiles(endpoints: tuple[Endpoint, ...]) -> dict[str, QoS]:
+    """The profiles of nodes that are known; those of the harness stand at inputs and monitors."""
+    return {each.owner: each.qos for each in endpoints if each.is_node and each.qos is not None}
+
+
+def _owners(endpoints: tuple[Endpoint, ...]) -> tuple[str, ...]:
+    # The loader's process records, too: it is one process with both ends.
+    names = ("loader" if each.owner == "recorder" else each.owner for each in endpoints)
+    return tuple(dict.fromkeys(names))

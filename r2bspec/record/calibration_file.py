@@ -1,0 +1,120 @@
+"""What a machine can tell at all: the noise that `r2bspec calibrate` found, in a file by the spec.
+
+``NAME.noise.json`` lies beside ``NAME.r2b.yaml``, may be committed with it, and holds one
+calibration for each benchmark (cases of a matrix have names of their own) on each kind of machine.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Final, Literal
+
+import msgspec
+
+from r2bspec.record.atomic_files import write_whole
+from r2bspec.record.errors import RecordError
+
+SUFFIX: Final = ".noise.json"
+FORMAT_VERSION: Final = 1
+
+_SPEC_SUFFIXES = (".r2b.yaml", ".yaml", ".yml")
+
+
+class MetricNoise(msgspec.Struct, frozen=True, kw_only=True):
+    """By how much a metric of an unchanged graph differs within a pair.
+
+    Attributes:
+        at_hz: the offered rate; None for the run as a whole.
+        monitor: None for a metric that belongs to none.
+        deviation: the standard deviation of the logarithm of second over first; 0.02 is 2 %.
+        upper: its upper bound at the confidence of the calibration.
+        bias: the mean of the logarithms, which should be 0 within its error.
+        biased: whether it is not.
+        n: pairs that it rests on.
+        margins: by the number of pairs of a comparison, the smallest regression that is found, and
+            the smallest margin with which an unchanged graph passes, nine times in ten: a
+            logarithm, worked out from `upper`.
+    """
+
+    at_hz: float | None
+    monitor: str | None
+    metric: str
+    deviation: float
+    upper: float
+    bias: float
+    biased: bool
+    n: int
+    margins: dict[str, float]
+
+    def margin(self, pairs: int) -> float | None:
+        """The smallest margin for so many pairs, or for the next smaller number that is known."""
+        known = [int(number) for number in self.margins if int(number) <= pairs]
+        return self.margins[str(max(known))] if known else None
+
+
+class Calibration(msgspec.Struct, frozen=True, kw_only=True):
+    """A benchmark on one kind of machine.
+
+    Attributes:
+        machine: in words.
+        run_id: of the comparison that it was made from.
+        plan: names what was measured.
+    """
+
+    machine: str
+    run_id: str
+    started_at: str
+    plan: str
+    confidence: float
+    metrics: tuple[MetricNoise, ...]
+
+
+class NoiseFile(msgspec.Struct, frozen=True, kw_only=True):
+    """Calibrations by the name of the benchmark, then by the fingerprint of the machine."""
+
+    r2bspec_noise: Literal[1] = 1
+    benchmarks: dict[str, dict[str, Calibration]] = {}
+
+
+def noise_path(spec_file: Path) -> Path:
+    """Where the noise of a spec is kept."""
+    name = spec_file.name
+    for suffix in _SPEC_SUFFIXES:
+        if name.endswith(suffix):
+            name = name.removesuffix(suffix)
+            break
+    return spec_file.with_name(f"{name}{SUFFIX}")
+
+
+def read_noise(path: Path) -> NoiseFile | None:
+    """Read a noise file; None if there is none.
+
+    Raises:
+        RecordError: it is damaged, or of a version that this one does not know.
+    """
+    try:
+        content = path.read_bytes()
+        return msgspec.json.decode(content, type=NoiseFile)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise RecordError(
+            f"{path} cannot be used: {error}",
+            hint="Put it aside; 'r2bspec calibrate SPEC' writes it anew.",
+        ) from error
+
+
+def add_noise(path: Path, benchmark: str, host: str, found: Calibration) -> None:
+    """Write a calibration into a noise file; others in it stay.
+
+    Raises:
+        RecordError: the file is damaged, or cannot be written.
+    """
+    before = read_noise(path) or NoiseFile()
+    hosts = {**before.benchmarks.get(benchmark, {}), host: found}
+    after = NoiseFile(benchmarks={**before.benchmarks, benchmark: hosts})
+    text = json.dumps(msgspec.to_builtins(after), indent=1, sort_keys=True, ensure_ascii=False)
+    write_whole(path, text.encode() + b"\n")

@@ -1,0 +1,258 @@
+"""The folder of a comparison: runs of a base and of a head, interleaved, and what they are.
+
+    spec.yaml          the head's spec with every substitution done
+    plan.json          the head's plan, with its objectives: what is judged
+    base.plan.json     the base's plan
+    pairs.json         a `PairsRecord`: which runs make which pair; written after each of them
+    base/NNN/          a run folder (`r2bspec.record.run_record`) of the base for pair NNN
+    head/NNN/          the same of the head
+    result.json        metrics of the head and verdicts, computed from all of the above
+
+A pair that is played again has folders ``NNN-again``; those of the pairs that confirm a failure
+begin with ``confirm-``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from r2bspec.plan.canonical_json import canonical_json, parse_plan, plan_hash
+from r2bspec.plan.errors import PlanError
+from r2bspec.plan.plan import Plan
+from r2bspec.record.atomic_files import write_whole
+from r2bspec.record.errors import RecordError
+from r2bspec.record.merged_run import MergedRun, merge
+from r2bspec.record.run_folder import Run, RunFolder, open_run
+from r2bspec.record.run_record import RunRecord
+
+PAIRS = "pairs.json"
+BASE_PLAN = "base.plan.json"
+
+FORMAT_VERSION = 1
+
+Side = Literal["base", "head"]
+
+
+class PairRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """A run of the base and a run of the head, next to each other.
+
+    Attributes:
+        number: counted from 1; a pair that was played again has a record of the same number.
+        order: which was played first: ``AB`` is the base.
+        base: the folder of its run, below the folder of the comparison.
+        head: likewise.
+        again: whether it was played in the place of another one.
+        confirms: whether it is one of the fresh pairs that were played after a failure.
+        unusable: why nothing can be judged by it, or empty.
+        disturbed: what the machine did meanwhile, or empty.
+    """
+
+    number: int
+    order: Literal["AB", "BA"]
+    base: str
+    head: str
+    again: bool = False
+    confirms: bool = False
+    unusable: str = ""
+    disturbed: str = ""
+
+
+class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """A comparison, complete or not.
+
+    Attributes:
+        against: what the base is, as the user named it; empty where head runs against itself.
+        control: whether base and head are the same, so that every difference is noise.
+        planned: how many pairs were asked for.
+        differences: in what the plan of the base differs from that of the head, a line each.
+        environment: the variables that the base had otherwise, by name; empty for one it lacked.
+        notes: what was decided on the way, a sentence each.
+    """
+
+    r2bspec_pairs: Literal[1] = 1
+    run_id: str
+    head_plan: str
+    base_plan: str
+    against: str
+    control: bool
+    planned: int
+    started_at: str
+    ended_at: str
+    status: Literal["complete", "incomplete"]
+    reason: str
+    pairs: tuple[PairRecord, ...]
+    differences: tuple[str, ...] = ()
+    environment: dict[str, str] = {}
+    notes: tuple[str, ...] = ()
+
+
+class PairsFolder(RunFolder):
+    """The folder of a comparison that is being made."""
+
+    def write_base_plan(self, plan: Plan) -> None:
+        """Write the plan of the base."""
+        write_whole(self.path / BASE_PLAN, canonical_json(plan))
+
+    def write_pairs(self, record: PairsRecord) -> None:
+        """Write ``pairs.json``; it is written again after each run."""
+        text = msgspec.json.format(msgspec.json.encode(record), indent=1)
+        write_whole(self.path / PAIRS, text + b"\n")
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """A comparison that has been opened."""
+
+    folder: Path
+    record: PairsRecord
+    plan: Plan
+    base_plan: Plan
+
+    def played(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
+        """The pairs that count: each as it was first played in a way that can be judged."""
+        return self._first(lambda each: not each.unusable, confirms=confirms)
+
+    def calm(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
+        """The pairs that nothing disturbed, those that were played again in their places."""
+        return self._first(lambda each: not (each.unusable or each.disturbed), confirms=confirms)
+
+    def dropped(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
+        """The pairs that were played again and could not be judged either."""
+        kept = {each.number for each in self.played(confirms=confirms)}
+        found = {
+            each.number: each
+            for each in self.record.pairs
+            if each.confirms == confirms and each.number not in kept
+        }
+        return tuple(found.values())
+
+    def _first(
+        self, fits: Callable[[PairRecord], bool], *, confirms: bool
+    ) -> tuple[PairRecord, ...]:
+        found: dict[int, PairRecord] = {}
+        for each in self.record.pairs:
+            if each.confirms == confirms and fits(each):
+                found.setdefault(each.number, each)
+        return tuple(found[number] for number in sorted(found))
+
+    def run(self, pair: PairRecord, side: Side) -> Run:
+        """One run of a pair.
+
+        Raises:
+            RecordError: its folder is missing or damaged.
+        """
+        return open_run(self.folder / (pair.base if side == "base" else pair.head))
+
+    def merged(self, pairs: Sequence[PairRecord], side: Side) -> MergedRun:
+        """All runs of one side of some pairs as one.
+
+        Raises:
+            RecordError: a folder is missing or damaged.
+        """
+        runs = [self.run(pair, side) for pair in pairs]
+        plan = self.base_plan if side == "base" else self.plan
+        return merge(
+            runs,
+            folder=self.folder,
+            plan=plan,
+            whole=self._whole(plan, runs or self._any_runs(side)),
+            spec=self.spec_text() if side == "head" else "",
+        )
+
+    def spec_text(self) -> str:
+        """The resolved spec of the head; empty if the folder has none."""
+        path = self.folder / "spec.yaml"
+        return path.read_text(encoding="utf-8") if path.exists() else ""
+
+    def _any_runs(self, side: Side) -> list[Run]:
+        """A run that tells machine and versions where no pair can be judged."""
+        for pair in self.record.pairs:
+            folder = self.folder / (pair.base if side == "base" else pair.head)
+            if (folder / "record.json").exists():
+                return [open_run(folder)]
+        return []
+
+    def _whole(self, plan: Plan, runs: Sequence[Run]) -> RunRecord:
+        record = self.record
+        one = runs[0].record if runs else None
+        return RunRecord(
+            run_id=record.run_id,
+            plan_hash=plan_hash(plan),
+            started_at=record.started_at,
+            ended_at=record.ended_at,
+            status=record.status,
+            reason=record.reason,
+            dataset=one.dataset if one else {},
+            machine=one.machine if one else {},
+            versions=one.versions if one else {},
+            processes=(),
+            segments=(),
+            search=None,
+            sustained=(),
+            events=(),
+        )
+
+
+def is_pairs(path: Path) -> bool:
+    """Whether a folder is that of a comparison."""
+    return (path / PAIRS).is_file()
+
+
+def open_pairs(path: Path) -> Pairs:
+    """Open a comparison.
+
+    Raises:
+        RecordError: a file is missing or damaged, or was written in a format that this version
+            does not know.
+    """
+    folder = path.absolute()
+    try:
+        content = (folder / PAIRS).read_bytes()
+        version = msgspec.json.decode(content, type=_Version).r2bspec_pairs
+        if version != FORMAT_VERSION:
+            raise RecordError(
+                f"{folder / PAIRS} has format version {version}; this r2bspec reads version "
+                f"{FORMAT_VERSION}",
+                hint="Use the r2bspec that made the comparison, or a newer one.",
+            )
+        record = msgspec.json.decode(content, type=PairsRecord)
+    except OSError as error:
+        raise RecordError(
+            f"{folder / PAIRS} cannot be read: {error.strerror or error}",
+            hint="Name the folder of a comparison, the one that holds pairs.json.",
+        ) from error
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise RecordError(f"{folder / PAIRS} is damaged: {error}", hint=_CHANGED) from error
+    return Pairs(
+        folder=folder,
+        record=record,
+        plan=_open_plan(folder / "plan.json", record.head_plan),
+        base_plan=_open_plan(folder / BASE_PLAN, record.base_plan),
+    )
+
+
+_CHANGED = "The folder was changed afterwards, or is not one that r2bspec wrote."
+
+
+class _Version(msgspec.Struct):
+    r2bspec_pairs: int
+
+
+def _open_plan(path: Path, expected: str) -> Plan:
+    try:
+        plan = parse_plan(path.read_bytes(), str(path))
+    except OSError as error:
+        raise RecordError(
+            f"{path} cannot be read: {error.strerror or error}",
+            hint="The folder is not complete; compare again.",
+        ) from error
+    except PlanError as error:
+        raise RecordError(str(error), hint=_CHANGED) from error
+    if plan_hash(plan) != expected:
+        raise RecordError(f"{path} is not the plan that was carried out", hint=_CHANGED)
+    return plan

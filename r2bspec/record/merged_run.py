@@ -1,0 +1,152 @@
+"""Several runs read as one: their segments one after the other, under names of their own.
+
+Runs of one machine share a clock (CLOCK_MONOTONIC since boot), so that the merged run is as good as
+one that was played with pauses. Each iteration keeps its samples; indices are counted anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from r2bspec.plan.plan import Plan
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import RunRecord, SearchRecord, Segment
+from r2bspec.record.sample_arrays import RESOURCES, SURROUNDINGS, Rows
+
+Limit = Literal["graph", "player", "range", "interrupted"]
+
+_SEPARATOR = "."
+
+
+@dataclass(frozen=True)
+class MergedRun(Run):
+    """Runs of one plan as a single one.
+
+    Attributes:
+        parts: the runs, in the order of their pairs.
+        spec: the resolved spec of all of them.
+    """
+
+    parts: tuple[Run, ...] = ()
+    spec: str = ""
+
+    def playback(self, segment: Segment) -> Rows:
+        """See `Run.playback`."""
+        run, own = self._part(segment)
+        return run.playback(own)
+
+    def monitor(self, segment: Segment, name: str) -> Rows:
+        """See `Run.monitor`."""
+        run, own = self._part(segment)
+        return run.monitor(own, name)
+
+    def tap(self, segment: Segment, topic: str) -> Rows:
+        """See `Run.tap`."""
+        run, own = self._part(segment)
+        return run.tap(own, topic)
+
+    def resources(self) -> Rows:
+        """See `Run.resources`; each run's processes follow those of the one before it."""
+        found: list[Rows] = []
+        before = 0
+        for run in self.parts:
+            rows = run.resources().copy()
+            rows["process"][rows["process"] >= 0] += before
+            found.append(rows)
+            before += len(run.record.processes)
+        return np.concatenate(found) if found else np.empty(0, RESOURCES)
+
+    def surroundings(self) -> Rows:
+        """See `Run.surroundings`; of runs that have none there are none."""
+        return np.concatenate(
+            [np.empty(0, SURROUNDINGS), *(run.surroundings() for run in self.parts)]
+        )
+
+    def spec_text(self) -> str:
+        """See `Run.spec_text`."""
+        return self.spec
+
+    def _part(self, segment: Segment) -> tuple[Run, Segment]:
+        number, _, own = segment.id.partition(_SEPARATOR)
+        return self.parts[int(number) - 1], msgspec.structs.replace(segment, id=own)
+
+
+def merge(
+    runs: Sequence[Run], *, folder: Path, plan: Plan, whole: RunRecord, spec: str = ""
+) -> MergedRun:
+    """Runs as one.
+
+    Args:
+        runs: what is merged; it may be none.
+        folder: that all of them lie in.
+        plan: that they were made for.
+        whole: what the record says that is not the sum of the parts.
+        spec: the resolved spec.
+    """
+    records = [run.record for run in runs]
+    counts: dict[tuple[str, float], int] = {}
+    segments: list[Segment] = []
+    for number, record in enumerate(records, start=1):
+        for one in record.segments:
+            key = (one.kind, one.rate_hz)
+            # What was played again keeps the place of what it stands for.
+            counts[key] = counts.get(key, 0) + (not one.rerun_of)
+            segments.append(
+                msgspec.structs.replace(
+                    one,
+                    id=_named(number, one.id),
+                    index=counts[key],
+                    rerun_of=_named(number, one.rerun_of) if one.rerun_of else "",
+                )
+            )
+    merged = msgspec.structs.replace(
+        whole,
+        processes=tuple(each for record in records for each in record.processes),
+        segments=tuple(segments),
+        search=_search(records),
+        sustained=tuple(
+            msgspec.structs.replace(each, segment=_named(number, each.segment))
+            for number, record in enumerate(records, start=1)
+            for each in record.sustained
+        ),
+        events=tuple(each for record in records for each in record.events),
+        floor=records[0].floor if records else (),
+        confirmation=None,
+        silences=tuple(each for record in records for each in record.silences),
+        differences=records[0].differences if records else (),
+        left_out=tuple(dict.fromkeys(each for record in records for each in record.left_out)),
+    )
+    return MergedRun(folder=folder, record=merged, plan=plan, parts=tuple(runs), spec=spec)
+
+
+def _named(number: int, own: str) -> str:
+    return f"{number:03d}{_SEPARATOR}{own}"
+
+
+def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
+    """The bracket that contains those of all runs, so that it decides what all of them decide."""
+    found = [record.search for record in records if record.search is not None]
+    if not found:
+        return None
+    holds = [each.holds_hz for each in found if each.holds_hz is not None]
+    fails = [each.fails_hz for each in found if each.fails_hz is not None]
+    limits = {each.limited_by for each in found}
+    order: tuple[Limit, ...] = ("interrupted", "player", "range", "graph")
+    return SearchRecord(
+        probes=tuple(
+            msgspec.structs.replace(each, segment=_named(number, each.segment))
+            for number, record in enumerate(records, start=1)
+            for each in (record.search.probes if record.search is not None else ())
+        ),
+        holds_hz=min(holds) if len(holds) == len(found) else None,
+        fails_hz=max(fails) if len(fails) == len(found) else None,
+        limited_by=next(each for each in order if each in limits),
+        precision=max(each.precision for each in found),
+        confidence=min(each.confidence for each in found),
+    )

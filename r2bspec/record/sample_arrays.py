@@ -1,0 +1,85 @@
+"""The samples of a run as NumPy arrays of fixed record types, and their files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.lib import format as npy_format
+from numpy.typing import NDArray
+
+from r2bspec.record.atomic_files import write_whole
+from r2bspec.record.errors import RecordError
+from r2bspec.record.run_record import (
+    MONITOR_FIELDS,
+    PLAYBACK_FIELDS,
+    RESOURCE_FIELDS,
+    SURROUNDINGS_FIELDS,
+)
+
+Rows = NDArray[Any]
+"""A one-dimensional array of one of the record types below."""
+
+PLAYBACK: np.dtype[np.void] = np.dtype(list(PLAYBACK_FIELDS))
+MONITOR: np.dtype[np.void] = np.dtype(list(MONITOR_FIELDS))
+RESOURCES: np.dtype[np.void] = np.dtype(list(RESOURCE_FIELDS))
+SURROUNDINGS: np.dtype[np.void] = np.dtype(list(SURROUNDINGS_FIELDS))
+
+
+def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> None:
+    """Write rows to an ``.npy`` file, whole or not at all.
+
+    Raises:
+        ValueError: `rows` is not one-dimensional or not of type `dtype`.
+        RecordError: the file system refuses.
+    """
+    if rows.ndim != 1 or rows.dtype != dtype:
+        raise ValueError(f"{path.name}: expected rows of {dtype}, not {rows.ndim}-d {rows.dtype}")
+
+    def save(file: BinaryIO) -> None:
+        npy_format.write_array(file, rows, allow_pickle=False)
+
+    write_whole(path, save)
+
+
+def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
+    """Read rows of type `dtype` from an ``.npy`` file; pickles are refused.
+
+    Fields that the rows lack at their end, because an older version wrote them, are -1.
+
+    Raises:
+        RecordError: the file is missing, truncated, has something after its end, or holds
+            anything but one-dimensional rows of `dtype`.
+    """
+    try:
+        with path.open("rb") as file:
+            rows: Rows = npy_format.read_array(file, allow_pickle=False)
+            whole = not file.read(1)
+    except FileNotFoundError as error:
+        raise RecordError(f"{path} is missing", hint=_HINT) from error
+    except (OSError, ValueError, EOFError, MemoryError) as error:
+        # NumPy says ValueError for a truncated file and for one that is no array at all.
+        raise RecordError(f"{path} is damaged: {error}", hint=_HINT) from error
+    if whole and rows.ndim == 1 and rows.dtype != dtype:
+        rows = _extended(rows, dtype)
+    if not whole or rows.ndim != 1 or rows.dtype != dtype:
+        raise RecordError(f"{path} is damaged: it does not hold {path.stem} rows", hint=_HINT)
+    return rows
+
+
+def _extended(rows: Rows, dtype: np.dtype[np.void]) -> Rows:
+    """Rows with all fields of a type, if they have the first ones of it; else as they are."""
+    names = rows.dtype.names or ()
+    wanted = dtype.names or ()
+    if not names or wanted[: len(names)] != names:
+        return rows
+    if any(rows.dtype[name] != dtype[name] for name in names):
+        return rows
+    extended = np.full(rows.size, -1, dtype)
+    for name in names:
+        extended[name] = rows[name]
+    return extended
+
+
+_HINT = "The run folder was cut short or changed after the run; run the benchmark again."

@@ -1,0 +1,117 @@
+"""A comparison as text, Markdown or JSON."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+
+import msgspec
+
+from r2bspec.compare.comparison import ADVICE, Comparison, Line, Outcome
+from r2bspec.measure.units import at_rate, show
+from r2bspec.report.formats.markdown import code, escaped, folded, table
+
+WORDS: dict[Outcome, str] = {
+    "improved": "▲ improved",
+    "worse": "▼ worse",
+    "same": "= same",
+    "can't tell": "? can't tell",
+}
+
+_ORDER: tuple[Outcome, ...] = ("worse", "can't tell", "improved", "same")
+
+
+def to_json(comparisons: Sequence[Comparison]) -> bytes:
+    """A list with one object for each result that was compared with the base."""
+    return msgspec.json.format(msgspec.json.encode(list(comparisons)), indent=2) + b"\n"
+
+
+def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
+    """A table for each, its lines in the order of rates and metrics."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from r2bspec.report.terminal.style import QUIET, heading
+    from r2bspec.report.terminal.style import table as frame
+
+    buffer = io.StringIO()
+    console = Console(file=buffer, width=max(width, 60), color_system=None, legacy_windows=False)
+    for one in comparisons:
+        console.print(heading(title(one), ""))
+        for difference in one.differences:
+            console.print(f"  ! {difference}", markup=False, highlight=False)
+        made = frame(["", "metric", "base", "head", "ratio", "bounds"])
+        for line in one.lines:
+            cells = (metric_text(line), *numbers(line))
+            made.add_row(Text(WORDS[line.outcome]), *map(Text, cells))
+        console.print(made)
+        console.print(summary(one), highlight=False)
+        console.print()
+    console.print(Text(ADVICE, style=QUIET))
+    return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())
+
+
+def to_markdown(comparisons: Sequence[Comparison]) -> str:
+    """What is not the same in sight, the rest folded."""
+    return "\n".join(line for one in comparisons for line in _markdown(one)) + f"\n{ADVICE}\n"
+
+
+def _markdown(one: Comparison) -> Iterator[str]:
+    yield f"### {escaped(title(one))}"
+    yield ""
+    yield escaped(summary(one))
+    yield ""
+    yield from (f"> differs in {escaped(each)}  " for each in one.differences)
+    yield ""
+    header = ("", "metric", "base", "head", "ratio", "bounds")
+    rows = {
+        True: [line for line in one.lines if line.outcome != "same"],
+        False: [line for line in one.lines if line.outcome == "same"],
+    }
+    if rows[True]:
+        ordered = sorted(rows[True], key=lambda line: _ORDER.index(line.outcome))
+        yield from table(header, [_row(line) for line in ordered])
+    if rows[False]:
+        yield from folded("The same", table(header, [_row(line) for line in rows[False]]))
+
+
+def _row(line: Line) -> tuple[str, ...]:
+    return (WORDS[line.outcome], code(metric_text(line)), *map(escaped, numbers(line)))
+
+
+def numbers(line: Line) -> tuple[str, str, str, str]:
+    """Base, head, ratio and bounds as text."""
+    return (
+        show(line.base, line.unit),
+        show(line.head, line.unit),
+        show(line.ratio, "share", 4),
+        _bounds(line),
+    )
+
+
+def _bounds(line: Line) -> str:
+    if line.lower is None and line.upper is None:
+        return ""
+    if line.lower is None:
+        return f"≤ {show(line.upper, 'share', 4)}"
+    if line.upper is None:
+        return f"≥ {show(line.lower, 'share', 4)}"
+    return f"{show(line.lower, 'share', 4)} … {show(line.upper, 'share', 4)}"
+
+
+def metric_text(line: Line) -> str:
+    """The metric with its monitor and rate."""
+    name = f"{line.monitor}.{line.metric}" if line.monitor else line.metric
+    return f"{name} {at_rate(line.offered_hz)}" if line.offered_hz is not None else name
+
+
+def title(one: Comparison) -> str:
+    """What is compared with what."""
+    return f"{one.head.source} against {one.base.source}"
+
+
+def summary(one: Comparison) -> str:
+    """How many metrics came out how."""
+    counts = {each: sum(line.outcome == each for line in one.lines) for each in _ORDER}
+    said = [f"{count} {outcome}" for outcome, count in counts.items() if count]
+    return f"{', '.join(said)}, at {show(one.confidence, 'share')} confidence."

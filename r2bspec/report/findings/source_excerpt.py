@@ -1,0 +1,59 @@
+"""A piece of a source line with a caret run under it, as wide as a terminal can show."""
+
+from __future__ import annotations
+
+import unicodedata
+from functools import lru_cache
+
+from r2bspec.diagnostics.diagnostic import Span
+from r2bspec.diagnostics.quote import printable
+from r2bspec.diagnostics.source_lines import split_lines
+
+WIDEST = 100
+"""Characters of a source line that are shown at most."""
+
+_BEFORE = 40  # characters kept before the place in a line that is cut
+
+
+def excerpt(span: Span, text: str) -> tuple[str, str] | None:
+    """The line of a span and the carets under it; None where the text has no such line.
+
+    A span of several lines is marked to the end of its first.
+    """
+    lines = _lines(text)
+    if not 0 < span.line <= len(lines):
+        return None
+    line = lines[span.line - 1].rstrip()
+    if not line:
+        return None
+    start = min(span.column - 1, len(line))
+    end = span.end_column - 1 if span.end_line == span.line else len(line)
+    end = max(min(end, len(line)), start + 1)
+    line, start, end = _window(line, start, end)
+    shown = printable(line.replace("\t", " "))
+    return shown, " " * _width(shown[:start]) + "^" * max(_width(shown[start:end]), 1)
+
+
+def _window(line: str, start: int, end: int) -> tuple[str, int, int]:
+    if len(line) <= WIDEST:
+        return line, start, end
+    first = min(max(start - _BEFORE, 0), len(line) - WIDEST)
+    cut = line[first : first + WIDEST]
+    if first + WIDEST < len(line):
+        cut = cut[:-1] + "…"
+    if first:
+        cut = "…" + cut[1:]
+    return cut, start - first, min(end - first, WIDEST)
+
+
+def _width(text: str) -> int:
+    """Columns that a terminal needs for the text."""
+    if text.isascii():
+        return len(text)
+    wide = sum(unicodedata.east_asian_width(char) in "WF" for char in text)
+    return len(text) + wide - sum(unicodedata.combining(char) > 0 for char in text)
+
+
+@lru_cache(maxsize=8)
+def _lines(text: str) -> list[str]:
+    return split_lines(text)

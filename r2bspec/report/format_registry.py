@@ -1,0 +1,113 @@
+"""Every format of a report: its name, the module that makes it, and what that module needs.
+
+A format is a module with one function::
+
+    def render(reported: Reported) -> bytes
+
+It is imported when it is asked for, so that listing the formats costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from r2bspec.compare.report_input import Reported
+from r2bspec.diagnostics import did_you_mean
+from r2bspec.report.errors import ReportError, ReportUsageError
+
+Render = Callable[[Reported], bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One format.
+
+    Attributes:
+        module: has `render`; imported when the format is asked for.
+        what: one line for a reader.
+        needs: libraries of the extra ``report`` that the module imports.
+        single: whether a file holds one monitor at one rate; its path may then hold the
+            placeholders ``{monitor}`` and ``{rate}``.
+    """
+
+    module: str
+    what: str
+    needs: tuple[str, ...] = ()
+    single: bool = False
+
+
+_FORMATS = "r2bspec.report.formats"
+
+FORMATS: Final[dict[str, Format]] = {
+    "json": Format(f"{_FORMATS}.json", "the content of result.json"),
+    "text": Format(f"{_FORMATS}.text", "what a terminal shows, without colours"),
+    "html": Format(
+        "r2bspec.report.html", "one self-contained page with charts", ("jinja2", "matplotlib")
+    ),
+    "markdown": Format(f"{_FORMATS}.markdown", "a comment or a step summary, details folded"),
+    "github": Format(f"{_FORMATS}.github", "annotations on the spec's lines"),
+    "junit": Format(f"{_FORMATS}.junit", "JUnit XML, a case for each requirement"),
+    "junit_lenient": Format(f"{_FORMATS}.junit_lenient", "the same, with inconclusive as skipped"),
+    "csv": Format(f"{_FORMATS}.csv", "every metric of every iteration, a line each"),
+    "openmetrics": Format(f"{_FORMATS}.openmetrics", "OpenMetrics text for Prometheus"),
+    "hdrhistogram": Format(
+        f"{_FORMATS}.hdrhistogram", "percentile distribution of the latency", single=True
+    ),
+    "ros2_benchmark": Format(f"{_FORMATS}.ros2_benchmark", "the JSON of NVIDIA's ros2_benchmark"),
+    "bencher": Format(f"{_FORMATS}.bencher", "Bencher Metric Format"),
+    "benchmark_smaller": Format(
+        f"{_FORMATS}.benchmark_smaller", "github-action-benchmark, customSmallerIsBetter"
+    ),
+    "benchmark_bigger": Format(
+        f"{_FORMATS}.benchmark_bigger", "github-action-benchmark, customBiggerIsBetter"
+    ),
+    "trace": Format(f"{_FORMATS}.trace", "a timeline for Perfetto or chrome://tracing"),
+    "mcap": Format(f"{_FORMATS}.mcap", "metrics over time for Foxglove", ("mcap",)),
+}
+
+
+def find(name: str) -> Format:
+    """The format of that name.
+
+    Raises:
+        ReportUsageError: there is none.
+    """
+    known = FORMATS.get(name)
+    if known is None:
+        close = did_you_mean(name, FORMATS)
+        raise ReportUsageError(
+            f"there is no report format {name!r}",
+            hint=f"Did you mean {close!r}?" if close else f"Known are {', '.join(FORMATS)}.",
+        )
+    return known
+
+
+def check_installed(name: str) -> None:
+    """See that what a format needs is there, without importing it.
+
+    Raises:
+        ReportUsageError: there is no such format.
+        ReportError: a library is missing.
+    """
+    missing = [each for each in find(name).needs if importlib.util.find_spec(each) is None]
+    if missing:
+        raise ReportError(
+            f"the report format {name!r} needs {' and '.join(missing)}",
+            hint="Install them with: pip install 'r2bspec[report]'",
+        )
+
+
+def renderer(name: str) -> Render:
+    """The function that makes a report of that format.
+
+    Raises:
+        ReportUsageError: there is no such format.
+        ReportError: a library that it needs is missing.
+    """
+    check_installed(name)
+    found: Render = importlib.import_module(find(name).module).render
+    return found

@@ -1,0 +1,149 @@
+"""The percentile curve of a monitor's latency, on an axis that gives the tail its room."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.diagnostics.quote import printable
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.metric_catalogue import quantile
+from r2bspec.measure.metrics import pace_of
+from r2bspec.measure.samples import RunSamples, SegmentSamples
+from r2bspec.measure.units import at_rate, show, show_rate
+from r2bspec.report.html.canvas import (
+    OUTCOME_COLOURS,
+    Chart,
+    Sketch,
+    colour,
+    draw,
+    line_style,
+    plain_numbers,
+)
+from r2bspec.report.html.svg import PALETTE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MOST_POINTS = 300
+_MANY = 20.0
+"""From this ratio of the largest latency to the median on, the latency axis is logarithmic."""
+
+
+def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
+    """One curve for each offered rate, with the limits and bounds of its requirements."""
+    rates = sorted(samples.iterations)
+    description = (
+        f"Latency of {monitor} by percentile, one curve for each of "
+        f"{', '.join(show_rate(rate, pace_of(samples.mode)) for rate in rates)}. The horizontal "
+        "axis is logarithmic in the share of messages that take longer."
+    )
+
+    def paint(sketch: Sketch) -> None:
+        axes = sketch.figure.subplots()
+        largest, median, total = 0.0, [], 2
+        for number, rate in enumerate(rates):
+            values, lost = _pooled(samples.iterations[rate], monitor)
+            total = max(total, values.size + lost)
+            if values.size:
+                largest = max(largest, float(values[-1]))
+                median.append(float(np.median(values)))
+                label = show_rate(rate, pace_of(samples.mode))
+                _curve(sketch, axes, number, label, values, lost)
+        for one in verdict.requirements:
+            if one.monitor == monitor and one.at_hz in rates:
+                _limit(axes, one, rates.index(one.at_hz))
+        _axes(axes, total)
+        if median and largest > _MANY * min(median):
+            axes.set_yscale("log")
+            plain_numbers(axes.yaxis)
+        else:
+            axes.set_ylim(bottom=0)
+        if sketch.labels:
+            sketch.figure.legend(loc="outside upper left", ncols=6)
+        sketch.readable(axes, "percentile", "ms")
+
+    return draw(name, f"Latency by percentile: {monitor}", description, 3.4, paint)
+
+
+def _pooled(
+    iterations: tuple[SegmentSamples, ...], monitor: str
+) -> tuple[NDArray[np.float64], int]:
+    """All latencies at a rate in ascending order, and how many messages were lost."""
+    seen = [one.monitors[monitor] for one in iterations]
+    values = np.sort(np.concatenate([one.times["latency"] for one in seen]))
+    return values, sum(one.missed for one in seen)
+
+
+def _curve(
+    sketch: Sketch, axes: Axes, number: int, label: str, values: NDArray[np.float64], lost: int
+) -> None:
+    """A step for each rank k of n: the value at or below which a share of k/n lies."""
+    n = values.size + lost
+    ranks = _ranks(values.size)
+    over = np.maximum(n - ranks, 0.6)  # the largest of all would lie at infinity
+    x = np.concatenate(([1.0], n / over))
+    y = np.concatenate(([values[0]], values[ranks - 1])) * 1e3
+    (line,) = axes.step(
+        x, y, where="pre", color=colour(number), linestyle=line_style(number), label=label
+    )
+    sketch.series(line, label)
+    if lost:
+        axes.plot(x[-1], y[-1], marker="^", color=colour(number), markersize=8, linestyle="none")
+        axes.annotate(
+            f"{show(lost / n, 'share')} lost",
+            (x[-1], y[-1]),
+            xytext=(7, -3),
+            textcoords="offset points",
+            color=colour(number),
+            fontsize=9,
+        )
+
+
+def _ranks(n: int) -> NDArray[np.int64]:
+    """Which ranks to draw: more of them the nearer to the largest."""
+    if n <= _MOST_POINTS:
+        return np.arange(1, n + 1)
+    from_end = np.unique(np.geomspace(1, n, _MOST_POINTS).astype(np.int64))
+    return (n + 1 - from_end)[::-1]
+
+
+def _limit(axes: Axes, one: RequirementVerdict, number: int) -> None:
+    """The limit as a bar across its percentile, and the bounds of the estimate beside it."""
+    family, _, part = one.metric.rpartition(".")
+    q = quantile(part)
+    if not family.endswith("latency") or q is None or one.limit is None:
+        return
+    x = 1 / (1 - q)
+    ink = PALETTE[OUTCOME_COLOURS[one.outcome]]
+    above = not one.lost and one.estimate is not None and one.limit > one.estimate
+    axes.hlines(one.limit * 1e3, x / 1.6, x * 1.6, color=ink, linewidth=2.4)
+    axes.annotate(
+        printable(f"{part} limit {show(one.limit, one.unit)} {at_rate(one.at_hz or 0.0)}"),
+        (x, one.limit * 1e3),
+        # On the side of the bar that the curve is not on.
+        xytext=(0, 3 if above else -4),
+        textcoords="offset points",
+        ha="center",
+        va="bottom" if above else "top",
+        fontsize=8,
+        color=ink,
+    )
+    if one.lower is not None and one.upper is not None and np.isfinite(one.upper):
+        axes.vlines(
+            x, one.lower * 1e3, one.upper * 1e3, color=colour(number), linewidth=5, alpha=0.45
+        )
+
+
+def _axes(axes: Axes, total: int) -> None:
+    axes.set_xscale("log")
+    axes.set_xlim(1, max(total * 1.8, 20))
+    shown = {1: "0 %", 2: "50 %", 10: "90 %", 20: "95 %", 100: "99 %", 1000: "99.9 %"}
+    shown |= {10_000: "99.99 %", 100_000: "99.999 %", 1_000_000: "99.9999 %"}
+    ticks = {place: text for place, text in shown.items() if place <= axes.get_xlim()[1]}
+    axes.set_xticks([*ticks], labels=[*ticks.values()])
+    axes.set_xticks([], minor=True)
+    axes.set_xlabel("share of messages at or below")
+    axes.set_ylabel("latency, ms")

@@ -1,0 +1,70 @@
+"""The latency of every step, with the missed ones in their places."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.measure.expected_steps import asked_and_seen
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import Segment
+
+Steps = NDArray[np.float64]
+"""Seconds, one for each answer that the steps let expect, in order; NaN where none came."""
+
+
+def steps_of(run: Run, segment: Segment, monitor: str) -> Steps:
+    """The expected answers of one segment, as one monitor saw them."""
+    (plan,) = (each for each in run.plan.monitors if each.name == monitor)
+    playback, rows, matched = asked_and_seen(run, segment, plan)
+    found = np.full(matched.asked.size, np.nan)
+    answered = matched.answered
+    received = rows["received_ns"][matched.first_row[answered]]
+    found[answered] = (received - playback["published_ns"][matched.asked[answered]]) / 1e9
+    return found
+
+
+def iterations_at(run: Run, rate_hz: float) -> Iterator[Segment]:
+    """The complete iterations at a rate, in the order they were played."""
+    for segment in run.record.segments:
+        if (
+            segment.kind == "iteration"
+            and not segment.rerun_of
+            and segment.complete
+            and segment.rate_hz == rate_hz
+        ):
+            yield segment
+
+
+def thinned(values: Steps, most: int) -> NDArray[np.int64]:
+    """Which of many values to draw: of each stretch the smallest and the largest, at most `most`.
+
+    Nothing extreme is ever left out; missing values are.
+    """
+    known = np.flatnonzero(~np.isnan(values))
+    if known.size <= most:
+        return known
+    kept: set[int] = set()
+    for stretch in np.array_split(known, most // 2):
+        kept.add(int(stretch[np.argmin(values[stretch])]))
+        kept.add(int(stretch[np.argmax(values[stretch])]))
+    return np.array(sorted(kept), dtype=np.int64)
+
+
+def runs_of(missed: NDArray[np.bool_], most: int = 400) -> list[tuple[int, int]]:
+    """Stretches of missed steps as (first, count); neighbours are joined if there are too many."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], missed, [False])).astype(np.int8)))
+    stretches = [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
+    gap = 0
+    while len(stretches) > most:
+        gap = gap * 2 + 1
+        joined = [stretches[0]]
+        for first, end in stretches[1:]:
+            if first - joined[-1][1] <= gap:
+                joined[-1] = (joined[-1][0], end)
+            else:
+                joined.append((first, end))
+        stretches = joined
+    return [(first, end - first) for first, end in stretches]

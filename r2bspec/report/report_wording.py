@@ -1,0 +1,219 @@
+"""What every report says in the same words: requirements, bounds, the search, and what to note."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import DisturbedIteration, OverallOutcome, RequirementVerdict, Verdict
+from r2bspec.measure.metrics import RunMetrics
+from r2bspec.measure.units import at_rate, show
+from r2bspec.record.run_record import SearchRecord
+
+OUTCOME_WORDS: dict[OverallOutcome, str] = {
+    "pass": "✔ PASS",
+    "fail": "✘ FAIL",
+    "inconclusive": "? INCONCLUSIVE",
+    "invalid": "! INVALID",
+    "incomplete": "! INCOMPLETE",
+}
+"""Each outcome with its mark: never told by colour alone."""
+
+
+_TOLD = 6
+"""Disturbed iterations that are told one by one."""
+
+
+def verdict_word(one: RequirementVerdict) -> str:
+    """The outcome of a requirement, and that it does not fail the run where it does not."""
+    word = OUTCOME_WORDS[one.outcome]
+    if one.outcome == "pass" or one.level == "error":
+        return word
+    return f"{word} ({'warning' if one.level == 'warn' else 'information'})"
+
+
+def sentences(one: RequirementVerdict) -> list[str]:
+    """Why it was decided so, what else had a part in that, and what would settle it."""
+    return [text for text in (one.reason, *one.notes, one.settle) if text]
+
+
+def several_monitors(verdict: Verdict) -> bool:
+    """Whether a reader needs the monitor's name to tell requirements apart."""
+    return len({one.monitor for one in verdict.requirements} - {None}) > 1
+
+
+def requirement_text(one: RequirementVerdict, *, name_monitor: bool) -> str:
+    """The requirement as written; a monitor that it left out is put in front if asked for."""
+    text = one.text.strip()
+    if not name_monitor or one.monitor is None or text.startswith(f"{one.monitor}."):
+        return text
+    return f"{one.monitor}.{text}"
+
+
+def estimate_text(one: RequirementVerdict) -> str:
+    """The estimate with its unit, or that it is a message which never came."""
+    return "lost" if one.lost else show(one.estimate, one.unit)
+
+
+def bounds_text(one: RequirementVerdict) -> str:
+    """The interval of confidence, one-sided where only one side is bounded."""
+    if one.lower is None and one.upper is None:
+        return "observed" if one.method == "observation" else ""
+    if one.lower is None:
+        return f"≤ {show(one.upper, one.unit)}"
+    if one.upper is None:
+        return f"≥ {show(one.lower, one.unit)}"
+    lower, upper = show(one.lower, one.unit), show(one.upper, one.unit)
+    return lower if lower == upper else f"{lower} … {upper}"
+
+
+HOLDS = {True: "✔", False: "✘", None: "?"}
+"""Marks of a probe's answer."""
+
+
+def peak_text(search: SearchRecord) -> str:
+    """The peak as a bracket, how sure that is, what limited it, and how many probes it took.
+
+    What only the player or the range of the search has ended is a lower bound, and called so.
+    """
+    limits = {
+        "graph": "limited by the graph",
+        "player": "limited by the player, not by the graph",
+        "range": "limited by the range of the search",
+        "interrupted": "the search was interrupted",
+    }
+    lower, upper = search.holds_hz, search.upper_hz
+    if lower is None:
+        found = "not found" if upper is None else f"below {show(upper, 'Hz')}"
+    elif upper is None:
+        found = f"at least {show(lower, 'Hz')}"
+    else:
+        found = f"between {show(lower, 'Hz')} and {show(upper, 'Hz')}"
+    parts = [found, limits[search.limited_by]]
+    if search.open_hz:
+        parts.insert(1, open_text(search))
+    if search.confidence:
+        parts.append(f"{show(search.confidence, 'share', 4)} confidence")
+    return " · ".join([*parts, f"{len(search.probes)} probes"])
+
+
+def open_text(search: SearchRecord) -> str:
+    """Which rates of the bracket stayed open."""
+    first, *others = search.open_hz
+    if not others:
+        return f"open at {show(first, 'Hz')}"
+    return f"open from {show(first, 'Hz')} to {show(others[-1], 'Hz')}"
+
+
+def comparison(result: Result) -> Iterator[str]:
+    """With what a result was compared, a sentence each; nothing if with nothing."""
+    pairs, earlier = result.pairs, result.baseline
+    if pairs is not None:
+        played = f"{pairs.used} of {pairs.planned} pairs" if pairs.used < pairs.planned else ""
+        played = played or ("1 pair" if pairs.used == 1 else f"{pairs.used} pairs")
+        if pairs.control:
+            yield f"A control: the graph against itself, in {played} of interleaved runs."
+        else:
+            yield f"Compared with {pairs.against}, in {played} of interleaved runs."
+        if pairs.environment:
+            yield f"The base has another environment: {', '.join(sorted(pairs.environment))}."
+        yield from (f"From base to head, {each}" for each in pairs.differences)
+    if earlier is not None:
+        runs = "1 run" if len(earlier.run_ids) == 1 else f"{len(earlier.run_ids)} runs"
+        if earlier.kind == "history":
+            yield f"Compared with {runs} of the history {earlier.source}."
+        else:
+            yield f"Compared with the stored run {earlier.source}, as advice."
+        yield from (f"It differs in {each}" for each in earlier.differences)
+
+
+def _of_pairs(result: Result) -> tuple[str, ...]:
+    """What was decided while pairs were played."""
+    return result.pairs.notes if result.pairs is not None else ()
+
+
+def own_pace(metrics: RunMetrics) -> str:
+    """Who said how fast messages come, where that was no rate; empty where it was one."""
+    return next((rate.pace for rate in metrics.rates if not rate.offered_hz), "")
+
+
+def notes(result: Result) -> Iterator[str]:
+    """What a reader must know to trust the numbers, a sentence each."""
+    if result.status != "complete":
+        yield f"The run is {result.status}: {result.reason or 'no reason was recorded'}"
+    if result.metrics.incomplete:
+        yield f"Cut short, and in no number: {', '.join(result.metrics.incomplete)}"
+    for one in result.verdict.unusable:
+        where = f" {at_rate(one.offered_hz)}" if one.offered_hz else ""
+        yield f"Nothing can be judged{where}: {one.reason}"
+    for silence in result.silences:
+        yield f"{silence.topic} fell silent in {silence.segment}. {silence.reason}"
+    for difference in result.differences:
+        if difference.harmless:
+            yield f"{difference.code}: {difference.message}; {difference.help}"
+    yield from (f"{each[:1].upper()}{each[1:]}" for each in _of_pairs(result))
+    yield from disturbed_texts(result.verdict.disturbed)
+    yield from result.left_out
+    yield from _unknown(result)
+    yield from _odd_messages(result)
+    for process in result.processes:
+        if process.exit_code not in {0, None}:
+            ended = f"exit code {process.exit_code}"
+            if process.exit_code is not None and process.exit_code < 0:
+                ended = f"signal {-process.exit_code}"
+            yield f"Process {process.name} ended with {ended}"
+
+
+def disturbed_texts(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
+    """Which iterations the machine disturbed, by what, and which were played again, by rate."""
+    for rate_hz in dict.fromkeys(one.rate_hz for one in disturbed):
+        found = [one for one in disturbed if one.rate_hz == rate_hz]
+        told = [_disturbed_text(one) for one in found[:_TOLD]]
+        more = f"; and {len(found) - _TOLD} more, in result.json" if len(found) > _TOLD else ""
+        at = f", {at_rate(rate_hz)}" if rate_hz else ""
+        yield f"The machine disturbed{at}: {'; '.join(told)}{more}"
+
+
+def _disturbed_text(one: DisturbedIteration) -> str:
+    again = f", played again as {one.rerun}" if one.rerun else ""
+    return f"{one.segment} ({', '.join(one.reasons)}{again})"
+
+
+def _unknown(result: Result) -> Iterator[str]:
+    """What nobody can know of a live run."""
+    live = [rate for rate in result.metrics.rates if rate.pace == "source"]
+    if not live:
+        return
+    yield (
+        "The graph has its own source: what that sent is not seen, so that nobody knows what was "
+        "missed"
+    )
+    for rate in live:
+        for name, seen in rate.pooled.monitors.items():
+            if seen.received and seen.latency.n < seen.received:
+                yield (
+                    f"{name}: the latency of {show(seen.received - seen.latency.n, 'count')} "
+                    "messages is unknown, for they carry no time of this machine's clock"
+                )
+
+
+def _odd_messages(result: Result) -> Iterator[str]:
+    """Messages that arrived otherwise than once, in order, and in answer to an input."""
+    for rate in result.metrics.rates:
+        for name, seen in rate.pooled.monitors.items():
+            where = f"{name} {at_rate(rate.offered_hz, rate.pace)}"
+            if not seen.received:
+                yield f"{where} received nothing"
+            if seen.expected != seen.sent:
+                inputs, outputs = show(seen.sent, "count"), show(seen.expected, "count")
+                yield f"{where}: {inputs} inputs let expect {outputs} outputs"
+            odd = {
+                "came twice or more": seen.duplicates,
+                "were overtaken": seen.reordered,
+                "answer no input": (seen.unmatched or 0) - (seen.overdue or 0),
+                "answer an earlier stretch, which had been given up": seen.overdue,
+                "came before the input that they are counted for": seen.early,
+            }
+            said = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
+            if said:
+                yield f"{where}: of {show(seen.received, 'count')} messages {', '.join(said)}"

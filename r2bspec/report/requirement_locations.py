@@ -1,0 +1,35 @@
+"""Where requirements stand in the file that states them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from r2bspec.diagnostics.diagnostic import Span
+from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.language.load_spec import Loaded, load_spec
+from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
+
+
+@dataclass(frozen=True)
+class Places:
+    """The places of a spec's requirements."""
+
+    loaded: Loaded
+
+    def find(self, one: RequirementVerdict) -> Span:
+        """The requirement's own place; else that of its objective; else the whole file."""
+        path = ("slos", one.objective, "require")
+        listed = lookup(self.loaded.tree, path) if self.loaded.tree is not None else None
+        for item in listed.items if isinstance(listed, ListNode) else ():
+            if isinstance(item, ScalarNode) and item.text.strip() == one.text.strip():
+                return item.span
+        return self.loaded.span(("slos", one.objective), key=True)
+
+
+def read_places(spec_file: Path | None) -> Places | None:
+    """The places in a file; None if it is not known, not there, or no spec."""
+    if spec_file is None or not spec_file.is_file() or spec_file.suffix == ".json":
+        return None
+    loaded = load_spec(spec_file)
+    return Places(loaded) if loaded.tree is not None else None

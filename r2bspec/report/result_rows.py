@@ -1,0 +1,112 @@
+"""Every number of a result as one row each, under the catalogue's names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.measure.metrics import Distribution, MonitorMetrics, SegmentMetrics, UseMetrics
+
+PARTS = ("min", "mean", "p50", "p90", "p95", "p99", "p99_9", "max")
+"""Of a distribution, in ascending order but for the mean."""
+
+_COUNTS = (
+    *("sent", "answered", "received", "missed", "duplicates", "reordered", "unmatched"),
+    *("late", "early", "overdue"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One number.
+
+    Attributes:
+        offered_hz: None for what belongs to the run as a whole.
+        iteration: None for all iterations pooled.
+        monitor: empty for what belongs to no monitor.
+        metric: its name in the catalogue.
+        unit: ``s``, ``Hz``, ``B``, ``share`` or ``count``.
+    """
+
+    offered_hz: float | None
+    iteration: int | None
+    monitor: str
+    metric: str
+    unit: str
+    value: float
+
+
+def rows(result: Result) -> Iterator[Row]:
+    """All numbers: by rate; pooled first, then by iteration; the peak and ratios last."""
+    for rate in result.metrics.rates:
+        for number, segment in (
+            (None, rate.pooled),
+            *((one.index, one) for one in rate.iterations),
+        ):
+            yield from _segment(segment, rate.offered_hz, number)
+    search = result.metrics.search
+    if search is not None and search.holds_hz is not None:
+        yield Row(None, None, "", "peak.rate", "Hz", search.holds_hz)
+        # Without it the peak is at least the rate, and nobody knows how much more.
+        if search.upper_hz is not None:
+            yield Row(None, None, "", "peak.below", "Hz", search.upper_hz)
+    for one in result.verdict.requirements:
+        yield from _compared(one)
+
+
+def _compared(one: RequirementVerdict) -> Iterator[Row]:
+    """Base, head and ratio of a requirement of the baseline."""
+    if one.compared is None:
+        return
+    values = {
+        "base": (one.compared.unit, one.compared.base),
+        "head": (one.compared.unit, one.compared.head),
+        "ratio": ("share", one.estimate),
+        "ratio.lower": ("share", one.lower),
+        "ratio.upper": ("share", one.upper),
+        "ratio.limit": ("share", one.limit),
+        "ratio.n": ("count", float(one.n)),
+    }
+    for part, (unit, value) in values.items():
+        if value is not None:
+            yield Row(one.at_hz, None, one.monitor or "", f"{one.metric}.{part}", unit, value)
+
+
+def _segment(segment: SegmentMetrics, rate: float, number: int | None) -> Iterator[Row]:
+    def row(monitor: str, metric: str, unit: str, value: float | None) -> Iterator[Row]:
+        if value is not None:
+            yield Row(rate, number, monitor, metric, unit, float(value))
+
+    for monitor, seen in segment.monitors.items():
+        for metric, unit, value in _monitor(seen):
+            yield from row(monitor, metric, unit, value)
+    played = segment.playback
+    yield from row("", "playback.rate", "Hz", played.rate_hz)
+    for metric, unit, value in _distribution("playback.lateness", played.lateness):
+        yield from row("", metric, unit, value)
+    uses = {**segment.processes, **({"system": segment.machine} if segment.machine else {})}
+    for process, use in uses.items():
+        for metric, unit, value in _use(process, use):
+            yield from row("", metric, unit, value)
+
+
+def _monitor(seen: MonitorMetrics) -> Iterator[tuple[str, str, float | None]]:
+    yield "throughput.mean", "Hz", seen.throughput_hz
+    for family in ("latency", "latency_from_due", "interval", "jitter"):
+        yield from _distribution(family, getattr(seen, family))
+    yield "drop_rate", "share", seen.drop_rate
+    for count in _COUNTS:
+        yield count, "count", getattr(seen, count)
+
+
+def _distribution(family: str, times: Distribution) -> Iterator[tuple[str, str, float | None]]:
+    for part in PARTS:
+        yield f"{family}.{part}", "s", getattr(times, part)
+
+
+def _use(process: str, use: UseMetrics) -> Iterator[tuple[str, str, float | None]]:
+    yield f"cpu.{process}.mean", "share", use.cpu_mean
+    yield f"cpu.{process}.max", "share", use.cpu_max
+    yield f"memory.{process}.max", "B", use.memory_max_bytes

@@ -1,0 +1,73 @@
+"""The beginning and the end of the report: what was run, the search, what to know, the verdict."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import Verdict
+from r2bspec.measure.units import show
+from r2bspec.record.run_record import SearchRecord
+from r2bspec.report.report_wording import HOLDS, comparison, notes, peak_text
+from r2bspec.report.terminal.style import QUIET, heading, outcome_text
+
+_STYLES = {True: "green", False: "red", None: "yellow"}
+
+
+def header(result: Result) -> RenderableType:
+    """What was run, with what, and where."""
+    title = result.title or result.name
+    where = [
+        _known(result.machine, "cpu"),
+        f"{_known(result.machine, 'cores')} cores" if "cores" in result.machine else "",
+        _known(result.dataset, "source"),
+        f"r2bspec {result.versions['r2bspec']}" if "r2bspec" in result.versions else "",
+    ]
+    lines = [Text(title, style="bold"), Text(" · ".join(filter(None, where)), style=QUIET)]
+    if result.judged_by:
+        lines.append(Text(f"judged by the objectives of {result.judged_by}", style=QUIET))
+    lines += [Text(each, style=QUIET) for each in comparison(result)]
+    return Group(*(line for line in lines if line.plain))
+
+
+def _known(facts: dict[str, Any], key: str) -> str:
+    return str(facts.get(key) or "")
+
+
+def search_section(search: SearchRecord | None) -> RenderableType | None:
+    """The peak as a bracket, what limited it, and every probe in the order it was made."""
+    if search is None or not search.probes:
+        return None
+    probes = Text("  ")
+    for number, probe in enumerate(search.probes):
+        probes.append(" " if number else "")
+        probes.append(
+            f"{probe.rate_hz:.4g}{HOLDS[probe.holds]}",
+            style=_STYLES[probe.holds],
+        )
+    lines: list[RenderableType] = [heading("search", f"peak {peak_text(search)}"), probes]
+    failed = [probe for probe in search.probes if probe.rate_hz == search.fails_hz]
+    if failed and failed[-1].holds is False:
+        last = failed[-1]
+        reason = f"at {show(last.rate_hz, 'Hz')}: {last.reason}"
+        lines.append(Padding(Text(reason, style=QUIET), (0, 0, 0, 2)))
+    return Group(*lines)
+
+
+def notes_section(result: Result) -> RenderableType | None:
+    """What a reader must know to trust the numbers; None if there is nothing."""
+    said = [*notes(result)]
+    if not said:
+        return None
+    return Group(
+        heading("notes"), *(Padding(Text(note), (0, 0, 0, 2), expand=False) for note in said)
+    )
+
+
+def overall(verdict: Verdict) -> RenderableType:
+    """The one line that everything above comes to."""
+    return Text.assemble(outcome_text(verdict.outcome), "  ", verdict.reason)

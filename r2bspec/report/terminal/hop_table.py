@@ -1,0 +1,30 @@
+"""Where the time goes on the way to a tapped monitor: one line a hop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import Group, RenderableType
+
+from r2bspec.measure.metrics import RunMetrics
+from r2bspec.measure.units import show
+from r2bspec.report.terminal.style import heading, table
+
+
+def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
+    """A table for each tapped monitor at each rate."""
+    for rate in metrics.rates:
+        for name, seen in rate.pooled.monitors.items():
+            if not seen.hops:
+                continue
+            made = table(["from → to", "p50", "p99", "matched", "missed"])
+            for hop in seen.hops:
+                made.add_row(
+                    f"{hop.source} → {hop.target}",
+                    show(hop.latency.p50, "s"),
+                    show(hop.latency.p99, "s"),
+                    show(hop.matched, "count"),
+                    show(hop.missed, "count"),
+                )
+            aside = f"the way to {name} at {show(rate.offered_hz, 'Hz')}; percentiles do not add up"
+            yield Group(heading("hops", aside), made)

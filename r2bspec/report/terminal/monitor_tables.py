@@ -1,0 +1,76 @@
+"""What each monitor saw: one table a monitor, one line a rate, the spread of iterations below."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from r2bspec.measure.metrics import MonitorMetrics, RateMetrics, RunMetrics
+from r2bspec.measure.units import show, show_range, show_rate
+from r2bspec.report.terminal.style import QUIET, heading, table
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column: the metric whose spread is shown below the value, and when it may be left out."""
+
+    name: str
+    unit: str
+    value: Callable[[MonitorMetrics], float | None]
+    spread: str = ""
+    least_width: int = 0
+
+
+_COLUMNS = (
+    _Column("throughput", "Hz", lambda seen: seen.throughput_hz, "throughput.mean"),
+    _Column("p50", "s", lambda seen: seen.latency.p50, "latency.p50"),
+    _Column("p90", "s", lambda seen: seen.latency.p90, "latency.p90", 100),
+    _Column("p99", "s", lambda seen: seen.latency.p99, "latency.p99"),
+    _Column("max", "s", lambda seen: seen.latency.max, "latency.max"),
+    _Column("jitter p99", "s", lambda seen: seen.jitter.p99, "jitter.p99", 110),
+    _Column("sent", "count", lambda seen: seen.sent),
+    _Column("missed", "count", lambda seen: seen.missed),
+    _Column("received", "count", lambda seen: seen.received),
+)
+
+_PLAYED, _LIVE = ("sent", "missed"), ("received",)
+"""Columns where something is played, and where nothing is: nobody knows then what was sent."""
+
+
+def monitor_sections(metrics: RunMetrics, width: int) -> Iterator[RenderableType]:
+    """A table for each monitor of the run."""
+    names = dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)
+    live = any(rate.pace == "source" for rate in metrics.rates)
+    columns = [
+        column
+        for column in _COLUMNS
+        if column.least_width <= width and column.name not in (_PLAYED if live else _LIVE)
+    ]
+    for name in names:
+        yield _section(name, metrics.rates, columns)
+
+
+def _section(name: str, rates: tuple[RateMetrics, ...], columns: list[_Column]) -> RenderableType:
+    made = table(["offered", *(column.name for column in columns)])
+    for rate in rates:
+        seen = rate.pooled.monitors[name]
+        made.add_row(
+            show_rate(rate.offered_hz, rate.pace),
+            *(show(column.value(seen), column.unit) for column in columns),
+        )
+        if len(rate.iterations) > 1:
+            made.add_row(
+                Text(f"× {len(rate.iterations)}", style=QUIET),
+                *(Text(_spread(rate, name, column), style=QUIET) for column in columns),
+            )
+    aside = "latency; below each line, its range over the iterations"
+    return Group(heading(name, aside), made)
+
+
+def _spread(rate: RateMetrics, monitor: str, column: _Column) -> str:
+    """The range of a metric over the iterations, or nothing where there is none to show."""
+    spread = rate.spread[monitor].get(column.spread)
+    return show_range(spread.low, spread.high, column.unit) if spread is not None else ""

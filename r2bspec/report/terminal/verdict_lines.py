@@ -1,0 +1,97 @@
+"""The verdicts: one line of numbers and one sentence for each requirement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import groupby
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.units import at_rate
+from r2bspec.report.report_wording import (
+    bounds_text,
+    estimate_text,
+    requirement_text,
+    several_monitors,
+)
+from r2bspec.report.terminal.style import QUIET, heading, verdict_text
+
+_INDENT = 2
+_REASON_INDENT = 4
+_LEAST_TEXT = 16
+
+
+@dataclass(frozen=True)
+class _Line:
+    """The cells of one requirement: what was required, the estimate, and its bounds."""
+
+    verdict: RequirementVerdict
+    text: str
+    estimate: str
+    bounds: str
+
+
+def verdict_section(verdict: Verdict, width: int, pace: str = "") -> RenderableType | None:
+    """Every requirement, by objective; None if there are none.
+
+    Args:
+        verdict: to show.
+        width: of the terminal.
+        pace: who said how fast messages came, where no rate was asked for.
+    """
+    if not verdict.requirements:
+        return None
+    lines = _lines(verdict)
+    widths = _widths(lines, width)
+    parts: list[RenderableType] = []
+    for (name, at_hz), group in groupby(
+        lines, key=lambda line: (line.verdict.objective, line.verdict.at_hz)
+    ):
+        if parts:
+            parts.append("")
+        parts.append(heading(name, at_rate(at_hz, pace) if at_hz or pace else ""))
+        for line in group:
+            parts += _requirement(line, widths)
+    return Group(*parts)
+
+
+def _lines(verdict: Verdict) -> list[_Line]:
+    several = several_monitors(verdict)
+    return [
+        _Line(
+            verdict=one,
+            text=requirement_text(one, name_monitor=several),
+            estimate=estimate_text(one),
+            bounds=bounds_text(one),
+        )
+        for one in verdict.requirements
+    ]
+
+
+def _widths(lines: list[_Line], width: int) -> tuple[int, int, int, int]:
+    """Column widths that suit all lines; where there is no room, the requirements are wrapped."""
+    outcome = max(verdict_text(line.verdict).cell_len for line in lines)
+    estimate = max(len(line.estimate) for line in lines)
+    bounds = max(len(line.bounds) for line in lines)
+    room = width - _INDENT - outcome - estimate - bounds - 2 * 3
+    text = min(max(len(line.text) for line in lines), max(room, _LEAST_TEXT))
+    return outcome, text, estimate, bounds
+
+
+def _requirement(line: _Line, widths: tuple[int, int, int, int]) -> list[RenderableType]:
+    cells = Table.grid(padding=(0, 2, 0, 0), pad_edge=False)
+    for number, column in enumerate(widths):
+        cells.add_column(width=column, overflow="fold", justify="left" if number < 2 else "right")
+    one = line.verdict
+    cells.add_row(verdict_text(one), *map(Text, (line.text, line.estimate, line.bounds)))
+    said = [Text(one.reason), *(Text(note, style=QUIET) for note in one.notes)]
+    if one.settle:
+        said.append(Text(one.settle, style=QUIET))
+    return [
+        Padding(cells, (0, 0, 0, _INDENT)),
+        *(Padding(text, (0, 0, 0, _REASON_INDENT), expand=False) for text in said),
+    ]

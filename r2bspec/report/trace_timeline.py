@@ -1,0 +1,88 @@
+"""What happened when: phases, messages and loads, for the formats with a time axis.
+
+All times are CLOCK_MONOTONIC nanoseconds, as in the run folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from r2bspec.measure.expected_steps import asked_and_seen
+from r2bspec.measure.resource_usage import MACHINE, spaced
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import Segment
+
+WHOLE_MACHINE = "whole machine"
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """An expected answer at one monitor: its step; `received_ns` is None where none came."""
+
+    segment: Segment
+    step: int
+    published_ns: int
+    received_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """What a process used since the sample before; one core is 1."""
+
+    process: str
+    at_ns: int
+    cpu: float
+    memory_bytes: int
+
+
+def phases(run: Run) -> list[tuple[str, int, int]]:
+    """Each phase with its beginning and its end; the last one ends with the last segment."""
+    begun = [
+        (text.removeprefix("phase "), at_ns)
+        for at_ns, text in run.record.events
+        if text.startswith("phase ")
+    ]
+    last = max(
+        [each.ended_ns for each in run.record.segments] + [at_ns for at_ns, _ in run.record.events],
+        default=0,
+    )
+    ends = [*(at_ns for _, at_ns in begun[1:]), last]
+    # The last end is left over where no phase was recorded at all.
+    return [(name, at_ns, max(end, at_ns)) for (name, at_ns), end in zip(begun, ends, strict=False)]
+
+
+def messages(run: Run, monitor: str) -> Iterator[Message]:
+    """Every expected answer of every segment, in the order of playing."""
+    (plan,) = (each for each in run.plan.monitors if each.name == monitor)
+    for segment in run.record.segments:
+        playback, rows, matched = asked_and_seen(run, segment, plan)
+        for step, row in zip(matched.asked.tolist(), matched.first_row.tolist(), strict=True):
+            yield Message(
+                segment=segment,
+                step=step,
+                published_ns=int(playback["published_ns"][step]),
+                received_ns=int(rows["received_ns"][row]) if row >= 0 else None,
+            )
+
+
+def loads(run: Run) -> Iterator[Load]:
+    """Every sample but the first of each process, by process."""
+    rows = run.resources()
+    names = {number: each.name for number, each in enumerate(run.record.processes)}
+    for index, name in {**names, MACHINE: WHOLE_MACHINE}.items():
+        of_one = rows[rows["process"] == index]
+        of_one = of_one[np.argsort(of_one["time_ns"], kind="stable")]
+        of_one = of_one[spaced(of_one["time_ns"])]
+        spans = np.diff(of_one["time_ns"])
+        used = np.diff(of_one["cpu_s"])
+        for at, (span, cpu_s) in enumerate(zip(spans.tolist(), used.tolist(), strict=True), 1):
+            if span > 0:
+                yield Load(
+                    process=name,
+                    at_ns=int(of_one["time_ns"][at]),
+                    cpu=cpu_s / (span / 1e9),
+                    memory_bytes=int(of_one["memory_bytes"][at]),
+                )

@@ -1,6 +1,0 @@
-"""`extends`: documents that build on files, and entries that build on their siblings."""
-
-from r2bspec.spec.extend.files import Extended, extend
-from r2bspec.spec.extend.siblings import extend_siblings
-
-__all__ = ["Extended", "extend", "extend_siblings"]

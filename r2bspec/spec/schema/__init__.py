@@ -1,5 +1,0 @@
-"""The JSON Schema of the language, from one source: a module for each section."""
-
-from r2bspec.spec.schema.derive import published_schema, published_schema_text, strict_schema
-
-__all__ = ["published_schema", "published_schema_text", "strict_schema"]

@@ -1,0 +1,238 @@
+"""From a spec to its wiring.
+
+Harness and nodes meet on topics: in the preprocess phase the loader writes what `data_loader`
+names and the recorder reads the `from` of every playback input; in the measure phase the player
+writes the playback inputs and each monitor reads its topic. Recorded transforms that the spec asks
+for are written by the loader and, later, by the player. A live benchmark has only monitors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.language.spec import Node, QoS, Spec
+from r2bspec.wiring.companion_files import NOTHING, Beside
+from r2bspec.wiring.known_packages import well_known
+from r2bspec.wiring.name_resolution import expand, join_namespaces, node_name, remap
+from r2bspec.wiring.node_interface import (
+    Interface,
+    Named,
+    Table,
+    TableEntry,
+    interface_of,
+    reference_table,
+)
+from r2bspec.wiring.parameter_files import merged_parameters
+from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring, Wiring
+
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+
+_HARNESS_QOS = QoS()
+"""What loader and recorder use: the profile of a bare depth of ten."""
+
+
+def build_wiring(
+    spec: Spec,
+    *,
+    bag_types: Mapping[str, str] | None = None,
+    table: Table | None = None,
+    beside: Beside = NOTHING,
+) -> Wiring:
+    """Work out who writes and who reads which topic.
+
+    Args:
+        spec: the spec; it may hold any mistake that a rule reports.
+        bag_types: type of each topic of the bag that is known, by the name that the spec uses.
+        table: interfaces of Python nodes by path; by default those of the reference nodes.
+        beside: what was read beside the spec; by default nothing.
+    """
+    table = reference_table() if table is None else table
+    namespace = join_namespaces("/", spec.namespace)
+    before = _nodes(spec.preprocessors, ("preprocessors",), namespace, table, beside)
+    under_test = _nodes(spec.graph.nodes, ("graph", "nodes"), namespace, table, beside)
+    return Wiring(
+        namespace=namespace,
+        preprocess=PhaseWiring(
+            "preprocess",
+            before,
+            (
+                *_data_endpoints(spec, namespace, bag_types or {}),
+                *(_transform_endpoints(spec, "loader") if before else ()),
+                *_node_endpoints(before),
+            ),
+        ),
+        measure=PhaseWiring(
+            "measure",
+            under_test,
+            (
+                *_play_endpoints(spec, namespace),
+                *_transform_endpoints(spec, "player"),
+                *_node_endpoints(under_test),
+            ),
+        ),
+    )
+
+
+def harness_topic(name: str, namespace: str) -> str:
+    """The full name of a topic that the spec names outside of any node."""
+    return expand(name, "", namespace)
+
+
+def speaks_ros(node: Node) -> bool:
+    """Whether the spec says anything of a node that only a ROS process can follow.
+
+    A bare `command` may be anything, and is run exactly as written.
+    """
+    return node.kind != "command" or bool(
+        node.namespace
+        or node.parameters
+        or node.parameter_sources
+        or node.remappings
+        or node.publishes
+        or node.subscribes
+    )
+
+
+def _nodes(
+    nodes: Mapping[str, Node], section: Path, namespace: str, table: Table, beside: Beside
+) -> tuple[NodeWiring, ...]:
+    return tuple(
+        _node(key, node, (*section, key), join_namespaces(namespace, node.namespace), table, beside)
+        for key, node in nodes.items()
+    )
+
+
+def _node(
+    key: str, node: Node, path: Path, namespace: str, table: Table, beside: Beside
+) -> NodeWiring:
+    name = node_name(key, namespace)
+    parameters = merged_parameters(node, name, beside.parameter_files)
+    named = Named(key, namespace, node.remappings, parameters)
+    return NodeWiring(
+        key=key,
+        name=name,
+        namespace=namespace,
+        path=path,
+        node=node,
+        interface=_interface(key, node, table, named, beside),
+        names_known=speaks_ros(node),
+        parameters=parameters,
+    )
+
+
+def _interface(key: str, node: Node, table: Table, named: Named, beside: Beside) -> Interface:
+    sources: tuple[TableEntry | None, ...] = (
+        beside.interfaces.get(key),
+        well_known(node),
+        None if node.python in table else beside.sources.get(node.python),
+    )
+    known = tuple(each for each in sources if each is not None)
+    return interface_of(node, table, named=named, sources=known)
+
+
+def _data_endpoints(spec: Spec, namespace: str, types: Mapping[str, str]) -> Iterator[Endpoint]:
+    for bag_topic, target in spec.data_loader.topics.items():
+        yield Endpoint(
+            owner="loader",
+            writes=True,
+            topic=harness_topic(target, namespace),
+            type=types.get(bag_topic, ""),
+            path=("data_loader", "topics", bag_topic),
+            qos=_HARNESS_QOS,
+        )
+    for name, each in spec.playback.inputs.items():
+        place: Path = ("playback", "inputs", name)
+        yield Endpoint(
+            owner="recorder",
+            writes=False,
+            topic=harness_topic(each.source, namespace),
+            type=each.format,
+            path=(*place, "from"),
+            type_path=(*place, "format"),
+        )
+
+
+def _transform_endpoints(spec: Spec, owner: str) -> Iterator[Endpoint]:
+    """The transforms of the recording, where the spec asks for them."""
+    loader = spec.data_loader
+    static = QoS(durability="transient_local", depth=1)
+    for asked, topic, qos in (
+        (loader.publish_tf, "/tf", QoS(depth=100)),
+        (loader.publish_tf_static, "/tf_static", static),
+    ):
+        if asked:
+            yield Endpoint(
+                owner=owner,
+                writes=True,
+                topic=topic,
+                type=TRANSFORMS,
+                path=("data_loader", f"publish_{topic[1:]}"),
+                at_key=True,
+                qos=qos,
+            )
+
+
+def _play_endpoints(spec: Spec, namespace: str) -> Iterator[Endpoint]:
+    for name, each in spec.playback.inputs.items():
+        place: Path = ("playback", "inputs", name)
+        yield Endpoint(
+            owner="player",
+            writes=True,
+            topic=harness_topic(name, namespace),
+            type=each.format,
+            path=place,
+            at_key=True,
+            type_path=(*place, "format"),
+            qos=each.qos,
+            qos_path=(*place, "qos"),
+        )
+    for name, monitor in spec.monitors.items():
+        place = ("monitors", name)
+        yield Endpoint(
+            owner="monitor",
+            writes=False,
+            topic=harness_topic(monitor.topic, namespace),
+            type=monitor.format,
+            path=(*place, "topic"),
+            type_path=(*place, "format"),
+            monitor=name,
+            qos=monitor.qos,
+            qos_path=(*place, "qos"),
+        )
+
+
+def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[Endpoint]:
+    for node in nodes:
+        interface = node.interface
+        for own_name, kind in (interface.subscribes or {}).items():
+            stated = interface.subscribes_from == "spec"
+            yield _endpoint(node, own_name, kind, "subscribes" if stated else "", writes=False)
+        for own_name, kind in (interface.publishes or {}).items():
+            stated = interface.publishes_from == "spec"
+            yield _endpoint(node, own_name, kind, "publishes" if stated else "", writes=True)
+
+
+def _endpoint(
+    node: NodeWiring, own_name: str, kind: str, stated_under: str, *, writes: bool
+) -> Endpoint:
+    """An endpoint of a node, placed at what decides its topic: remapping, statement or node."""
+    topic, rule = remap(own_name, node.node.remappings, node.key, node.namespace)
+    stated = (*node.path, stated_under, own_name) if stated_under else ()
+    path = (*node.path, "remappings", rule) if rule is not None else stated or node.path
+    parameter = "" if stated else node.interface.type_parameters.get(own_name, "")
+    chosen = parameter in node.node.parameters
+    wanted = node.node.qos.get(own_name)
+    return Endpoint(
+        owner=node.name,
+        writes=writes,
+        topic=topic,
+        type=kind,
+        path=path,
+        at_key=rule is None,
+        own_name=own_name,
+        type_path=(*node.path, "parameters", parameter) if chosen else stated,
+        type_parameter=parameter,
+        qos=node.interface.qos.get(own_name) if wanted is None else wanted,
+        qos_path=() if wanted is None else (*node.path, "qos", own_name),
+    )

@@ -1,0 +1,177 @@
+"""The wiring of a spec, as frozen values: every known writer and reader of every topic."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.language.spec import Node, ParameterValue, QoS
+from r2bspec.wiring.node_interface import Interface
+
+Phase = Literal["preprocess", "measure"]
+Harness = Literal["loader", "recorder", "player", "monitor"]
+
+
+@dataclass(frozen=True, slots=True)
+class NodeWiring:
+    """A node of the spec with its resolved names.
+
+    Attributes:
+        key: its key in the spec, which is its ROS name, too.
+        name: full name, such as ``/r2b/apriltag``.
+        path: where it stands in the spec.
+        names_known: False for a command of which the spec says nothing that has to do with ROS.
+        parameters: what it ends up with, from all files and values.
+    """
+
+    key: str
+    name: str
+    namespace: str
+    path: Path
+    node: Node
+    interface: Interface
+    names_known: bool = True
+    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """One side of a topic.
+
+    Attributes:
+        owner: the full name of a node, or the part of the harness.
+        topic: full name.
+        type: such as ``sensor_msgs/msg/Image``; empty if unknown.
+        path: the place in the spec that makes the endpoint what it is.
+        at_key: whether the topic's name is the key there, rather than the value.
+        own_name: how the node itself calls the topic; empty for the harness.
+        type_path: the place in the spec that says the type; empty if it comes from elsewhere.
+        type_parameter: the parameter of the node that decides the type; empty if none does.
+        monitor: the name of the monitor, for the endpoint of a monitor.
+        qos: the profile that it offers or asks for; None if unknown.
+        qos_path: the place in the spec that says so; empty if it comes from elsewhere.
+    """
+
+    owner: str
+    writes: bool
+    topic: str
+    type: str
+    path: Path
+    at_key: bool = False
+    own_name: str = ""
+    type_path: Path = ()
+    type_parameter: str = ""
+    monitor: str = ""
+    qos: QoS | None = None
+    qos_path: Path = ()
+
+    @property
+    def is_node(self) -> bool:
+        """Whether a node of the spec owns it, rather than the harness."""
+        return self.owner.startswith("/")
+
+
+@dataclass(frozen=True)
+class PhaseWiring:
+    """All that is known of one phase."""
+
+    phase: Phase
+    nodes: tuple[NodeWiring, ...]
+    endpoints: tuple[Endpoint, ...]
+
+    @cached_property
+    def _by_topic(self) -> dict[str, list[Endpoint]]:
+        found: dict[str, list[Endpoint]] = {}
+        for endpoint in self.endpoints:
+            found.setdefault(endpoint.topic, []).append(endpoint)
+        return found
+
+    @cached_property
+    def _by_owner(self) -> dict[str, list[Endpoint]]:
+        found: dict[str, list[Endpoint]] = {}
+        for endpoint in self.endpoints:
+            found.setdefault(endpoint.owner, []).append(endpoint)
+        return found
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Every known topic, sorted."""
+        return tuple(sorted(self._by_topic))
+
+    def writers(self, topic: str) -> tuple[Endpoint, ...]:
+        """Who is known to write a topic."""
+        return tuple(each for each in self._by_topic.get(topic, ()) if each.writes)
+
+    def readers(self, topic: str) -> tuple[Endpoint, ...]:
+        """Who is known to read a topic."""
+        return tuple(each for each in self._by_topic.get(topic, ()) if not each.writes)
+
+    @cached_property
+    def _by_name(self) -> dict[str, NodeWiring]:
+        return {node.name: node for node in self.nodes}
+
+    def node(self, owner: str) -> NodeWiring | None:
+        """The node of that full name; None for a part of the harness."""
+        return self._by_name.get(owner)
+
+    def owned_by(self, owner: str) -> tuple[Endpoint, ...]:
+        """The endpoints of a node or of a part of the harness."""
+        return tuple(self._by_owner.get(owner, ()))
+
+    @cached_property
+    def may_write(self) -> tuple[NodeWiring, ...]:
+        """Nodes that may write any topic, because nothing is known of what they publish."""
+        return tuple(each for each in self.nodes if each.interface.publishes is None)
+
+    @cached_property
+    def may_read(self) -> tuple[NodeWiring, ...]:
+        """Nodes that may read any topic, because nothing is known of what they subscribe to."""
+        return tuple(each for each in self.nodes if each.interface.subscribes is None)
+
+    def reached_from(self, topics: Iterable[str]) -> frozenset[str]:
+        """The topics that messages on `topics` can lead to through nodes, themselves included."""
+        reached: set[str] = set()
+        ahead = list(topics)
+        while ahead:
+            topic = ahead.pop()
+            if topic not in reached:
+                reached.add(topic)
+                owners = {each.owner for each in self.readers(topic) if each.is_node}
+                ahead += [
+                    each.topic for owner in owners for each in self.owned_by(owner) if each.writes
+                ]
+        return frozenset(reached)
+
+    def leading_to(self, topic: str) -> frozenset[str]:
+        """The topics from which messages can come to `topic` through nodes, itself included."""
+        reached: set[str] = set()
+        ahead = [topic]
+        while ahead:
+            name = ahead.pop()
+            if name not in reached:
+                reached.add(name)
+                owners = {each.owner for each in self.writers(name) if each.is_node}
+                ahead += [
+                    each.topic
+                    for owner in owners
+                    for each in self.owned_by(owner)
+                    if not each.writes
+                ]
+        return frozenset(reached)
+
+
+@dataclass(frozen=True, slots=True)
+class Wiring:
+    """Both phases of a spec."""
+
+    namespace: str
+    preprocess: PhaseWiring
+    measure: PhaseWiring
+
+    @property
+    def phases(self) -> tuple[PhaseWiring, PhaseWiring]:
+        """Both phases, in the order in which they happen."""
+        return (self.preprocess, self.measure)

@@ -1,0 +1,237 @@
+"""One recording in every form in which bags come: the same index, messages, windows and hash."""
+
+from __future__ import annotations
+
+import bz2
+import random
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from mcap.writer import CompressionType, IndexType
+
+from data_bags import (
+    START_NS,
+    STRING,
+    chatter,
+    split_bag,
+    storage_file,
+    text,
+    write_bag,
+    write_mcap,
+    write_ros1,
+)
+from r2bspec.bags.bag_index import index_bag
+from r2bspec.bags.bag_reader import read_messages
+from r2bspec.bags.digest import hash_content, hash_files
+from r2bspec.bags.errors import DataError
+from r2bspec.bags.largest_message import measure_topics
+from r2bspec.bags.recording import Window
+from r2bspec.bags.verification import verify
+
+MESSAGES = chatter(40)
+TOPICS = ("/ping", "/pong")
+_SHUFFLED = random.Random(3).sample(MESSAGES, len(MESSAGES))  # noqa: S311
+_NO_MESSAGE_INDEX = IndexType.ALL & ~IndexType.MESSAGE
+
+
+def _alone(bag: Path) -> Path:
+    file = storage_file(bag)
+    return file.rename(bag.parent / file.name)
+
+
+def _of_version(folder: Path, version: int) -> Path:
+    """What earlier versions of rosbag2 left out of metadata.yaml."""
+    bag = write_bag(folder, MESSAGES, compression="message")
+    path = bag / "metadata.yaml"
+    document = yaml.safe_load(path.read_text())
+    info = document["rosbag2_bagfile_information"]
+    info["version"] = version
+    added = {5: ["files"], 6: ["custom_data"], 8: ["ros_distro"]}
+    for since, keys in added.items():
+        for key in keys if version < since else ():
+            info.pop(key, None)
+    for entry in info["topics_with_message_count"]:
+        topic = entry["topic_metadata"]
+        if version < 7:
+            topic.pop("type_description_hash", None)
+        if version < 4:
+            topic.pop("offered_qos_profiles", None)
+        if version >= 9:
+            topic["offered_qos_profiles"] = [{"history": "keep_last", "depth": 10}]
+    if version < 4:
+        info["relative_file_paths"] = [f"bag/{name}" for name in info["relative_file_paths"]]
+    path.write_text(yaml.safe_dump(document))
+    return bag
+
+
+def _odd_name(folder: Path) -> Path:
+    return write_bag(folder, MESSAGES).rename(folder.with_name("100 % #1? bag"))
+
+
+def _without_index(folder: Path) -> Path:
+    bag = write_bag(folder, _SHUFFLED)
+    with closing(sqlite3.connect(storage_file(bag))) as database, database:
+        database.execute("DROP INDEX timestamp_idx")
+    return bag
+
+
+def _linked(folder: Path) -> Path:
+    real = write_bag(folder.with_name("real"), MESSAGES)
+    storage_file(real).rename(real.parent / "elsewhere.db3")
+    (real / "real.db3").symlink_to(real.parent / "elsewhere.db3")
+    folder.symlink_to(real)
+    return folder
+
+
+FORMS: dict[str, Callable[[Path], Path]] = {
+    "sqlite3": lambda at: write_bag(at, MESSAGES),
+    "sqlite3, by message": lambda at: write_bag(at, MESSAGES, compression="message"),
+    "sqlite3, by file": lambda at: write_bag(at, MESSAGES, compression="file"),
+    "sqlite3, unsorted": lambda at: write_bag(at, _SHUFFLED),
+    "sqlite3, unsorted, without an index": _without_index,
+    "sqlite3, split": lambda at: split_bag(at, [MESSAGES[:9], MESSAGES[9:31], MESSAGES[31:]]),
+    "sqlite3, split, by message": lambda at: split_bag(
+        at, [MESSAGES[:9], MESSAGES[9:]], compression="message"
+    ),
+    "sqlite3, split, by file": lambda at: split_bag(
+        at, [MESSAGES[:9], MESSAGES[9:31], MESSAGES[31:]], compression="file"
+    ),
+    "sqlite3, split, interleaved": lambda at: split_bag(at, [MESSAGES[::2], MESSAGES[1::2]]),
+    "sqlite3, split, interleaved, by file": lambda at: split_bag(
+        at, [MESSAGES[::2], MESSAGES[1::2]], compression="file"
+    ),
+    "sqlite3, alone": lambda at: _alone(write_bag(at, MESSAGES)),
+    "sqlite3, alone, by message": lambda at: _alone(write_bag(at, MESSAGES, compression="message")),
+    "sqlite3, odd name": _odd_name,
+    "sqlite3, linked": _linked,
+    "mcap": lambda at: write_bag(at, MESSAGES, storage="mcap"),
+    "mcap, by chunk": lambda at: write_bag(at, MESSAGES, storage="mcap", compression="storage"),
+    "mcap, by message": lambda at: write_bag(at, MESSAGES, storage="mcap", compression="message"),
+    "mcap, by file": lambda at: write_bag(at, MESSAGES, storage="mcap", compression="file"),
+    "mcap, unsorted": lambda at: write_bag(at, _SHUFFLED, storage="mcap"),
+    "mcap, split": lambda at: split_bag(at, [MESSAGES[:9], MESSAGES[9:]], storage="mcap"),
+    "mcap, alone": lambda at: _alone(write_bag(at, MESSAGES, storage="mcap")),
+    "mcap, many small chunks, unsorted": lambda at: write_mcap(
+        at.with_suffix(".mcap"), _SHUFFLED, chunk_size=100
+    ),
+    "mcap, lz4": lambda at: write_mcap(
+        at.with_suffix(".mcap"), MESSAGES, chunk_size=100, compression=CompressionType.LZ4
+    ),
+    "mcap, no chunks": lambda at: write_mcap(at.with_suffix(".mcap"), MESSAGES, use_chunking=False),
+    "mcap, no chunks, unsorted": lambda at: write_mcap(
+        at.with_suffix(".mcap"), _SHUFFLED, use_chunking=False
+    ),
+    "mcap, no summary": lambda at: write_mcap(
+        at.with_suffix(".mcap"),
+        _SHUFFLED,
+        use_chunking=False,
+        index_types=IndexType.NONE,
+        use_statistics=False,
+        use_summary_offsets=False,
+        repeat_channels=False,
+        repeat_schemas=False,
+    ),
+    "mcap, chunks without an index of their messages": lambda at: write_mcap(
+        at.with_suffix(".mcap"), _SHUFFLED, chunk_size=100, index_types=_NO_MESSAGE_INDEX
+    ),
+    "mcap, the same without statistics": lambda at: write_mcap(
+        at.with_suffix(".mcap"),
+        MESSAGES,
+        chunk_size=100,
+        index_types=_NO_MESSAGE_INDEX,
+        use_statistics=False,
+    ),
+    "ros1": lambda at: write_ros1(at.with_suffix(".bag"), MESSAGES),
+    "ros1, bz2": lambda at: write_ros1(at.with_suffix(".bag"), MESSAGES, compression="bz2"),
+    "ros1, lz4": lambda at: write_ros1(at.with_suffix(".bag"), MESSAGES, compression="lz4"),
+    **{
+        f"metadata of version {version}": partial(_of_version, version=version)
+        for version in range(2, 10)
+    },
+}
+
+
+@pytest.fixture(params=FORMS)
+def bag(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    return FORMS[request.param](tmp_path / "bag")
+
+
+def read(bag: Path, window: Window | None = None, topics: Any = TOPICS) -> list[Any]:
+    return [
+        (each.topic, each.time_ns - START_NS, each.data)
+        for each in read_messages(bag, topics, window)
+    ]
+
+
+def test_index_messages_sizes_and_hash(bag: Path, tmp_path: Path) -> None:
+    index = index_bag(bag)
+    assert {name: (info.type, info.count) for name, info in index.topics.items()} == {
+        "/ping": (STRING, 20),
+        "/pong": (STRING, 20),
+    }
+    assert (index.start_ns, index.end_ns) == (START_NS, START_NS + 390_000_000)
+    assert index.message_count == 40
+    assert {info.serialization for info in index.topics.values()} == {"cdr"}
+    assert read(bag) == MESSAGES
+    assert read(bag, topics=["pong"]) == MESSAGES[1::2]
+    sizes = [len(data) for _, _, data in MESSAGES]
+    assert measure_topics(bag, TOPICS) == {"/ping": sizes[38], "/pong": sizes[39]}
+    assert len(hash_files(bag)) == 64
+    assert hash_content(bag) == hash_content(write_bag(tmp_path / "plain", MESSAGES))
+    assert verify(bag) == []
+
+
+def test_every_window(bag: Path) -> None:
+    step = 10_000_000
+    for start, end in ((0, 1), (0, 9), (8, 10), (9, 31), (13, 14), (30, 40), (31, None), (39, 99)):
+        window = Window(start_ns=start * step, end_ns=None if end is None else end * step)
+        assert read(bag, window) == MESSAGES[start:end], (start, end)
+    between = Window(start_ns=90_000_001, end_ns=99_999_999)
+    assert read(bag, between) == []
+
+
+def test_nothing_is_left_in_the_temporary_folder(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(scratch))
+    messages = read_messages(bag, TOPICS)
+    next(messages)
+    messages.close()  # type: ignore[attr-defined]
+    assert list(scratch.iterdir()) == []
+
+
+def test_files_outside_of_the_window_are_not_unpacked(tmp_path: Path) -> None:
+    bag = split_bag(
+        tmp_path / "bag", [MESSAGES[:9], MESSAGES[9:31], MESSAGES[31:]], compression="file"
+    )
+    for name in ("bag_0.db3.zstd", "bag_2.db3.zstd"):
+        (bag / name).write_bytes(b"no zstd")
+    window = Window(start_ns=90_000_000, end_ns=310_000_000)
+    assert read(bag, window) == MESSAGES[9:31]
+    with pytest.raises(DataError) as caught:
+        read(bag)
+    assert caught.value.code == "R2B304"
+
+
+def test_mcap_of_another_world_is_named_as_such(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "bag.mcap", MESSAGES, profile="x-protobuf")
+    with pytest.raises(DataError, match="profile 'x-protobuf'; only 'ros2'") as caught:
+        index_bag(file)
+    assert "mcap convert" in caught.value.hint
+
+
+def test_a_compressed_file_alone_is_answered_with_its_way_out(tmp_path: Path) -> None:
+    file = tmp_path / "bag.db3.zstd"
+    file.write_bytes(bz2.compress(text("x")))
+    with pytest.raises(DataError) as caught:
+        index_bag(file)
+    assert caught.value.code == "R2B304"
+    assert "zstd -d" in caught.value.hint

@@ -1,0 +1,65 @@
+"""`verify` finds what `index` cannot: bodies that are gone or were changed."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from data_bags import chatter, storage_file, write_bag
+from r2bspec.bags.recording import MadeDataset
+from r2bspec.bags.verification import verify
+
+
+@pytest.fixture
+def copy(storage_room: MadeDataset, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(storage_room.path, tmp_path / "copy"))
+
+
+def test_a_made_dataset_is_what_it_says(storage_room: MadeDataset) -> None:
+    assert verify(storage_room.path) == []
+
+
+def test_a_recorded_bag_is_what_it_says(tmp_path: Path) -> None:
+    assert verify(write_bag(tmp_path / "bag", chatter())) == []
+
+
+def test_a_changed_message_is_found(copy: Path) -> None:
+    with closing(sqlite3.connect(storage_file(copy))) as database, database:
+        (topic,) = database.execute("SELECT id FROM topics WHERE name = '/d455_1_imu'").fetchone()
+        rows = database.execute(
+            "SELECT id, data FROM messages WHERE topic_id = ? LIMIT 2", (topic,)
+        ).fetchall()
+        database.execute("UPDATE messages SET data = ? WHERE id = ?", (rows[1][1], rows[0][0]))
+    (problem,) = verify(copy)
+    assert problem.startswith("the content hashes to ")
+
+
+def test_a_changed_file_is_found(copy: Path) -> None:
+    (copy / "ground_truth.json").write_text("{}")
+    (problem,) = verify(copy)
+    assert "ground_truth.json has 2 bytes" in problem
+
+
+def test_a_missing_file_is_found(copy: Path) -> None:
+    (copy / "disparity.npz").unlink()
+    (problem,) = verify(copy)
+    assert "disparity.npz has 0 bytes" in problem
+
+
+def test_a_foreign_record_is_found(copy: Path) -> None:
+    (copy / "dataset.json").write_text('{"format": "other"}')
+    assert verify(copy) == ["dataset.json is not what 'r2bspec data make' writes"]
+
+
+def test_an_unreadable_bag_is_a_problem_and_no_exception(tmp_path: Path) -> None:
+    (problem,) = verify(tmp_path)
+    assert "R2B302" in problem
+
+
+@pytest.mark.parametrize("name", ["wbag", "talker", "service_events_mcap", "wrong_rmw_test"])
+def test_recordings_of_others_are_what_they_say(real_bags: Path, name: str) -> None:
+    assert verify(real_bags / name) == []

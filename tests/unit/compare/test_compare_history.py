@@ -1,0 +1,179 @@
+"""The history of runs: what it keeps, what it refuses, and two programs that write at once."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from r2bspec.compare.history import Entry, HistoryError, Metric, open_history
+from r2bspec.compare.history.migrations import APPLICATION_ID, MIGRATIONS, VERSION, version_of
+
+
+def entry(run_id: str, *, outcome: str = "pass", day: int = 1, plan: str = "plan") -> Entry:
+    return Entry(
+        run_id=run_id,
+        name="relay",
+        started_at=f"2026-01-{day:02d}T00:00:00+00:00",
+        host="host",
+        machine="a machine",
+        plan=plan,
+        dataset="data",
+        version="0.1.0",
+        outcome=outcome,
+        metrics=(
+            Metric(at_hz=30.0, monitor="out", metric="latency.p50", unit="s", value=0.02),
+            Metric(at_hz=None, monitor=None, metric="peak.rate", unit="Hz", value=None),
+        ),
+    )
+
+
+def test_what_is_added_is_found_again(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "history.sqlite"
+    with open_history(path, create=True) as history:
+        history.add(entry("b", day=2))
+        history.add(entry("a", day=1))
+        history.add(entry("b", day=2))
+    with open_history(path) as history:
+        assert [one.run_id for one in history.runs()] == ["a", "b"]
+        assert history.runs(name="another") == ()
+        found = history.alike("host", "plan", "data", 30)
+        assert [one.metrics for one in found] == [entry("a").metrics] * 2
+
+
+def test_only_runs_alike_are_compared_and_only_the_latest(tmp_path: Path) -> None:
+    with open_history(tmp_path / "h", create=True) as history:
+        for day in range(1, 8):
+            history.add(entry(f"run{day}", day=day))
+        history.add(entry("elsewhere", plan="another", day=9))
+        assert [one.run_id for one in history.alike("host", "plan", "data", 3)] == [
+            "run5",
+            "run6",
+            "run7",
+        ]
+        assert history.alike("host", "plan", "other data", 3) == ()
+        assert history.alike("other host", "plan", "data", 3) == ()
+
+
+def test_a_failed_run_is_no_baseline_until_it_is_accepted(tmp_path: Path) -> None:
+    with open_history(tmp_path / "h", create=True) as history:
+        history.add(entry("good"))
+        history.add(entry("bad", outcome="fail", day=2))
+        assert [one.run_id for one in history.alike("host", "plan", "data", 9)] == ["good"]
+        assert history.accept("bad")
+        assert not history.accept("nobody")
+        assert len(history.alike("host", "plan", "data", 9)) == 2
+
+
+def test_forgetting_a_run_forgets_its_metrics(tmp_path: Path) -> None:
+    path = tmp_path / "h"
+    with open_history(path, create=True) as history:
+        history.add(entry("a"))
+        history.add(entry("b"))
+        assert history.remove(["a", "nobody"]) == 1
+        assert history.metrics("a") == ()
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        assert connection.execute("SELECT count(*) FROM metrics").fetchone() == (2,)
+
+
+def old_file(path: Path, version: int) -> None:
+    """A history as version `version` of its tables left it, with one run."""
+    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        for migration in MIGRATIONS[:version]:
+            for statement in migration:
+                connection.execute(statement)
+        connection.execute(f"PRAGMA user_version = {version}")
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        connection.execute(
+            "INSERT INTO runs (run_id, name, started_at, host, machine, plan, dataset, version, "
+            "outcome) VALUES ('old', 'relay', '2025-01-01', 'host', 'm', 'plan', 'data', '0', "
+            "'pass')"
+        )
+        connection.execute(
+            "INSERT INTO metrics VALUES ('old', 30.0, 'out', 'latency.p50', 's', 0.01)"
+        )
+
+
+@pytest.mark.parametrize("version", range(1, VERSION + 1))
+def test_every_older_version_is_brought_up_to_date(tmp_path: Path, version: int) -> None:
+    path = tmp_path / "h"
+    old_file(path, version)
+    with open_history(path) as history:
+        history.add(entry("new"))
+        assert [one.run_id for one in history.alike("host", "plan", "data", 9)] == ["old", "new"]
+        assert history.metrics("old")[0].value == 0.01
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        assert version_of(connection) == VERSION
+
+
+def test_a_newer_version_is_refused_and_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "h"
+    old_file(path, VERSION)
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        connection.execute(f"PRAGMA user_version = {VERSION + 1}")
+    before = path.read_bytes()
+    with pytest.raises(HistoryError, match=f"version {VERSION + 1}"), open_history(path):
+        pass
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("content", [b"x" * 4096, b"SQLite format 3\x00" + b"\xff" * 4080])
+def test_a_damaged_file_is_said(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "h"
+    path.write_bytes(content)
+    found = pytest.raises(HistoryError, match="cannot be used|damaged")
+    with found as caught, open_history(path):
+        pass
+    assert caught.value.hint
+
+
+def test_a_file_cut_short_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "h"
+    with open_history(path, create=True) as history:
+        for number in range(200):
+            history.add(entry(f"run{number}"))
+    path.write_bytes(path.read_bytes()[:8192])
+    for leftover in tmp_path.glob("h-*"):
+        leftover.unlink()
+    with pytest.raises(HistoryError), open_history(path) as history:
+        history.alike("host", "plan", "data", 30)
+
+
+def test_a_database_of_another_program_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "h"
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        connection.execute("CREATE TABLE runs (mine TEXT)")
+    before = path.read_bytes()
+    with pytest.raises(HistoryError, match="another program"), open_history(path):
+        pass
+    assert path.read_bytes() == before
+
+
+def test_what_is_not_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(HistoryError, match="no history"), open_history(tmp_path / "nothing"):
+        pass
+    with pytest.raises(HistoryError), open_history(tmp_path, create=True):
+        pass
+
+
+def _write(path: Path, name: str, number: int) -> None:
+    for each in range(number):
+        with open_history(path, create=True) as history:
+            history.add(entry(f"{name}-{each}"))
+
+
+def test_several_programs_write_at_once(tmp_path: Path) -> None:
+    """Each opens the file anew, so that they also race to make its tables."""
+    path = tmp_path / "h"
+    context = multiprocessing.get_context("spawn")
+    writers = [context.Process(target=_write, args=(path, f"w{n}", 10)) for n in range(4)]
+    for each in writers:
+        each.start()
+    for each in writers:
+        each.join(120)
+    assert [each.exitcode for each in writers] == [0] * 4
+    with open_history(path) as history:
+        assert len(history.runs()) == 40

@@ -1,0 +1,171 @@
+"""A run against a history, and against a stored run, without ROS: the runs are simulated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from pair_simulation import latencies
+from r2bspec.compare.errors import IncomparableError
+from r2bspec.compare.gated_run import run_against_earlier
+from r2bspec.compare.history import open_history
+from r2bspec.compare.history_gate import baseline_of_stored, keep
+from r2bspec.judge.judge_run import result_of, to_json
+from r2bspec.judge.result import Result
+from r2bspec.plan.plan import GatePlan, Plan
+from r2bspec.record.run_folder import RunFolder, open_run
+from run_simulation import Played, Simulation, objective
+
+NO_REGRESSION = {"no_regression": objective("latency.p50 <= 110 % of baseline")}
+LEVELS = [0.020, 0.0204, 0.0197, 0.0201, 0.0199, 0.0202]
+
+
+def simulated(*levels_s: float, silent: bool = False, broken: str = "") -> Simulation:
+    mute = ("detections",) if silent else ()
+    return Simulation(
+        segments=[Played(30.0, latencies(level), silent=mute) for level in levels_s],
+        objectives=NO_REGRESSION,
+        status="incomplete" if broken else "complete",
+        reason=broken,
+    )
+
+
+class Machine:
+    """Makes runs of given latencies, one after the other, instead of running anything."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.history = folder / "history.sqlite"
+        self.made = 0
+
+    def run(self, *simulations: Simulation) -> Result:
+        """A run, and the fresh ones that it may lead to."""
+        coming = iter(simulations)
+
+        def make(folder: RunFolder, plan: Plan) -> Result:
+            self.made += 1
+            simulation = next(coming)
+            folder.path.rmdir()
+            simulation.write(folder.path)
+            record = open_run(folder.path).record
+            run_id = f"{self.made:016x}"
+            folder.write_record(msgspec.structs.replace(record, run_id=run_id))
+            assert plan.gate.confirm == (folder.path.name != "confirm")
+            return result_of(open_run(folder.path))
+
+        target = RunFolder.create(self.folder / f"run{self.made}")
+        return run_against_earlier(
+            make, simulations[0].plan(), target, history=self.history, stored=None
+        )
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    return Machine(tmp_path)
+
+
+def test_a_history_gates_once_it_has_enough_runs(machine: Machine) -> None:
+    settled = [machine.run(simulated(level)).verdict for level in LEVELS]
+    assert [one.outcome for one in settled] == ["inconclusive"] * 5 + ["pass"]
+    assert settled[2].requirements[0].settle == "5 are needed: 3 more."
+    assert settled[5].requirements[0].method == "prediction interval"
+
+
+def test_a_failure_is_confirmed_by_a_fresh_run_and_is_no_baseline(machine: Machine) -> None:
+    for level in LEVELS:
+        machine.run(simulated(level))
+    failed = machine.run(simulated(0.03), simulated(0.03))
+    assert (failed.verdict.outcome, failed.verdict.exit_code) == ("fail", 1)
+    assert failed.verdict.reason.endswith("A fresh run confirmed what the history shows.")
+    assert failed.baseline is not None
+    assert failed.baseline.confirmed
+    contradicted = machine.run(simulated(0.03), simulated(0.02))
+    assert contradicted.verdict.outcome == "inconclusive"
+    with open_history(machine.history) as history:
+        outcomes = [one.outcome for one in history.runs()]
+        assert outcomes.count("fail") == 1
+    assert machine.run(simulated(0.03), simulated(0.03)).verdict.outcome != "pass"
+
+
+def test_judging_again_does_not_ask_the_history(machine: Machine) -> None:
+    for level in LEVELS:
+        machine.run(simulated(level))
+    result = machine.run(simulated(0.03), simulated(0.03))
+    machine.history.unlink()
+    folder = machine.folder / "run6"
+    assert to_json(result_of(open_run(folder))) == to_json(result)
+    assert (folder / "result.json").read_bytes() == to_json(result)
+
+
+def test_what_says_nothing_of_the_graph_is_not_remembered(machine: Machine) -> None:
+    broken = machine.run(simulated(0.02, broken="R2B631: a process ended"))
+    assert broken.verdict.outcome == "incomplete"
+    with open_history(machine.history) as history:
+        assert history.runs() == ()
+
+
+def test_silence_fails_whatever_the_history_says(machine: Machine) -> None:
+    first = machine.run(simulated(0.02, silent=True), simulated(0.02, silent=True))
+    assert first.verdict.outcome == "fail"
+    for level in LEVELS:
+        machine.run(simulated(level))
+    silent = machine.run(simulated(0.02, silent=True), simulated(0.02, silent=True))
+    assert silent.verdict.outcome == "fail"
+
+
+def test_runs_of_another_length_are_another_history(machine: Machine) -> None:
+    longer = replace(simulated(0.02, 0.02), monitors=("detections", "more"))
+    for level in LEVELS:
+        machine.run(simulated(level))
+    assert machine.run(longer).verdict.outcome == "inconclusive"
+
+
+class TestStored:
+    def stored(self, folder: Path, *levels: float) -> Path:
+        simulated(*levels).write(folder)
+        return folder
+
+    def judged(self, base: Path, head: Simulation, folder: Path) -> Result:
+        run = head.write(folder)
+        keep(folder, baseline_of_stored(base, run.plan, run.record.machine, force=False))
+        return result_of(open_run(folder))
+
+    def test_it_advises_and_never_gates(self, tmp_path: Path) -> None:
+        base = self.stored(tmp_path / "base", *LEVELS)
+        for number, level in enumerate((0.02, 0.04)):
+            head = simulated(*(level * each / 0.02 for each in LEVELS))
+            result = self.judged(base, head, tmp_path / f"head{number}")
+            (one,) = result.verdict.requirements
+            assert (one.outcome, one.method) == ("inconclusive", "stored baseline")
+            assert result.verdict.exit_code == 3
+            would = ("would pass", "would fail")[number]
+            assert would in one.reason
+        assert result.baseline is not None
+        assert result.baseline.kind == "stored"
+
+    def test_a_result_file_will_do(self, tmp_path: Path) -> None:
+        base = self.stored(tmp_path / "base", *LEVELS)
+        path = tmp_path / "result.json"
+        path.write_bytes(to_json(result_of(open_run(base))))
+        result = self.judged(path, simulated(*LEVELS), tmp_path / "head")
+        assert "would pass" in result.verdict.requirements[0].reason
+
+    def test_another_machine_or_plan_is_refused_and_spelt_out(self, tmp_path: Path) -> None:
+        base = self.stored(tmp_path / "base", *LEVELS)
+        plan = open_run(base).plan
+        faster = {"cpu": "another processor", "cores": 64}
+        with pytest.raises(IncomparableError, match=r"cores: 2 -> 64") as caught:
+            baseline_of_stored(base, plan, faster, force=False)
+        assert "--force" in caught.value.hint
+        other = msgspec.structs.replace(plan, buffer=7)
+        machine = open_run(base).record.machine
+        with pytest.raises(IncomparableError, match="buffer: 0 -> 7"):
+            baseline_of_stored(base, other, machine, force=False)
+        forced = baseline_of_stored(base, other, machine, force=True)
+        assert forced.differences == ("plan, buffer: 0 -> 7",)
+        # What is judged, and how, may differ.
+        words = msgspec.structs.replace(plan, objectives={}, gate=GatePlan(confidence=0.9))
+        assert baseline_of_stored(base, words, machine, force=False).differences == ()

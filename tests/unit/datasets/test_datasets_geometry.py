@@ -1,0 +1,225 @@
+"""Disparity, depth, lidar and IMU tell of one room and one motion."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from data_bags import decoded, pixels, stamp_ns
+from r2bspec.bags.recording import MadeDataset
+from r2bspec.datasets.ground_truth import read_disparity, read_ground_truth
+from r2bspec.datasets.scene import rig
+from r2bspec.datasets.scene.geometry import BODY_FROM_OPTICAL, Pose, quaternion, transpose
+from r2bspec.datasets.scene.lidar import cloud_dtype
+from r2bspec.datasets.scene.motion import GRAVITY_M_S2, Motion, Track
+from r2bspec.datasets.scene.render import camera_pose, render_depth
+from r2bspec.datasets.scene.scenes import place
+from r2bspec.datasets.sequences import SEQUENCES
+
+START_NS = SEQUENCES["r2b_storage"].start_ns
+OPTICAL_FROM_BODY = np.array(transpose(BODY_FROM_OPTICAL))
+
+
+def sampled(image: NDArray[np.float64], across: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Read an image at fractional columns of each row."""
+    left = np.clip(np.floor(across).astype(int), 0, image.shape[1] - 2)
+    share = across - left
+    rows = np.arange(image.shape[0])[:, None]
+    values: NDArray[np.float64] = image[rows, left] * (1 - share) + image[rows, left + 1] * share
+    return values
+
+
+@pytest.mark.parametrize("pair", ["d455_1_ir", "hawk_0"])
+def test_the_right_image_shows_the_left_one_shifted_by_the_disparity(
+    storage_room: MadeDataset, pair: str
+) -> None:
+    truth = read_ground_truth(storage_room.path).stereo[pair]
+    shown = place("r2b_storage")
+    left_camera, right_camera = (
+        next(source.camera for source in SEQUENCES["r2b_storage"].sources if source.name == topic)
+        for topic in (truth.left_topic, truth.right_topic)
+    )
+    assert left_camera is not None
+    assert right_camera is not None
+    (left_message, left), (right_message, right) = (
+        decoded(storage_room.path, topic)[1] for topic in (truth.left_topic, truth.right_topic)
+    )
+    assert left_message.time_ns == right_message.time_ns == truth.stamps_ns[1]
+    disparity = read_disparity(storage_room.path, pair, left_message.time_ns).astype(np.float64)
+    assert disparity.shape == (left_camera.height, left_camera.width)
+
+    body = shown.motion.pose((left_message.time_ns - START_NS) / 1e9)
+    left_depth = render_depth(shown.room, left_camera, camera_pose(body, left_camera))
+    right_depth = render_depth(shown.room, right_camera, camera_pose(body, right_camera))
+    assert np.abs(disparity - truth.focal_px * truth.baseline_m / left_depth).max() < 0.005
+
+    across = np.arange(left_camera.width)[None, :] - disparity
+    # What the right camera sees there must be as far away: else something hides the point.
+    seen = (across >= 0) & (
+        np.abs(sampled(right_depth.astype(np.float64), across) - left_depth) < 0.01 * left_depth
+    )
+    assert seen.mean() > 0.8
+    grey_left, grey_right = (np.atleast_3d(pixels(image)).mean(axis=2) for image in (left, right))
+    difference = np.abs(grey_left - sampled(grey_right, across))[seen]
+    assert np.median(difference) < 1.5
+    assert np.quantile(difference, 0.99) < 12
+    # A shift of a pixel would be noticed.
+    wrong = np.abs(grey_left - sampled(grey_right, across - 1))[seen]
+    assert np.median(wrong) > 2 * np.median(difference)
+
+
+def test_depth_agrees_with_the_disparity(storage_room: MadeDataset) -> None:
+    truth = read_ground_truth(storage_room.path).stereo["d455_1_ir"]
+    for message, image in decoded(storage_room.path, "/d455_1_depth"):
+        assert image.encoding == "16UC1"
+        disparity = read_disparity(storage_room.path, "d455_1_ir", message.time_ns)
+        depth_m = pixels(image) / 1000.0
+        # Half a millimetre of the depth, half a 128th of a pixel of the disparity.
+        allowed = 0.0006 + depth_m**2 / (truth.focal_px * truth.baseline_m) * 0.005
+        expected = truth.focal_px * truth.baseline_m / disparity
+        assert (np.abs(depth_m - expected) < allowed).all()
+
+
+def cloud(storage_room: MadeDataset) -> tuple[NDArray[np.void], int]:
+    ((_, message),) = decoded(storage_room.path, "/pandar_xt_32_0_lidar")
+    assert [field.name for field in message.fields] == list(cloud_dtype().names or ())
+    assert message.width * message.point_step == message.row_step == len(message.data)
+    return message.data.view(cloud_dtype()), stamp_ns(message)
+
+
+def in_world(points: NDArray[np.void]) -> NDArray[np.float64]:
+    """Points of a scan in the world, each seen from where the rig was at its time; (n, 3)."""
+    motion = place("r2b_storage").motion
+    columns = points.reshape(rig.PANDAR.columns, -1)
+    world = np.empty((*columns.shape, 3))
+    for number, column in enumerate(columns):
+        seconds = column["timestamp"][0] - START_NS / 1e9
+        sensor = motion.pose(float(seconds)).compose(
+            Pose(rig.PANDAR.position_m, ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+        )
+        local = np.stack([column["x"], column["y"], column["z"]], axis=1).astype(np.float64)
+        world[number] = local @ np.array(sensor.rotation).T + sensor.position_m
+    return world.reshape(-1, 3)
+
+
+def test_lidar_points_lie_on_the_surfaces(storage_room: MadeDataset) -> None:
+    points, _ = cloud(storage_room)
+    assert len(points) == 32 * 2000
+    world = in_world(points)
+    room = place("r2b_storage").room
+
+    low, high = np.array(room.shell.low_m), np.array(room.shell.high_m)
+    assert (world > low - 1e-4).all()
+    assert (world < high + 1e-4).all()
+    off = np.minimum(np.abs(world - low), np.abs(world - high)).min(axis=1)
+    for box in room.boxes:
+        beyond = np.maximum(np.array(box.low_m) - world, world - np.array(box.high_m)).max(axis=1)
+        assert (beyond > -1e-4).all()
+        off = np.minimum(off, np.abs(beyond))
+    assert off.max() < 1e-4
+
+
+def test_lidar_rings_and_times_are_those_of_the_sensor(storage_room: MadeDataset) -> None:
+    points, stamp = cloud(storage_room)
+    elevation = np.degrees(np.arctan2(points["z"], np.hypot(points["x"], points["y"])))
+    assert np.abs(elevation - (15.0 - points["ring"])).max() < 1e-3
+    offsets = points["timestamp"] - stamp / 1e9
+    assert abs(offsets[0]) < 1e-6
+    assert (np.diff(offsets) >= 0).all()
+    assert 0.0999 < offsets[-1] < 0.1
+    assert points["intensity"].min() >= 0
+    assert points["intensity"].max() <= 255
+
+
+def test_lidar_and_depth_see_the_same_room(storage_room: MadeDataset) -> None:
+    points, _ = cloud(storage_room)
+    _, image = decoded(storage_room.path, "/d455_1_depth")[0]
+    camera = camera_pose(place("r2b_storage").motion.pose(0.0), rig.DEPTH).inverse()
+    local = in_world(points) @ np.array(camera.rotation).T + camera.position_m
+    ahead = local[local[:, 2] > 0.1]
+    across, down = (
+        np.round(ahead[:, axis] / ahead[:, 2] * rig.DEPTH.focal_px + rig.DEPTH.center_px[axis])
+        for axis in (0, 1)
+    )
+    inside = (across >= 0) & (across < 1280) & (down >= 0) & (down < 720)
+    assert inside.sum() > 5000
+    depth_m = pixels(image)[down[inside].astype(int), across[inside].astype(int)] / 1000.0
+    # The lidar sits higher and looks over things that hide its points from the camera; but the
+    # camera never looks through a point, save where pixels are rounded at an edge.
+    agree = np.abs(depth_m - ahead[inside, 2]) < 0.02 * depth_m
+    assert agree.mean() > 0.7
+    assert np.mean((depth_m > ahead[inside, 2]) & ~agree) < 0.005
+
+
+def test_imu_agrees_with_the_cameras_motion(storage_room: MadeDataset) -> None:
+    """The camera's own path, differentiated numerically, gives what the IMU measured."""
+    motion, step = place("r2b_storage").motion, 1e-3
+
+    def camera_at(seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        pose = camera_pose(motion.pose(seconds), rig.COLOUR)
+        return np.array(pose.position_m), np.array(pose.rotation)
+
+    lever = -OPTICAL_FROM_BODY @ np.array(rig.COLOUR.position_m)
+    readings = decoded(storage_room.path, "/d455_1_imu")
+    assert len(readings) == 10
+    for message, reading in readings:
+        seconds = (message.time_ns - START_NS) / 1e9
+        turns = [camera_at(seconds + shift)[1] for shift in (-step, 0.0, step)]
+        spin = turns[1].T @ (turns[2] - turns[0]) / (2 * step)
+        rate = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
+        measured = reading.angular_velocity
+        assert np.abs(rate - [measured.x, measured.y, measured.z]).max() < 1e-5
+
+        imu = [
+            position + turn @ lever
+            for position, turn in (camera_at(seconds + shift) for shift in (-step, 0.0, step))
+        ]
+        acceleration = (imu[0] - 2 * imu[1] + imu[2]) / step**2
+        force = turns[1].T @ (acceleration - np.array([0.0, 0.0, -GRAVITY_M_S2]))
+        measured = reading.linear_acceleration
+        assert np.abs(force - [measured.x, measured.y, measured.z]).max() < 1e-4
+        assert reading.orientation_covariance[0] == -1
+
+
+def test_a_body_at_rest_feels_gravity_only() -> None:
+    still = Track(0.0)
+    motion = Motion(x=still, y=still, z=still, yaw=Track(1.0), pitch=still, roll=still)
+    assert motion.specific_force_m_s2(3.0) == (0.0, 0.0, GRAVITY_M_S2)
+    assert motion.angular_velocity_rad_s(3.0) == (0.0, 0.0, 0.0)
+
+
+def test_the_truth_tells_the_bodys_path(storage_room: MadeDataset) -> None:
+    truth = read_ground_truth(storage_room.path)
+    motion = place("r2b_storage").motion
+    assert [pose.stamp_ns for pose in truth.body] == sorted(
+        {
+            message.time_ns
+            for topic in ("/d455_1_imu", "/d455_1_depth", "/pandar_xt_32_0_lidar")
+            for message, _ in decoded(storage_room.path, topic)
+        }
+    )
+    for stamped in truth.body:
+        pose = motion.pose((stamped.stamp_ns - START_NS) / 1e9)
+        assert stamped.position_m == pose.position_m
+        assert stamped.orientation_xyzw == quaternion(pose.rotation)
+        assert math.hypot(*stamped.orientation_xyzw) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", sorted(SEQUENCES))
+def test_every_place_can_be_seen(name: str) -> None:
+    """The rig stays inside the room, clear of what stands there, and stereo can follow."""
+    shown = place(name)
+    nearest = math.inf
+    for second in range(0, 10, 2):
+        body = shown.motion.pose(second)
+        for low, value, high in zip(
+            shown.room.shell.low_m, body.position_m, shown.room.shell.high_m, strict=True
+        ):
+            assert low + 0.3 < value < high - 0.3
+        depth = render_depth(shown.room, rig.LEFT_IR, camera_pose(body, rig.LEFT_IR))
+        nearest = min(nearest, float(depth.min()))
+        assert depth.max() > 2
+    assert nearest > 0.8

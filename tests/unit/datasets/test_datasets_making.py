@@ -1,0 +1,243 @@
+"""Datasets are made once, whole or not at all, and always the same."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+from r2bspec.bags.bag_index import index_bag
+from r2bspec.bags.bag_reader import read_messages
+from r2bspec.bags.digest import hash_content
+from r2bspec.bags.errors import DataError
+from r2bspec.bags.recording import MadeDataset, Window
+from r2bspec.bags.verification import verify
+from r2bspec.datasets.synthesis import GENERATOR, make
+
+TOPICS = ["/d455_1_imu", "/d455_1_left_ir_image"]
+WINDOW = Window(start_ns=1_000_000_000, end_ns=1_070_000_000)
+
+# Makes the dataset above. With "asking" it says when it begins; with "hold" it stops after the
+# first step and says so, until the file "go" appears; with "full" its files may grow to 100 kB.
+MAKER = textwrap.dedent(
+    """
+    import json, pathlib, resource, signal, sys, time
+    from r2bspec.bags.errors import DataError
+    from r2bspec.bags.recording import Window
+    from r2bspec.datasets.synthesis import GENERATOR, make
+
+    # A runner in the background may have switched it off.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    root, mode = pathlib.Path(sys.argv[1]), sys.argv[2]
+    if mode == "full":
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+
+    def hold(done, total):
+        if done == 1:
+            print("holding", flush=True)
+        while not (root / "go").exists():
+            time.sleep(0.01)
+
+    if mode == "asking":
+        print("asking", flush=True)
+    try:
+        made = make(
+            "r2b_storage",
+            ["/d455_1_imu", "/d455_1_left_ir_image"],
+            Window(start_ns=1_000_000_000, end_ns=1_070_000_000),
+            cache_dir=root,
+            progress=hold if mode == "hold" else None,
+        )
+    except DataError as error:
+        print(json.dumps({"code": error.code, "message": str(error)}))
+    else:
+        print(json.dumps({"made": made.made, "sha256": made.content_sha256}))
+    """
+)
+
+
+def maker(root: Path, mode: str = "plain") -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", MAKER, str(root), mode], stdout=subprocess.PIPE, text=True
+    )
+
+
+def outcome(process: subprocess.Popen[str]) -> dict[str, object]:
+    with process:
+        stdout, _ = process.communicate(timeout=120)
+    result: dict[str, object] = json.loads(stdout.splitlines()[-1])
+    return result
+
+
+def holding(process: subprocess.Popen[str]) -> None:
+    assert process.stdout is not None
+    assert process.stdout.readline() == "holding\n"
+
+
+def entries(root: Path) -> list[str]:
+    """Everything in the cache but its locks."""
+    return sorted(path.name for path in root.iterdir() if path.name not in {".locks", "go"})
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> MadeDataset:
+    return make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path_factory.mktemp("small"))
+
+
+def test_is_made_once(small: MadeDataset) -> None:
+    again = make("r2b_storage", TOPICS[::-1], WINDOW, cache_dir=small.path.parent)
+    assert small.made
+    assert not again.made
+    assert (again.path, again.content_sha256) == (small.path, small.content_sha256)
+    assert hash_content(small.path) == small.content_sha256
+
+
+def test_holds_only_what_was_asked_for(small: MadeDataset) -> None:
+    index = index_bag(small.path)
+    assert sorted(index.topics) == TOPICS
+    times_ns = [message.time_ns - index.start_ns for message in read_messages(small.path, TOPICS)]
+    assert min(times_ns) >= WINDOW.start_ns
+    assert max(times_ns) < (WINDOW.end_ns or 0)
+
+
+def test_its_windows_are_those_of_the_whole_sequence(small: MadeDataset) -> None:
+    assert list(read_messages(small.path, TOPICS, WINDOW)) == list(
+        read_messages(small.path, TOPICS)
+    )
+
+
+def test_is_the_same_in_another_process_on_one_processor(
+    small: MadeDataset, tmp_path: Path
+) -> None:
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        process = maker(tmp_path)
+    finally:
+        os.sched_setaffinity(0, allowed)
+    assert outcome(process) == {"made": True, "sha256": small.content_sha256}
+
+
+def test_every_machine_renders_the_same_bytes(storage_room: MadeDataset) -> None:
+    """Specs pin datasets by hash. Whoever changes a rendered byte raises GENERATOR as well."""
+    assert GENERATOR == 2
+    assert storage_room.content_sha256 == (
+        "789249c1379a31e35e0750c655c775843dc8138aa5f7b6c14f7781dd98756777"
+    )
+
+
+def test_mcap_says_the_same(small: MadeDataset, tmp_path: Path) -> None:
+    mcap = make("r2b_storage", TOPICS, WINDOW, storage="mcap", cache_dir=tmp_path)
+    assert index_bag(mcap.path).storage == "mcap"
+    assert mcap.content_sha256 == small.content_sha256
+    assert hash_content(mcap.path) == small.content_sha256
+
+
+def test_tells_its_progress(tmp_path: Path) -> None:
+    steps: list[tuple[int, int]] = []
+    make(
+        "r2b_storage",
+        ["/d455_1_imu"],
+        Window(end_ns=20_000_000),
+        cache_dir=tmp_path,
+        progress=lambda done, total: steps.append((done, total)),
+    )
+    assert steps == [(1, 4), (2, 4), (3, 4), (4, 4)]
+
+
+def test_lies_in_the_users_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    made = make("r2b_storage", ["/d455_1_imu"], Window(end_ns=20_000_000))
+    assert made.path.parent == tmp_path / "r2bspec" / "datasets"
+
+
+def test_two_processes_make_it_once(small: MadeDataset, tmp_path: Path) -> None:
+    first = maker(tmp_path, "hold")
+    holding(first)
+    second = maker(tmp_path, "asking")
+    assert second.stdout is not None
+    assert second.stdout.readline() == "asking\n"
+    # Time to run into the lock; were it not enough, the second would find the dataset made.
+    time.sleep(0.5)
+    (tmp_path / "go").touch()
+    outcomes = [outcome(first), outcome(second)]
+    assert [each["made"] for each in outcomes] == [True, False]
+    assert {each["sha256"] for each in outcomes} == {small.content_sha256}
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_making_leaves_nothing_behind(
+    small: MadeDataset, tmp_path: Path, number: signal.Signals
+) -> None:
+    process = maker(tmp_path, "hold")
+    with process:
+        holding(process)
+        assert small.path.name not in entries(tmp_path)
+        process.send_signal(number)
+        process.wait(timeout=60)
+    assert small.path.name not in entries(tmp_path)
+    if number == signal.SIGINT:
+        assert entries(tmp_path) == []
+
+    assert outcome(maker(tmp_path)) == {"made": True, "sha256": small.content_sha256}
+    assert entries(tmp_path) == [small.path.name]
+
+
+def test_the_remains_of_others_are_removed_unless_they_live(tmp_path: Path) -> None:
+    dead = tmp_path / ".making-dead"
+    dead.mkdir()
+    process = maker(tmp_path, "hold")
+    holding(process)
+    (live,) = (path for path in tmp_path.glob(".making-*") if path != dead)
+
+    make("r2b_storage", ["/d455_1_imu"], Window(end_ns=20_000_000), cache_dir=tmp_path)
+
+    assert not dead.exists()
+    assert live.exists()
+    (tmp_path / "go").touch()
+    assert outcome(process)["made"]
+
+
+def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
+    result = outcome(maker(tmp_path, "full"))
+    assert result["code"] == "R2B311"
+    assert str(tmp_path) in str(result["message"])
+    assert entries(tmp_path) == []
+
+
+def test_a_cache_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(DataError) as caught:
+        make("r2b_storage", ["/d455_1_imu"], WINDOW, cache_dir=tmp_path / "file" / "cache")
+    assert caught.value.code == "R2B311"
+
+
+def test_a_damaged_entry_is_made_anew(small: MadeDataset, tmp_path: Path) -> None:
+    shutil.copytree(small.path, tmp_path / small.path.name)
+    (tmp_path / small.path.name / "metadata.yaml").unlink()
+    again = make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path)
+    assert again.made
+    assert again.content_sha256 == small.content_sha256
+    assert entries(tmp_path) == [small.path.name]
+    assert verify(again.path) == []
+
+
+def test_a_window_may_hold_no_message(tmp_path: Path) -> None:
+    window = Window(start_ns=1, end_ns=2)
+    made = make("r2b_storage", ["/d455_1_imu"], window, cache_dir=tmp_path)
+    assert index_bag(made.path).message_count == 0
+    assert verify(made.path) == []
+
+
+def test_no_topics_are_no_dataset(tmp_path: Path) -> None:
+    with pytest.raises(DataError) as caught:
+        make("r2b_storage", [], WINDOW, cache_dir=tmp_path)
+    assert caught.value.code == "R2B308"

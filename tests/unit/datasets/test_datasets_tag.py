@@ -1,0 +1,212 @@
+"""The tag is where the ground truth says, as any detector can see."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from data_bags import decoded, pixels, stamp_ns
+from r2bspec.bags.recording import MadeDataset
+from r2bspec.datasets.ground_truth import TagSighting, read_ground_truth
+from r2bspec.datasets.scene import rig
+from r2bspec.datasets.scene.board import tag_pose
+from r2bspec.datasets.scene.geometry import BODY_FROM_OPTICAL, Pose
+from r2bspec.datasets.scene.render import camera_pose, render_image
+from r2bspec.datasets.scene.scenes import place
+from r2bspec.datasets.scene.tag import board_cells
+
+IMAGE_TOPICS = [
+    "/d455_1_rgb_image",
+    "/d455_1_left_ir_image",
+    "/d455_1_right_ir_image",
+    "/hawk_0_left_rgb_image",
+    "/hawk_0_right_rgb_image",
+]
+TAG_SIZE_M = 0.162
+
+
+def grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return image if image.ndim == 2 else image[:, :, 1].copy()
+
+
+def rotation(xyzw: tuple[float, float, float, float]) -> NDArray[np.float64]:
+    x, y, z, w = xyzw
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def sightings(made: MadeDataset, topic: str) -> tuple[TagSighting, ...]:
+    tag = read_ground_truth(made.path).tag
+    assert tag is not None
+    assert (tag.family, tag.id, tag.size_m) == ("36h11", 3, TAG_SIZE_M)
+    return tag.sightings[topic]
+
+
+def test_a_tag_seen_frontally_is_not_rotated() -> None:
+    tag = place("r2b_storage").tag
+    assert tag is not None
+    x, y, z = tag.center_m
+    seen = tag_pose(tag, Pose((x - 2.0, y, z), BODY_FROM_OPTICAL))
+    assert np.array_equal(seen.rotation, np.eye(3))
+    assert seen.position_m == pytest.approx((0.0, 0.0, 2.0))
+
+
+def test_only_the_storage_room_shows_a_tag() -> None:
+    assert place("r2b_lounge").tag is None
+
+
+def test_the_pattern_is_that_of_the_family() -> None:
+    assert half_turns() in (0, 1)
+
+
+def half_turns() -> int:
+    """By how many half turns OpenCV's tag differs: up to 5.0 its dictionary is upside down."""
+    cv2 = pytest.importorskip("cv2")
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    marker = cv2.aruco.generateImageMarker(family, 3, 8, borderBits=1) > 128
+    printed = board_cells()[2:-2, 2:-2] > 128
+    return next(turns for turns in range(3) if np.array_equal(np.rot90(marker, 2 * turns), printed))
+
+
+@pytest.mark.parametrize("topic", IMAGE_TOPICS)
+def test_sightings_are_consistent(storage_room: MadeDataset, topic: str) -> None:
+    camera = read_ground_truth(storage_room.path).cameras[topic]
+    frames = decoded(storage_room.path, topic)
+    seen = sightings(storage_room, topic)
+    assert [each.stamp_ns for each in seen] == [message.time_ns for message, _ in frames]
+    for each in seen:
+        assert each.visible
+        corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * TAG_SIZE_M / 2
+        points = corners @ rotation(each.orientation_xyzw).T + each.position_m
+        projected = points[:, :2] / points[:, 2:] * camera.focal_px + camera.center_px
+        assert np.abs(projected - each.corners_px).max() < 1e-6
+
+
+def test_the_tag_moves(storage_room: MadeDataset) -> None:
+    first, second = sightings(storage_room, "/d455_1_rgb_image")
+    assert math.dist(first.position_m, second.position_m) > 1e-3
+
+
+@pytest.mark.parametrize("topic", IMAGE_TOPICS)
+def test_the_borders_lie_where_the_corners_say(storage_room: MadeDataset, topic: str) -> None:
+    """Half-way between black and white, along each edge, without any detector."""
+    for (_, message), seen in zip(
+        decoded(storage_room.path, topic), sightings(storage_room, topic), strict=True
+    ):
+        image = grey(pixels(message)).astype(np.float64)
+        corners = np.array(seen.corners_px)
+        for edge in range(4):
+            start, end = corners[edge], corners[(edge + 1) % 4]
+            offsets = [
+                _crossing(image, start + (end - start) * share, end - start)
+                for share in np.linspace(0.1, 0.9, 40)
+            ]
+            assert abs(float(np.mean(offsets))) < 0.08
+            assert float(np.max(np.abs(offsets))) < 0.25
+
+
+def _crossing(
+    image: NDArray[np.float64], point: NDArray[np.float64], along: NDArray[np.float64]
+) -> float:
+    """Where the brightness crosses its middle, in pixels across an edge from a point on it."""
+    normal = np.array([-along[1], along[0]]) / np.hypot(*along)
+    steps = np.linspace(-2.5, 2.5, 101)
+    u, v = (point + steps[:, None] * normal).T
+    left, top = np.floor(u).astype(int), np.floor(v).astype(int)
+    a, b = u - left, v - top
+    values = (image[top, left] * (1 - a) + image[top, left + 1] * a) * (1 - b) + (
+        image[top + 1, left] * (1 - a) + image[top + 1, left + 1] * a
+    ) * b
+    middle = (values[0] + values[-1]) / 2
+    return float(steps[np.argmin(np.abs(values - middle))])
+
+
+def detect(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Corners of the one tag that OpenCV finds, from the top left as it is printed, (4, 2)."""
+    cv2 = pytest.importorskip("cv2")
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    corners, ids, _ = cv2.aruco.ArucoDetector(family, parameters).detectMarkers(image)
+    assert ids is not None
+    assert ids.ravel().tolist() == [3]
+    return np.roll(np.asarray(corners[0][0], np.float64), 2 * half_turns(), axis=0)
+
+
+def estimate(
+    corners: NDArray[np.float64], matrix: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Position and rotation of the tag from its corners, by OpenCV."""
+    cv2 = pytest.importorskip("cv2")
+    half = TAG_SIZE_M / 2
+    points = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
+    found, turn, position = cv2.solvePnP(points, corners, matrix, None, flags=cv2.SOLVEPNP_IPPE)
+    assert found
+    return position.ravel(), cv2.Rodrigues(turn)[0]
+
+
+@pytest.mark.parametrize("size", [None, (1280, 720)])
+@pytest.mark.parametrize("topic", IMAGE_TOPICS)
+def test_opencv_finds_its_pose(
+    storage_room: MadeDataset, topic: str, size: tuple[int, int] | None
+) -> None:
+    cv2 = pytest.importorskip("cv2")
+    infos = decoded(storage_room.path, topic.replace("_image", "_camera_info"))
+    for (_, message), (_, info), seen in zip(
+        decoded(storage_room.path, topic), infos, sightings(storage_room, topic), strict=True
+    ):
+        image, matrix = grey(pixels(message)), info.k.reshape(3, 3).copy()
+        if size is not None:
+            matrix[0] *= size[0] / message.width
+            matrix[1] *= size[1] / message.height
+            image = cv2.resize(image, size)
+        position, turn = estimate(detect(image), matrix)
+        assert np.linalg.norm(position - seen.position_m) < 0.01
+        cosine = (np.trace(turn.T @ rotation(seen.orientation_xyzw)) - 1) / 2
+        assert math.degrees(math.acos(min(1.0, cosine))) < 1.0
+
+
+def test_opencv_finds_it_throughout_the_sequence() -> None:
+    pytest.importorskip("cv2")
+    shown = place("r2b_storage")
+    for tenth in range(0, 100, 7):
+        pose = camera_pose(shown.motion.pose(tenth / 10), rig.COLOUR)
+        detect(grey(render_image(shown.room, shown.tag, rig.COLOUR, pose)))
+
+
+def test_camera_info_agrees_with_the_image(storage_room: MadeDataset) -> None:
+    truth = read_ground_truth(storage_room.path)
+    for topic in IMAGE_TOPICS:
+        camera = truth.cameras[topic]
+        infos = decoded(storage_room.path, topic.replace("_image", "_camera_info"))
+        for (_, image), (stored, info) in zip(
+            decoded(storage_room.path, topic), infos, strict=True
+        ):
+            assert stamp_ns(image) == stamp_ns(info) == stored.time_ns
+            assert image.header.frame_id == info.header.frame_id == camera.frame_id
+            assert (image.width, image.height) == (info.width, info.height)
+            assert image.step == image.width * (3 if image.encoding == "rgb8" else 1)
+            assert info.distortion_model == "plumb_bob"
+            assert not info.d.any()
+            assert np.array_equal(info.r.reshape(3, 3), np.eye(3))
+            assert np.array_equal(info.k.reshape(3, 3), info.p.reshape(3, 4)[:, :3])
+            assert (info.k[0], info.k[4]) == (camera.focal_px, camera.focal_px)
+            assert (info.k[2], info.k[5]) == camera.center_px
+            assert info.p[3] == -camera.focal_px * _baseline_m(truth.cameras, topic)
+
+
+def _baseline_m(cameras: dict[str, Any], topic: str) -> float:
+    """Distance to the left camera of the pair."""
+    if "_right_" not in topic:
+        return 0.0
+    left = cameras[topic.replace("_right_", "_left_")].position_in_body_m
+    return float(left[1] - cameras[topic].position_in_body_m[1])

@@ -1,0 +1,257 @@
+"""Promise: what dead runs left is found and removed; what a living run uses is never touched."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from r2bspec.doctor.checkup import System
+from r2bspec.doctor.dead_segments import dead_segments
+from r2bspec.doctor.leftovers import check_leftovers, clean, find_leftovers
+from r2bspec.doctor.run_processes import find_runs
+from r2bspec.doctor.scratch_folders import abandoned_scratch, unfinished_datasets
+from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+
+WATCHDOG = "r2bspec.harness.watchdog"
+
+
+@pytest.fixture
+def system(tmp_path: Path) -> System:
+    made = System(
+        proc=tmp_path / "proc",
+        shared_memory=tmp_path / "shm",
+        runs=tmp_path / "runs",
+        environ={},
+    )
+    for folder in (made.proc, made.shared_memory, made.runs):
+        folder.mkdir()
+    return made
+
+
+def process(
+    system: System,
+    pid: int,
+    *argv: str,
+    parent: int = 1,
+    state: str = "S",
+    name: str = "python3",
+    run_id: str = "",
+    session: int = 0,
+) -> None:
+    """Show a process the way /proc does."""
+    folder = system.proc / str(pid)
+    folder.mkdir()
+    (folder / "stat").write_text(
+        f"{pid} ({name}) {state} {parent} {pid} {session or pid} 0 -1 4194304 1 0 0 0\n"
+    )
+    (folder / "cmdline").write_bytes("\0".join([*argv, ""]).encode())
+    variables = ["PATH=/bin", *([f"{RUN_ID_VARIABLE}={run_id}"] if run_id else [])]
+    (folder / "environ").write_bytes("\0".join([*variables, ""]).encode())
+
+
+def watchdog(system: System, pid: int, run_id: str, parent: int = 1) -> None:
+    process(system, pid, "python3", "-P", "-m", WATCHDOG, run_id, "scratch", parent=parent)
+
+
+def orphans(system: System) -> list[int]:
+    return [each.pid for each in find_runs(system).orphans]
+
+
+def test_a_run_with_its_watchdog_lives(system: System) -> None:
+    process(system, 100, "r2bspec", "run", name="r2bspec")
+    watchdog(system, 101, "run-1", parent=100)
+    process(system, 102, "player", parent=100, run_id="run-1")
+    assert find_runs(system).living == {"run-1"}
+    assert orphans(system) == []
+
+
+def test_processes_whose_controller_and_watchdog_are_gone_are_orphans(system: System) -> None:
+    process(system, 1, "/sbin/init", name="init", parent=0)
+    process(system, 200, "player", run_id="dead")
+    process(system, 201, "grandchild", parent=200, run_id="dead")
+    process(system, 300, "bash", name="bash")
+    assert orphans(system) == [200, 201]
+
+
+def test_the_watchdog_of_a_killed_controller_is_still_at_work(system: System) -> None:
+    watchdog(system, 101, "run-1")
+    process(system, 102, "player", run_id="run-1")
+    assert orphans(system) == []
+
+
+def test_a_run_whose_watchdog_was_killed_lives_as_long_as_its_controller(system: System) -> None:
+    process(system, 100, "python3", "-m", "r2bspec", "run")
+    process(system, 102, "player", parent=100, run_id="run-1")
+    process(system, 103, "grandchild", parent=102, run_id="run-1")
+    assert orphans(system) == []
+
+
+def test_a_zombie_is_neither_watchdog_nor_orphan(system: System) -> None:
+    process(system, 101, "python3", "-m", WATCHDOG, "run-1", "scratch", state="Z")
+    process(system, 102, "player", run_id="run-1")
+    process(system, 103, "gone", run_id="run-1", state="Z")
+    assert orphans(system) == [102]
+
+
+def test_names_with_parentheses_and_vanished_processes_do_not_confuse(system: System) -> None:
+    process(system, 102, "player", name="a) R 7 (b", run_id="run-1")
+    (system.proc / "999").mkdir()
+    assert orphans(system) == [102]
+    assert find_runs(system).orphans[0].parent == 1
+
+
+def test_the_run_that_the_doctor_is_part_of_lives(system: System) -> None:
+    process(system, 102, "a node", run_id="run-1")
+    inside = System(proc=system.proc, environ={RUN_ID_VARIABLE: "run-1"})
+    assert orphans(inside) == []
+
+
+def segment(system: System, name: str, *, lock: bool = True) -> None:
+    (system.shared_memory / name).write_bytes(bytes(8192))
+    if lock:
+        (system.shared_memory / f"{name}_el").touch()
+
+
+@contextmanager
+def owner(system: System, name: str) -> Iterator[None]:
+    with (system.shared_memory / f"{name}_el").open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def test_a_segment_is_dead_when_its_lock_is_free(system: System) -> None:
+    segment(system, "fastrtps_used")
+    segment(system, "fastrtps_dead")
+    with owner(system, "fastrtps_used"):
+        (found,) = dead_segments(system)
+    assert found.name == "fastrtps_dead"
+    assert found.bytes >= 8192
+
+
+def test_a_segment_without_a_lock_is_dead_unless_it_is_mapped(system: System) -> None:
+    segment(system, "fastdds_mapped", lock=False)
+    segment(system, "fastdds_dead", lock=False)
+    process(system, 100, "a node")
+    (system.proc / "100" / "maps").write_text(
+        f"7f00-7f10 rw-s 0 00:1 42   {system.shared_memory}/fastdds_mapped\n"
+        "7f10-7f20 rw-p 0 00:0 0\n"
+    )
+    assert [each.name for each in dead_segments(system)] == ["fastdds_dead"]
+
+
+def test_looking_for_segments_changes_nothing(system: System) -> None:
+    segment(system, "fastrtps_dead")
+    before = sorted(system.shared_memory.iterdir())
+    dead_segments(system)
+    assert sorted(system.shared_memory.iterdir()) == before
+
+
+def scratch(system: System, run_id: str, *, age_s: float = 60.0) -> Path:
+    folder = system.runs / f"folder-of-{run_id}"
+    made = folder / ".scratch-abc"
+    made.mkdir(parents=True)
+    (folder / "record.json").write_text(json.dumps({"run_id": run_id}))
+    old = time.time() - age_s
+    os.utime(made, (old, old))
+    return made
+
+
+def test_scratch_of_a_dead_run_is_abandoned(system: System) -> None:
+    dead = scratch(system, "dead")
+    scratch(system, "alive")
+    assert abandoned_scratch(system, {"alive"}) == [dead]
+
+
+def test_scratch_that_was_just_made_may_belong_to_a_run_that_is_starting(system: System) -> None:
+    scratch(system, "new", age_s=0.0)
+    assert abandoned_scratch(system, set()) == []
+
+
+def test_scratch_is_found_in_a_run_folder_that_is_named_itself(system: System) -> None:
+    dead = scratch(system, "dead")
+    assert abandoned_scratch(System(runs=dead.parent), set()) == [dead]
+
+
+def test_scratch_beside_no_readable_record_is_abandoned(system: System) -> None:
+    dead = scratch(system, "dead")
+    (dead.parent / "record.json").write_text("{")
+    assert abandoned_scratch(system, {"alive"}) == [dead]
+
+
+def test_a_dataset_that_nobody_makes_any_more_is_unfinished(tmp_path: Path) -> None:
+    from filelock import FileLock
+
+    (tmp_path / ".locks").mkdir()
+    old = time.time() - 60.0
+    for name in ("dead", "alive"):
+        (tmp_path / f".making-{name}").mkdir()
+        os.utime(tmp_path / f".making-{name}", (old, old))
+    with FileLock(tmp_path / ".locks" / "alive.lock"):
+        program = (
+            "import sys; from pathlib import Path\n"
+            "from r2bspec.doctor.scratch_folders import unfinished_datasets\n"
+            "print([each.name for each in unfinished_datasets(Path(sys.argv[1]))])"
+        )
+        said = subprocess.run(
+            [sys.executable, "-c", program, str(tmp_path)], capture_output=True, check=True
+        )
+    assert said.stdout.strip() == b"['.making-dead']"
+    assert [each.name for each in unfinished_datasets(tmp_path)] == [
+        ".making-alive",
+        ".making-dead",
+    ]
+
+
+def test_a_clean_machine_has_no_leftovers(system: System, tmp_path: Path) -> None:
+    checks = check_leftovers(system, tmp_path / "cache")
+    assert {check.status for check in checks} == {"ok"}
+
+
+def test_leftovers_are_told_with_the_way_to_remove_them(system: System, tmp_path: Path) -> None:
+    for number in range(5):
+        process(system, 200 + number, "node", run_id="dead")
+    segment(system, "fastrtps_dead")
+    scratch(system, "dead")
+    checks = {check.name: check for check in check_leftovers(system, tmp_path / "cache")}
+    assert {name: check.status for name, check in checks.items()} == {
+        "in progress": "ok",
+        "lost processes": "problem",
+        "dead segments": "warn",
+        "scratch folders": "warn",
+    }
+    assert "and 2 more" in checks["lost processes"].found
+    assert all("--clean" in c.advice for c in checks.values() if c.status != "ok")
+
+
+def test_cleaning_ends_orphans_and_removes_what_they_left(system: System, tmp_path: Path) -> None:
+    segment(system, "fastrtps_dead")
+    dead = scratch(system, "dead")
+    alive = scratch(system, "alive")
+    run_id = f"test-doctor-{os.getpid()}"
+    with subprocess.Popen(
+        [sys.executable, "-c", "import time; time.sleep(600)"],
+        env=os.environ | {RUN_ID_VARIABLE: run_id},
+        start_new_session=True,
+    ) as sleeper:
+        # Shown as one whose controller is gone; ending it is done on the real process.
+        process(system, sleeper.pid, "node", run_id=run_id)
+        watchdog(system, 5, "alive")
+        removed = clean(system, tmp_path / "cache")
+        assert sleeper.wait(30.0) != 0
+    assert f"process {sleeper.pid} (python3) of run {run_id}" in removed
+    assert f"folder {dead}" in removed
+    assert "segment fastrtps_dead" in removed
+    assert len(removed) == 3
+    assert alive.is_dir()
+    (system.proc / str(sleeper.pid) / "stat").unlink()
+    assert find_leftovers(system, tmp_path / "cache").orphans == ()
+    assert clean(system, tmp_path / "cache") == []

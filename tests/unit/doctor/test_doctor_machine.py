@@ -1,0 +1,196 @@
+"""What the doctor says of machines: each is a tree of files like those of /proc and /sys."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections import namedtuple
+from pathlib import Path
+
+import pytest
+
+from r2bspec.doctor.checkup import Check, System, worst
+from r2bspec.doctor.dataset_disk import check_datasets
+from r2bspec.doctor.processor import check_processor
+from r2bspec.doctor.shared_memory import check_shared_memory
+from r2bspec.doctor.socket_buffers import check_sockets
+from r2bspec.execute.processes.environment import SOCKET_BUFFER_BYTES
+
+Usage = namedtuple("Usage", "total used free")
+
+
+@pytest.fixture
+def system(tmp_path: Path) -> System:
+    return System(proc=tmp_path / "proc", sys=tmp_path / "sys", environ={})
+
+
+def tell(path: Path, text: object) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"{text}\n")
+
+
+def only(checks: list[Check], name: str) -> Check:
+    return next(check for check in checks if check.name == name)
+
+
+def test_the_worst_check_is_the_status_of_the_machine() -> None:
+    checks = [Check(topic="t", name=each, status=each, found="") for each in ("ok", "warn")]
+    assert worst([]) == "ok"
+    assert worst(checks) == "warn"
+    problem = Check(topic="t", name="p", status="problem", found="")
+    assert worst([*checks, problem]) == "problem"
+
+
+@pytest.mark.parametrize(
+    ("limit", "status"), [(212_992, "warn"), (SOCKET_BUFFER_BYTES, "ok"), (1 << 30, "ok")]
+)
+def test_socket_buffers_are_compared_with_what_transports_ask_for(
+    system: System, limit: int, status: str
+) -> None:
+    tell(system.proc / "sys/net/core/rmem_max", limit)
+    check = only(check_sockets(system), "receive buffers")
+    assert check.status == status
+    assert check.data["net.core.rmem_max"] == limit
+    assert (f"net.core.rmem_max={SOCKET_BUFFER_BYTES}" in check.advice) == (status == "warn")
+
+
+def test_a_kernel_that_does_not_tell_its_limits_is_no_problem(system: System) -> None:
+    assert {check.status for check in check_sockets(system)} == {"ok"}
+
+
+@pytest.mark.parametrize(("flags", "problems"), [("0x9", 0), ("0x8", 1)])
+def test_without_loopback_nothing_is_discovered(system: System, flags: str, problems: int) -> None:
+    tell(system.sys / "class/net/lo/flags", flags)
+    assert [c.status for c in check_sockets(system)].count("problem") == problems
+
+
+@pytest.mark.parametrize(
+    ("free", "status"), [(16 << 20, "problem"), (64 << 20, "warn"), (8 << 30, "ok")]
+)
+def test_shared_memory_must_hold_the_segments_of_a_run(
+    system: System, monkeypatch: pytest.MonkeyPatch, free: int, status: str
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: Usage(2 * free, free, free))
+    (check,) = check_shared_memory(system)
+    assert check.status == status
+    assert check.data["free_bytes"] == free
+    assert bool(check.advice) == (status != "ok")
+
+
+def test_a_machine_without_shared_memory_is_told_what_to_do(tmp_path: Path) -> None:
+    (check,) = check_shared_memory(System(shared_memory=tmp_path / "none"))
+    assert check.status == "problem"
+    assert "transport: udp" in check.advice
+
+
+def cores(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: set(range(count)))
+
+
+def examined(system: System) -> list[Check]:
+    return check_processor(system, sleep=lambda _seconds: None)
+
+
+@pytest.mark.parametrize(
+    ("count", "quota", "status"),
+    [
+        (2, None, "warn"),
+        (8, None, "ok"),
+        (8, "max 100000", "ok"),
+        (8, "800000 100000", "ok"),
+        (8, "250000 100000", "warn"),
+    ],
+)
+def test_cores_and_the_quota_on_them(
+    system: System, monkeypatch: pytest.MonkeyPatch, count: int, quota: str | None, status: str
+) -> None:
+    cores(monkeypatch, count)
+    if quota:
+        tell(system.sys / "fs/cgroup/cpu.max", quota)
+    assert only(examined(system), "cores").status == status
+
+
+@pytest.mark.parametrize(
+    ("governors", "status"),
+    [([], "ok"), (["performance"] * 2, "ok"), (["performance", "powersave"], "warn")],
+)
+def test_one_core_with_another_governor_is_seen(
+    system: System, governors: list[str], status: str
+) -> None:
+    for number, governor in enumerate(governors):
+        folder = system.sys / f"devices/system/cpu/cpu{number}/cpufreq"
+        tell(folder / "scaling_governor", governor)
+    check = only(examined(system), "governor")
+    assert check.status == status
+    assert check.data["governors"] == sorted(set(governors))
+
+
+@pytest.mark.parametrize(("source", "status"), [("tsc", "ok"), ("hpet", "warn")])
+def test_a_slow_clock_is_seen(system: System, source: str, status: str) -> None:
+    folder = system.sys / "devices/system/clocksource/clocksource0"
+    tell(folder / "current_clocksource", source)
+    assert only(examined(system), "clock").status == status
+
+
+@pytest.mark.parametrize(
+    ("spent", "status", "busy", "stolen"),
+    [
+        # user nice system idle iowait irq softirq steal
+        ((1, 0, 1, 97, 1, 0, 0, 0), "ok", 0.02, 0.0),
+        ((40, 0, 10, 50, 0, 0, 0, 0), "warn", 0.5, 0.0),
+        ((1, 0, 0, 95, 0, 0, 0, 4), "warn", 0.05, 0.04),
+    ],
+)
+def test_load_is_what_was_spent_while_the_doctor_slept(
+    system: System, spent: tuple[int, ...], status: str, busy: float, stolen: float
+) -> None:
+    before = [1000, 5, 200, 9000, 7, 0, 3, 11]
+
+    def sleep(_seconds: float) -> None:
+        after = [early + more for early, more in zip(before, spent, strict=True)]
+        tell(system.proc / "stat", f"cpu  {' '.join(map(str, after))} 0 0")
+
+    tell(system.proc / "stat", f"cpu  {' '.join(map(str, before))} 0 0\ncpu0 1 1 1 1 1 1 1 1 0 0")
+    check = only(check_processor(system, sleep=sleep), "idle load")
+    assert check.status == status
+    assert check.data == {"busy": pytest.approx(busy), "stolen": pytest.approx(stolen)}
+
+
+def test_what_the_kernel_does_not_tell_is_left_out(system: System) -> None:
+    assert {check.name for check in examined(system)} == {"cores", "governor"}
+
+
+def test_the_cache_counts_its_datasets(system: System, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    for name in ("r2b_storage-1", "r2b_cafe-2", ".locks"):
+        tell(cache / name / "data", "x" * 999)
+    (check,) = check_datasets(system, cache)
+    assert check.data["entries"] == 2
+    assert check.data["bytes"] == 2000
+
+
+def test_a_cache_that_is_not_there_yet_is_empty(system: System, tmp_path: Path) -> None:
+    check = check_datasets(system, tmp_path / "no" / "cache")[0]
+    assert check.data["entries"] == 0
+    assert check.found.startswith("empty")
+
+
+def test_a_full_disk_is_told(
+    system: System, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: Usage(10**9, 10**9, 0))
+    assert check_datasets(system, tmp_path)[0].status == "warn"
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_folder_of_recorded_datasets_must_exist(tmp_path: Path, there: bool) -> None:
+    folder = tmp_path / "recorded"
+    if there:
+        folder.mkdir()
+    checks = check_datasets(System(environ={"R2B_DATASETS": str(folder)}), tmp_path)
+    assert [check.status for check in checks[1:]] == ([] if there else ["problem"])
+
+
+def test_the_doctor_looks_at_this_machine_by_default() -> None:
+    assert System().proc == Path("/proc")
+    assert System().environ["PATH"] == os.environ["PATH"]

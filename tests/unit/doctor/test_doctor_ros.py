@@ -1,0 +1,170 @@
+"""What the doctor says of ROS and OpenCV, from what a fresh interpreter could import."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from r2bspec.doctor import opencv, ros_installation
+from r2bspec.doctor.checkup import Check, System
+from r2bspec.doctor.import_check import imports
+from r2bspec.doctor.opencv import check_vision
+from r2bspec.doctor.ros_installation import check_ros
+
+MISSING = {"error": "ModuleNotFoundError: No module named 'rclpy'"}
+
+
+def imported(said: str | None = None) -> dict[str, Any]:
+    return {"seconds": 0.1, "version": "1.2", "file": "/opt/x/__init__.py", "said": said}
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """State what can be imported and which wheels are installed."""
+
+    def state(known: dict[str, dict[str, Any]], wheels: tuple[str, ...] = ()) -> None:
+        def answer(_system: System, *names: str) -> dict[str, dict[str, Any]]:
+            return {name: known.get(name, imported()) for name in names}
+
+        monkeypatch.setattr(ros_installation, "imports", answer)
+        monkeypatch.setattr(opencv, "imports", answer)
+        monkeypatch.setattr(
+            importlib.metadata,
+            "distributions",
+            lambda: [SimpleNamespace(metadata={"Name": n}, version="7.1") for n in wheels],
+        )
+
+    return state
+
+
+def rclpy(rmw: str = "rmw_fastrtps_cpp") -> dict[str, dict[str, Any]]:
+    return {ros_installation._MIDDLEWARE: imported(rmw)}
+
+
+def by_name(checks: list[Check]) -> dict[str, Check]:
+    return {check.name: check for check in checks}
+
+
+def test_without_rclpy_there_is_a_problem_and_a_way_out(here: Callable[..., None]) -> None:
+    here({ros_installation._MIDDLEWARE: MISSING})
+    checks = by_name(check_ros(System(environ={})))
+    assert checks["rclpy"].status == "problem"
+    assert "r2bspec[ros]" in checks["rclpy"].advice
+    assert checks["distributions"].status == "warn"
+
+
+def test_wheels_alone_are_fine(here: Callable[..., None]) -> None:
+    here(rclpy(), wheels=("ros-jazzy-rclpy", "ros-rclpy", "numpy"))
+    checks = by_name(check_ros(System(environ={})))
+    assert {check.status for check in checks.values()} == {"ok"}
+    assert checks["distributions"].found == "jazzy 7.1 as wheels"
+
+
+def test_a_sourced_workspace_is_named_with_its_base(here: Callable[..., None]) -> None:
+    here(rclpy())
+    environ = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/home/me/install:/opt/ros/jazzy"}
+    check = by_name(check_ros(System(environ=environ)))["distributions"]
+    assert check.status == "ok"
+    assert check.found == "jazzy sourced from /opt/ros/jazzy and 1 more"
+
+
+def test_two_distributions_at_once_are_warned_of(here: Callable[..., None]) -> None:
+    here(rclpy(), wheels=("ros-jazzy-rclpy",))
+    environ = {"ROS_DISTRO": "humble", "AMENT_PREFIX_PATH": "/opt/ros/humble"}
+    check = by_name(check_ros(System(environ=environ)))["distributions"]
+    assert check.status == "warn"
+    assert "mixed" in check.advice
+
+
+def test_middleware_that_transports_cannot_configure_is_warned_of(
+    here: Callable[..., None], tmp_path: Path
+) -> None:
+    here(rclpy("rmw_cyclonedds_cpp"))
+    index = tmp_path / "share/ament_index/resource_index/rmw_typesupport"
+    index.mkdir(parents=True)
+    (index / "rmw_fastrtps_cpp").touch()
+    check = by_name(check_ros(System(environ={"AMENT_PREFIX_PATH": str(tmp_path)})))["middleware"]
+    assert check.status == "warn"
+    assert check.found == "rmw_cyclonedds_cpp (also here: rmw_fastrtps_cpp)"
+    assert "transport: inherit" in check.advice
+
+
+def test_message_packages_that_are_missing_are_named(here: Callable[..., None]) -> None:
+    here(rclpy() | {"stereo_msgs.msg": MISSING})
+    check = by_name(check_ros(System(environ={})))["messages"]
+    assert check.status == "warn"
+    assert check.data["missing"] == ["stereo_msgs"]
+
+
+@pytest.mark.parametrize(("found", "status"), [(imported(), "ok"), (MISSING, "warn")])
+def test_opencv_is_wanted_but_not_needed(
+    here: Callable[..., None], found: dict[str, Any], status: str
+) -> None:
+    here({"cv2": found})
+    assert [check.status for check in check_vision(System(environ={}))] == [status]
+
+
+def test_a_fresh_interpreter_tells_what_it_can_import() -> None:
+    found = imports(System(), "json", "platform:system", "no_such_module", "json:no_such_name")
+    assert found["json"]["seconds"] > 0
+    assert found["json"]["file"].endswith("__init__.py")
+    assert found["platform:system"]["said"] == "Linux"
+    assert "ModuleNotFoundError" in found["no_such_module"]["error"]
+    assert "AttributeError" in found["json:no_such_name"]["error"]
+
+
+@pytest.mark.parametrize("program", ["/no/such/python", "/bin/false"])
+def test_an_interpreter_that_says_nothing_is_an_error_and_no_crash(program: str) -> None:
+    found = imports(System(python=program), "json")
+    assert list(found["json"]) == ["error"]
+
+
+def test_a_module_that_prints_or_exits_does_not_spoil_the_answer(tmp_path: Path) -> None:
+    (tmp_path / "loud.py").write_text("print('hello')\n")
+    (tmp_path / "leaves.py").write_text("raise SystemExit(3)\n")
+    path = f"{tmp_path}:{Path(__file__).parents[3]}"
+    found = imports(System(environ={**System().environ, "PYTHONPATH": path}), "loud", "leaves")
+    assert "error" not in found["loud"]
+    assert "SystemExit" in found["leaves"]["error"]
+
+
+def test_the_doctor_itself_imports_no_ros() -> None:
+    program = (
+        "import sys, r2bspec.doctor.all_checks; "
+        "print([name for name in ('rclpy', 'cv2', 'numpy') if name in sys.modules])"
+    )
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    assert said.stdout.strip() == b"[]"
+
+
+def test_the_command_prints_what_programs_and_people_read(tmp_path: Path) -> None:
+    program = (
+        "import sys; from r2bspec.cli.doctor import command; "
+        "sys.exit(command.main(sys.argv[1:], standalone_mode=False))"
+    )
+
+    def doctor(*options: str) -> subprocess.CompletedProcess[str]:
+        arguments = ["--runs", str(tmp_path), *options]
+        return subprocess.run(
+            [sys.executable, "-c", program, *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**System().environ, "PYTHONPATH": str(Path(__file__).parents[3])},
+        )
+
+    as_json, as_text = doctor("--format", "json"), doctor()
+    answer = json.loads(as_json.stdout)
+    statuses = {check["status"] for check in answer["checks"]}
+    assert answer["status"] in statuses
+    assert as_json.returncode == (1 if "problem" in statuses else 0)
+    assert {check["topic"] for check in answer["checks"]} <= set(as_text.stdout.splitlines())
+    assert "\x1b[" not in as_text.stdout

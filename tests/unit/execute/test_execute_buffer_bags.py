@@ -1,0 +1,164 @@
+"""From the bag that a plan names to buffers of serialised messages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from r2bspec.bags.digest import hash_files
+from r2bspec.bags.errors import DataError
+from r2bspec.execute.errors import DatasetMismatchError
+from r2bspec.execute.inputs.buffer_bags import buffer_bags
+from r2bspec.execute.inputs.dataset import obtain
+from r2bspec.execute.progress import Silent
+from r2bspec.ipc.buffers import (
+    buffered_transforms,
+    read_index,
+    read_messages,
+    read_stamps,
+)
+from r2bspec.plan.plan import BagTopicPlan, DatasetPlan
+from ros_runs import IMAGE, START_NS, STRING, image, text, write_bag
+from transform_bags import read_transforms, write_transform_bag
+
+MS = 1_000_000
+
+
+def topic(name: str, target: str, kind: str = IMAGE) -> BagTopicPlan:
+    return BagTopicPlan(bag_topic=name, topic=target, type=kind, count=0, rate_hz=0.0)
+
+
+def dataset(
+    *topics: BagTopicPlan, start_ms: int = 0, end_ms: int | None = None, sha256: str = ""
+) -> DatasetPlan:
+    return DatasetPlan(
+        source="./bag",
+        kind="recorded",
+        sha256=sha256,
+        start_ns=start_ms * MS,
+        end_ns=None if end_ms is None else end_ms * MS,
+        topics=topics,
+    )
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    return write_bag(
+        tmp_path / "bag",
+        {"/left": (0, 33, 66, 99), "/text": (10, 20), "/unused": (0, 33)},
+    )
+
+
+@pytest.fixture
+def buffers(tmp_path: Path) -> Path:
+    folder = tmp_path / "buffers"
+    folder.mkdir()
+    return folder
+
+
+def test_messages_are_buffered_as_they_were_recorded(bag: Path, buffers: Path) -> None:
+    plan = dataset(topic("/left", "/r2b/image"), topic("/text", "/r2b/words", STRING))
+    assert buffer_bags([bag], [plan], buffers, Silent()) == {"/r2b/image": 4, "/r2b/words": 2}
+    index = read_index(buffers, "/r2b/image")
+    assert index.has_header
+    assert index.stamps_ns == tuple(START_NS + ms * MS for ms in (0, 33, 66, 99))
+    messages = read_messages(buffers, "/r2b/image", set(range(4)))
+    assert messages == {n: image(n, index.stamps_ns[n]) for n in range(4)}
+
+
+def test_what_has_no_header_is_stamped_with_its_time_of_recording(bag: Path, buffers: Path) -> None:
+    buffer_bags([bag], [dataset(topic("/text", "/words", STRING))], buffers, Silent())
+    index = read_index(buffers, "/words")
+    assert not index.has_header
+    assert index.stamps_ns == (START_NS + 10 * MS, START_NS + 20 * MS)
+    assert read_messages(buffers, "/words", {1}) == {1: text("1")}
+
+
+def test_only_what_the_plan_names_is_buffered(bag: Path, buffers: Path) -> None:
+    buffer_bags([bag], [dataset(topic("left", "/image"))], buffers, Silent())
+    assert sorted(each.name for each in buffers.iterdir()) == ["image.cdr", "image.json"]
+
+
+def test_only_what_lies_in_the_window_is_buffered(bag: Path, buffers: Path) -> None:
+    plan = dataset(topic("/left", "/image"), start_ms=20, end_ms=70)
+    assert buffer_bags([bag], [plan], buffers, Silent()) == {"/image": 2}
+    assert read_index(buffers, "/image").stamps_ns == (START_NS + 33 * MS, START_NS + 66 * MS)
+
+
+def test_several_bags_share_one_clock(tmp_path: Path, bag: Path, buffers: Path) -> None:
+    later = write_bag(tmp_path / "later", {"/right": (50, 83, 116)})
+    plans = [
+        dataset(topic("/left", "/left"), start_ms=30, end_ms=100),
+        dataset(topic("/right", "/right"), start_ms=30, end_ms=100),
+    ]
+    counts = buffer_bags([bag, later], plans, buffers, Silent())
+    assert counts == {"/left": 3, "/right": 2}
+
+
+def test_messages_of_one_topic_in_several_bags_are_merged_by_time(
+    tmp_path: Path, buffers: Path
+) -> None:
+    parts = {"first": (0, 40, 80), "second": (20, 60, 100)}
+    bags = [write_bag(tmp_path / name, {"/left": times}) for name, times in parts.items()]
+    plans = [dataset(topic("/left", "/image")) for _ in bags]
+    assert buffer_bags(bags, plans, buffers, Silent()) == {"/image": 6}
+    index = read_index(buffers, "/image")
+    assert index.times_ns == tuple(START_NS + ms * MS for ms in (0, 20, 40, 60, 80, 100))
+    assert index.stamps_ns == index.times_ns
+
+
+def test_transforms_are_buffered_where_they_are_asked_for(tmp_path: Path, buffers: Path) -> None:
+    bag = write_transform_bag(
+        tmp_path / "moving", (0, 100), (5, 50, 95), (("base", "camera"), ("arm", "camera"))
+    )
+    asked = dataset(topic("/camera", "/image"), start_ms=40)
+    plan = msgspec.structs.replace(asked, publish_tf=True, publish_tf_static=True)
+    counts = buffer_bags([bag], [plan], buffers, Silent())
+    assert counts == {"/image": 1, "/tf": 2, "/tf_static": 1}
+    assert buffered_transforms(buffers) == ("/tf", "/tf_static")
+    (static,) = read_messages(buffers, "/tf_static", {0}).values()
+    # Static transforms come from the whole bag: they were published once, at its beginning.
+    assert read_transforms(bytes(static)) == [("arm", "camera", START_NS)]
+
+
+def test_what_only_ros_knows_to_have_a_header_is_left_open_until_it_says_so(
+    bag: Path, buffers: Path
+) -> None:
+    plan = dataset(topic("/left", "/image", "own_msgs/msg/Picture"))
+    buffer_bags([bag], [plan], buffers, Silent())
+    index = read_index(buffers, "/image")
+    assert index.has_header is None
+    known = read_stamps(buffers, index)
+    assert known.has_header
+    assert known.stamps_ns == tuple(START_NS + ms * MS for ms in (0, 33, 66, 99))
+
+
+def test_a_bag_is_found_beside_the_spec_and_hashed(tmp_path: Path, bag: Path) -> None:
+    found = obtain(dataset(topic("/left", "/image")), tmp_path, Silent())
+    assert found.path == bag
+    assert found.provenance == {
+        "source": "./bag",
+        "kind": "recorded",
+        "path": str(bag),
+        "sha256": hash_files(bag),
+    }
+
+
+@pytest.mark.parametrize("prefix", ["", "sha256:"])
+def test_the_bag_that_was_pinned_is_taken(tmp_path: Path, bag: Path, prefix: str) -> None:
+    digest = prefix + hash_files(bag).removeprefix("sha256:")
+    assert obtain(dataset(topic("/left", "/image"), sha256=digest), tmp_path, Silent()).path == bag
+
+
+def test_another_bag_than_the_one_that_was_pinned_is_refused(tmp_path: Path, bag: Path) -> None:
+    with pytest.raises(DatasetMismatchError, match="its hash is") as raised:
+        obtain(dataset(topic("/left", "/image"), sha256="0" * 64), tmp_path, Silent())
+    assert hash_files(bag) in str(raised.value)
+    assert raised.value.exit_code == 2
+
+
+def test_a_bag_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="bag does not exist"):
+        obtain(dataset(topic("/left", "/image")), tmp_path, Silent())

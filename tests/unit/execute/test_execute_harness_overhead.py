@@ -1,0 +1,122 @@
+"""The floor of a transport, from samples; and when it is not measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from r2bspec.execute.measurement.harness_overhead import floor_record, measure_floor
+from r2bspec.ipc import protocol
+from r2bspec.ipc.schedule import Cyclic
+from r2bspec.language.spec import QoS
+from r2bspec.plan.plan import InputPlan
+from r2bspec.record.run_record import FloorRecord, RunRecord
+from r2bspec.record.sample_arrays import MONITOR, PLAYBACK
+
+MS = 1_000_000
+
+
+def playback(count: int, late_ns: int = 0) -> Any:
+    rows = np.zeros(count, PLAYBACK)
+    rows["stamp_ns"] = np.arange(1, count + 1)
+    rows["due_ns"] = np.arange(count) * 100 * MS
+    rows["published_ns"] = rows["due_ns"] + late_ns
+    return rows
+
+
+def received(sent: Any, latency_ns: Any, *, stamped: bool = True) -> Any:
+    rows = np.zeros(sent.size, MONITOR)
+    rows["stamp_ns"] = sent["stamp_ns"] if stamped else 0
+    rows["received_ns"] = sent["published_ns"] + latency_ns
+    rows["bytes"] = 240
+    return rows
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_the_floor_is_what_lies_between_publication_and_arrival(stamped: bool) -> None:
+    sent = playback(100, late_ns=7)
+    rows = received(sent, np.arange(1, 101) * 1000, stamped=stamped)
+    assert floor_record("/image", 10.0, sent, rows) == FloorRecord(
+        topic="/image",
+        bytes=240,
+        rate_hz=10.0,
+        sent=100,
+        received=100,
+        latency_p50_ns=50_000,
+        latency_p99_ns=99_000,
+        lateness_p50_ns=7,
+        lateness_p99_ns=7,
+    )
+
+
+def test_what_is_lost_is_counted_and_shifts_no_pair() -> None:
+    sent = playback(10)
+    rows = received(sent, 5_000)[[0, 1, 2, 4, 5, 7, 8, 9]]
+    record = floor_record("/image", 10.0, sent, rows)
+    assert (record.sent, record.received) == (10, 8)
+    assert (record.latency_p50_ns, record.latency_p99_ns) == (5_000, 5_000)
+
+
+def test_messages_of_the_warm_up_that_come_late_are_not_counted() -> None:
+    sent = playback(10)
+    rows = received(sent, 5_000)
+    late = rows[:2].copy()
+    late["stamp_ns"] = [901, 902]
+    record = floor_record("/image", 10.0, sent, np.concatenate([late, rows]))
+    assert (record.received, record.latency_p99_ns) == (10, 5_000)
+
+
+def test_without_samples_there_is_no_time() -> None:
+    record = floor_record("/image", 10.0, playback(3), np.zeros(0, MONITOR))
+    assert (record.sent, record.received, record.bytes) == (3, 0, 0)
+    assert record.latency_p50_ns is None
+
+
+def test_a_record_without_a_floor_can_still_be_read() -> None:
+    fields = {field.name for field in msgspec.structs.fields(RunRecord) if not field.required}
+    assert "floor" in fields
+
+
+class Asked:
+    """Children that answer how many readers each topic has, and nothing else."""
+
+    def __init__(self, readers: int) -> None:
+        self._readers = readers
+        self.commands: list[Any] = []
+
+    def ask(self, _child: Any, command: Any, _kind: Any, _timeout_s: float) -> Any:
+        self.commands.append(command)
+        assert isinstance(command, protocol.CountMatches)
+        return protocol.Matched(counts={"/image": self._readers})
+
+
+def measured(children: Any, qos: QoS, folder: Path) -> tuple[FloorRecord, ...]:
+    child: Any = None
+    inputs = (
+        InputPlan(
+            topic="/image",
+            type="sensor_msgs/msg/Image",
+            source="/loaded",
+            bag_topic="/camera",
+            qos=qos,
+        ),
+    )
+    return measure_floor(
+        children, child, child, inputs, folder, "playback", 10.0, Cyclic(steps=((0,),))
+    )
+
+
+def test_an_input_that_somebody_reads_already_is_not_played(tmp_path: Path) -> None:
+    children = Asked(readers=1)
+    assert measured(children, QoS(), tmp_path) == ()
+    assert len(children.commands) == 1
+
+
+def test_an_input_that_is_kept_for_late_joiners_is_not_played(tmp_path: Path) -> None:
+    children = Asked(readers=0)
+    assert measured(children, QoS(durability="transient_local"), tmp_path) == ()
+    assert children.commands == []

@@ -1,0 +1,276 @@
+"""The search for the peak against servers whose capacity is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from r2bspec.execute.measurement.peak_search import Outcome, PeakSearch
+from r2bspec.record.run_record import Probe, SearchRecord
+
+
+class Server:
+    """A server of known capacity that drops or queues what is too much.
+
+    Attributes:
+        betrays: what it delivers when overloaded, as a share of its capacity; 1 is a server
+            that keeps working at full speed, less is one that thrashes.
+        player_hz: the rate that the player reaches at most.
+        fails_once: rates are failed once, the first time that one in these bounds is probed.
+        unclear: the share of the capacity on either side of it that stays open.
+    """
+
+    def __init__(
+        self,
+        capacity_hz: float,
+        *,
+        betrays: float = 1.0,
+        player_hz: float = math.inf,
+        fails_once: tuple[float, float] = (0.0, 0.0),
+        unclear: float = 0.0,
+    ) -> None:
+        self.capacity_hz = capacity_hz
+        self.probed: list[float] = []
+        self._betrays = betrays
+        self._player_hz = player_hz
+        self._fails_once = fails_once
+        self._failed = False
+        self._unclear = unclear
+
+    def probe(self, rate_hz: float) -> Outcome:
+        """Answer as a probe of a real graph does."""
+        self.probed.append(rate_hz)
+        low, high = self._fails_once
+        if not self._failed and low <= rate_hz <= high:
+            self._failed = True
+            return self._outcome(rate_hz, rate_hz * 0.5, holds=False)
+        if rate_hz > self._player_hz:
+            return self._outcome(rate_hz, self._player_hz, holds=False, by_player=True)
+        if abs(rate_hz / self.capacity_hz - 1) < self._unclear:
+            return self._outcome(rate_hz, rate_hz, holds=None)
+        if rate_hz > self.capacity_hz:
+            return self._outcome(rate_hz, self.capacity_hz * self._betrays, holds=False)
+        return self._outcome(rate_hz, rate_hz, holds=True)
+
+    def _outcome(
+        self, rate_hz: float, delivered_hz: float, *, holds: bool | None, by_player: bool = False
+    ) -> Outcome:
+        return Outcome(
+            Probe(
+                segment=f"probe-{len(self.probed):03d}",
+                rate_hz=rate_hz,
+                delivered_hz=delivered_hz,
+                holds=holds,
+                reason="",
+            ),
+            by_player=by_player,
+            unclear=self._unclear,
+        )
+
+
+def search(
+    server: Server, minimum_hz: float = 10.0, maximum_hz: float = 1000.0, precision: float = 0.02
+) -> SearchRecord:
+    return PeakSearch(minimum_hz, maximum_hz, precision, server.probe).run()
+
+
+def bracket(record: SearchRecord) -> tuple[float, float]:
+    assert record.holds_hz is not None
+    assert record.fails_hz is not None
+    return record.holds_hz, record.fails_hz
+
+
+@given(
+    capacity_hz=st.floats(10.0, 999.0),
+    precision=st.floats(0.005, 0.2),
+    betrays=st.floats(0.3, 1.0),
+)
+def test_the_bracket_holds_the_capacity_and_is_as_narrow_as_was_asked(
+    capacity_hz: float, precision: float, betrays: float
+) -> None:
+    server = Server(capacity_hz, betrays=betrays)
+    record = search(server, precision=precision)
+    holds_hz, fails_hz = bracket(record)
+    assert holds_hz <= capacity_hz < fails_hz
+    assert fails_hz / holds_hz <= 1 + precision + 1e-9
+    assert record.limited_by == "graph"
+    assert [probe.rate_hz for probe in record.probes] == server.probed
+
+
+@given(
+    capacity_hz=st.floats(10.0, 999.0),
+    precision=st.floats(0.005, 0.2),
+    betrays=st.floats(0.05, 1.0),
+)
+def test_the_search_is_never_much_slower_than_halving(
+    capacity_hz: float, precision: float, betrays: float
+) -> None:
+    server = Server(capacity_hz, betrays=betrays)
+    search(server, precision=precision)
+    halvings = math.ceil(math.log2(math.log(100.0) / math.log(1 + precision)))
+    assert len(server.probed) <= 2 * halvings + 6
+
+
+@given(capacity_hz=st.floats(11.0, 990.0))
+def test_a_server_that_keeps_working_under_overload_is_found_in_four_probes(
+    capacity_hz: float,
+) -> None:
+    # Two ends of the range, one below what came out of the overload and one above.
+    server = Server(capacity_hz)
+    search(server)
+    assert len(server.probed) <= 4
+
+
+def test_every_rate_lies_in_the_range_and_is_probed_once() -> None:
+    server = Server(123.4, betrays=0.7)
+    search(server)
+    assert all(10.0 <= rate_hz <= 1000.0 for rate_hz in server.probed)
+    assert len(set(server.probed)) == len(server.probed)
+
+
+def test_both_ends_of_the_range_are_probed_first() -> None:
+    server = Server(123.4)
+    search(server)
+    assert server.probed[:2] == [10.0, 1000.0]
+
+
+def test_a_capacity_below_the_range_is_found_by_probing_its_lower_end_twice() -> None:
+    server = Server(7.0)
+    record = search(server)
+    assert server.probed == [10.0, 10.0]
+    assert record.holds_hz is None
+    assert record.fails_hz == 10.0
+    assert record.limited_by == "graph"
+
+
+def test_a_capacity_above_the_range_is_limited_by_the_range() -> None:
+    record = search(Server(2000.0))
+    assert record.holds_hz == 1000.0
+    assert record.fails_hz is None
+    assert record.limited_by == "range"
+
+
+def test_a_range_of_one_rate_is_probed() -> None:
+    assert search(Server(200.0), 100.0, 100.0).holds_hz == 100.0
+    assert search(Server(50.0), 100.0, 100.0).holds_hz is None
+
+
+@given(player_hz=st.floats(10.0, 999.0))
+def test_a_player_that_cannot_offer_more_is_named(player_hz: float) -> None:
+    server = Server(math.inf, player_hz=player_hz)
+    record = search(server)
+    holds_hz, fails_hz = bracket(record)
+    assert holds_hz <= player_hz < fails_hz
+    assert record.limited_by == "player"
+
+
+def test_the_graph_limits_if_it_is_slower_than_the_player() -> None:
+    record = search(Server(100.0, player_hz=500.0))
+    assert bracket(record)[0] <= 100.0 < bracket(record)[1]
+    assert record.limited_by == "graph"
+
+
+@pytest.mark.parametrize("hiccup", [(10.0, 10.0), (90.0, 97.0)])
+def test_one_hiccup_where_it_surprises_is_tried_again(hiccup: tuple[float, float]) -> None:
+    server = Server(100.0, fails_once=hiccup)
+    record = search(server)
+    holds_hz, fails_hz = bracket(record)
+    assert holds_hz <= 100.0 < fails_hz
+
+
+@given(
+    capacity_hz=st.floats(12.0, 900.0),
+    low=st.floats(0.5, 1.0),
+    betrays=st.floats(0.3, 1.0),
+)
+def test_one_hiccup_anywhere_never_gives_a_rate_that_does_not_hold(
+    capacity_hz: float, low: float, betrays: float
+) -> None:
+    hiccup = (capacity_hz * low, capacity_hz)
+    record = search(Server(capacity_hz, betrays=betrays, fails_once=hiccup))
+    holds_hz, fails_hz = bracket(record)
+    assert holds_hz <= capacity_hz
+    assert fails_hz / holds_hz <= 1.02 + 1e-9
+
+
+@given(capacity_hz=st.floats(20.0, 500.0), unclear=st.floats(0.001, 0.4))
+def test_what_stays_open_widens_the_bracket_and_is_never_decided(
+    capacity_hz: float, unclear: float
+) -> None:
+    server = Server(capacity_hz, unclear=unclear)
+    record = search(server)
+    holds_hz, fails_hz = bracket(record)
+    assert holds_hz <= capacity_hz * (1 - unclear) + 1e-9
+    assert fails_hz >= capacity_hz * (1 + unclear) - 1e-9
+    assert all(holds_hz < rate_hz < fails_hz for rate_hz in record.open_hz)
+    assert sum(probe.holds is None for probe in record.probes) <= 8
+    # At most a step of twice what is unclear, on either side, and once more as much.
+    step = 1 + max(2 * min(max(unclear, 0.02), 0.5), 0.02)
+    assert fails_hz / holds_hz <= (1 + unclear) / (1 - unclear) * step**4
+    if not record.open_hz:
+        assert fails_hz / holds_hz <= 1.02 + 1e-9
+
+
+def test_an_end_of_the_range_that_stays_open_bounds_nothing() -> None:
+    above = search(Server(1000.0, unclear=0.3))
+    assert (above.fails_hz, above.limited_by) == (None, "range")
+    assert above.holds_hz is not None
+    assert above.open_hz[-1] == 1000.0
+    below = search(Server(10.0, unclear=0.3))
+    assert below.holds_hz is None
+    assert below.fails_hz is not None
+    assert below.open_hz[0] == 10.0
+
+
+def test_precision_and_confidence_are_stated() -> None:
+    record = search(Server(100.0), precision=0.05)
+    assert (record.precision, record.confidence) == (0.05, 0.95)
+
+
+def test_a_player_that_cannot_offer_more_bounds_the_player_and_not_the_graph() -> None:
+    assert search(Server(math.inf, player_hz=300.0)).upper_hz is None
+    graph = search(Server(300.0))
+    assert graph.upper_hz == graph.fails_hz
+
+
+def test_a_search_that_is_cut_short_says_so_and_keeps_what_it_found() -> None:
+    server = Server(100.0)
+
+    def cut(rate_hz: float) -> Outcome:
+        if len(server.probed) == 3:
+            raise KeyboardInterrupt
+        return server.probe(rate_hz)
+
+    started = PeakSearch(10.0, 1000.0, 0.02, cut)
+    assert started.record().limited_by == "interrupted"
+    with pytest.raises(KeyboardInterrupt):
+        started.run()
+    record = started.record()
+    assert record.limited_by == "interrupted"
+    assert [probe.rate_hz for probe in record.probes] == server.probed
+    assert record.holds_hz is not None
+
+
+@given(
+    answers=st.lists(st.booleans(), min_size=60, max_size=60),
+    delivered=st.lists(st.floats(0.0, 2000.0), min_size=60, max_size=60),
+)
+def test_it_ends_whatever_the_answers(answers: list[bool], delivered: list[float]) -> None:
+    assume(answers[0])
+    server = Server(1.0)
+    script = iter(zip(answers, delivered, strict=True))
+
+    def capricious(rate_hz: float) -> Outcome:
+        holds, delivered_hz = next(script, (True, rate_hz))
+        return server._outcome(rate_hz, delivered_hz, holds=holds)
+
+    record = search_with(capricious)
+    assert len(record.probes) <= 60
+
+
+def search_with(probe: Callable[[float], Outcome]) -> SearchRecord:
+    return PeakSearch(10.0, 1000.0, 0.02, probe).run()

@@ -1,0 +1,87 @@
+"""What is told of a stretch while it is being played."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+import pytest
+
+from r2bspec.execute.measurement.progress_view import LiveView
+from r2bspec.ipc.sample_files import RowReader, RowWriter
+from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
+from run_simulation import MONITOR_PLAN
+
+MS = 1_000_000
+
+
+class Writers:
+    """The player and one monitor, as far as their files go."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(exist_ok=True)
+        self.player = RowWriter(folder / "player", len(PLAYBACK_FIELDS))
+        self.monitor = RowWriter(folder / "monitor", len(MONITOR_FIELDS))
+        self.folder = folder
+        self.steps = 0
+
+    def play(self, latency_ms: float | None, stamp: int | None = None) -> None:
+        """One step, answered after a while or not at all."""
+        self.steps += 1
+        now_ns = self.steps * 10 * MS
+        self.player.append(self.steps, now_ns, now_ns, now_ns, -1)
+        if latency_ms is not None:
+            received_ns = now_ns + round(latency_ms * MS)
+            self.monitor.append(stamp or self.steps, received_ns, received_ns, 0)
+
+    def view(self, match: Literal["stamp", "order"] = "stamp") -> LiveView:
+        """A view of what is played from now on."""
+        plan = msgspec.structs.replace(MONITOR_PLAN, match=match)
+        player = RowReader(self.folder / "player", PLAYBACK_FIELDS)
+        monitor = RowReader(self.folder / "monitor", MONITOR_FIELDS)
+        first = {"": player.count(), "out": monitor.count()}
+        return LiveView(player, {"out": (plan, monitor)}, first, lambda: {"relay": 0.5})
+
+
+@pytest.fixture
+def writers(tmp_path: Path) -> Iterator[Writers]:
+    found = Writers(tmp_path / "rows")
+    yield found
+    found.player.close()
+    found.monitor.close()
+
+
+def test_nothing_has_come_yet(writers: Writers) -> None:
+    seen = writers.view()
+    assert (seen.sent(), seen.received(), seen.p99_ns()) == (0, 0, None)
+    assert seen.cores() == {"relay": 0.5}
+
+
+@pytest.mark.parametrize("match", ["stamp", "order"])
+@pytest.mark.parametrize("look", [lambda _: True, lambda n: n % 97 == 0, lambda n: n == 999])
+def test_however_often_it_is_looked_at_it_says_the_same(
+    writers: Writers, match: Literal["stamp", "order"], look: Callable[[int], bool]
+) -> None:
+    writers.play(500.0)
+    seen = writers.view(match)
+    latencies = np.random.default_rng(1).lognormal(2.0, 0.5, 1000)
+    for number, latency in enumerate(latencies.tolist()):
+        writers.play(latency)
+        if look(number):
+            told = seen.p99_ns()
+    assert (seen.sent(), seen.received()) == (1000, 1000)
+    exact = float(np.sort(latencies)[989]) * MS
+    assert told is not None
+    assert exact * 0.999 <= told <= exact * 1.011
+
+
+def test_what_is_lost_or_strange_is_left_out(writers: Writers) -> None:
+    seen = writers.view()
+    writers.play(None)
+    writers.play(3.0, stamp=77)
+    writers.play(5.0)
+    assert (seen.sent(), seen.received()) == (3, 2)
+    assert seen.p99_ns() == pytest.approx(5 * MS, rel=0.011)

@@ -1,0 +1,531 @@
+"""Real processes under the controller's eye: started, listened to, watched, and ended."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import secrets
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from family_trees import alive, wait_for
+from r2bspec.execute.errors import (
+    InterruptedRunError,
+    NotInstalledError,
+    ProcessDiedError,
+    ProcessFailedError,
+    RunError,
+)
+from r2bspec.execute.processes import process as child_module
+from r2bspec.execute.processes import process_logs, shutdown, supervisor
+from r2bspec.execute.processes.process import Child, describe_exit
+from r2bspec.execute.processes.supervisor import Children
+from r2bspec.ipc import protocol
+from r2bspec.ipc.process_cleanup import members
+from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.ipc.schedule import Cyclic
+
+HANG_S = 60.0
+"""Guards against hanging only; nothing that passes takes so long."""
+
+PRELUDE = """
+import os, signal, subprocess, sys, time
+from r2bspec.ipc import protocol
+def channel():
+    from r2bspec.harness.control_channel import Channel
+    return Channel.from_environment()
+def ignore(*numbers):
+    for number in numbers:
+        signal.signal(number, signal.SIG_IGN)
+def shout(number, frame):
+    print("got", signal.Signals(number).name, flush=True)
+"""
+
+ANSWERS = """
+ends = channel()
+while True:
+    command = ends.receive()
+    if isinstance(command, protocol.Shutdown):
+        sys.exit(0)
+    if isinstance(command, protocol.Play):
+        ends.send(protocol.Played(steps=command.steps))
+"""
+
+SLEEPS = "print('here', flush=True)\nwhile True: time.sleep(60)\n"
+
+
+class Stage:
+    """Children, and short ways to start some."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.run_id = secrets.token_hex(8)
+        self.interrupt: Callable[[], None] = lambda: None
+        self.children = Children(self.run_id, folder / "scratch", lambda: self.interrupt())
+
+    def start(self, program: str, name: str = "node", role: str = "host") -> Child:
+        return self.run([sys.executable, "-c", PRELUDE + program], name, role)
+
+    def run(self, argv: list[str], name: str = "node", role: str = "host") -> Child:
+        environment = os.environ | {RUN_ID_VARIABLE: self.run_id, "PYTHONUNBUFFERED": "1"}
+        return self.children.start(
+            name, role, argv, environment, cwd=self.folder, log=self.folder / f"{name}.log"
+        )
+
+    def pump_until(self, condition: Callable[[], object]) -> None:
+        deadline = time.monotonic() + HANG_S
+        while not condition():
+            assert time.monotonic() < deadline, "what the test waits for did not happen"
+            self.children.pump()
+
+    def pump_for_ever(self) -> None:
+        self.pump_until(lambda: False)
+
+    def said(self, name: str = "node") -> str:
+        return (self.folder / f"{name}.log").read_text()
+
+
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the waits short that politeness costs."""
+    for constant, seconds in (("_IN_TURN_S", 0.1), ("ASKED_S", 0.4), ("GRACE_S", 0.3)):
+        monkeypatch.setattr(shutdown, constant, seconds)
+    monkeypatch.setattr(supervisor, "GRACE_S", 0.3)
+
+
+@pytest.fixture
+def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
+    before = open_files()
+    found = Stage(tmp_path)
+    yield found
+    make_impatient(monkeypatch)
+    if found.children._watchdog.poll() is None:
+        found.children.close()
+    assert members(found.run_id, [record.pid for record in found.children.records()]) == []
+    assert found.children._watchdog.poll() is not None
+    assert open_files() == before
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A controller that does not wait long for processes to end by themselves."""
+    make_impatient(monkeypatch)
+
+
+# Listening
+
+
+def test_a_child_answers_what_it_is_asked(stage: Stage) -> None:
+    child = stage.start(ANSWERS)
+    answer = stage.children.ask(child, protocol.Play(rate_hz=1.0, steps=7), protocol.Played, HANG_S)
+    assert answer == protocol.Played(steps=7)
+
+
+def test_each_child_answers_for_itself(stage: Stage) -> None:
+    started = [stage.start(ANSWERS, f"node{number}") for number in range(3)]
+    for number, child in enumerate(started):
+        child.send(protocol.Play(rate_hz=1.0, steps=number))
+    for number, child in reversed(list(enumerate(started))):
+        assert stage.children.answer(child, protocol.Played, HANG_S).steps == number
+
+
+def test_what_is_no_answer_is_passed_over(stage: Stage) -> None:
+    child = stage.start(
+        "ends = channel()\nends._socket.sendall(b'rubbish\\n{}\\n\\xff\\n')\n"
+        "ends.send(protocol.Ready())\nends.send(protocol.Played(steps=1))\n" + SLEEPS
+    )
+    assert stage.children.answer(child, protocol.Played, HANG_S).steps == 1
+
+
+def test_an_answer_that_does_not_come_is_not_waited_for_for_ever(stage: Stage) -> None:
+    child = stage.start("ends = channel()\n" + SLEEPS)
+    with pytest.raises(RunError, match=r"process node did not answer within 0\.2 s") as raised:
+        stage.children.ask(child, protocol.CountMatches(), protocol.Matched, 0.2)
+    assert raised.value.code == "R2B632"
+    assert str(child.log) in raised.value.hint
+
+
+@pytest.mark.timeout(120)
+def test_a_command_that_a_stopped_child_does_not_take_blocks_nobody(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, impatient: None
+) -> None:
+    monkeypatch.setattr(child_module, "_SEND_S", 0.3)
+    child = stage.start(ANSWERS)
+    os.kill(child.pid, signal.SIGSTOP)
+    large = protocol.Follow(schedule=Cyclic(steps=tuple((n,) for n in range(300_000))))
+    with pytest.raises(RunError, match="did not answer"):
+        stage.children.ask(child, large, protocol.Ready, 0.2)
+
+
+# Dying
+
+
+def test_a_death_is_reported_with_the_last_lines_of_the_log(stage: Stage) -> None:
+    stage.start(
+        "for n in range(99): print('line', n)\nprint('no GPU', file=sys.stderr); sys.exit(3)"
+    )
+    with pytest.raises(ProcessDiedError) as raised:
+        stage.pump_for_ever()
+    message = str(raised.value)
+    assert message.startswith("process node ended with status 3; the last it printed:\n")
+    assert message.endswith("line 98\nno GPU")
+    assert "line 80" not in message
+    assert str(stage.folder / "node.log") in raised.value.hint
+    assert raised.value.exit_code == 4
+    assert stage.said().count("line") == 99
+
+
+def test_a_process_that_died_silently_is_said_to_have_printed_nothing(stage: Stage) -> None:
+    stage.start("sys.exit(0)", role="command")
+    with pytest.raises(ProcessDiedError, match="ended with status 0; it printed nothing"):
+        stage.pump_for_ever()
+
+
+def test_a_death_by_signal_names_the_signal(stage: Stage) -> None:
+    stage.start("os.kill(os.getpid(), signal.SIGSEGV)")
+    with pytest.raises(ProcessDiedError, match="process node was killed by SIGSEGV"):
+        stage.pump_for_ever()
+
+
+def test_of_several_processes_the_one_that_died_is_named(stage: Stage) -> None:
+    stage.start(ANSWERS, "player")
+    stage.start("ends = channel(); ends.receive(); sys.exit(9)", "relay").send(protocol.Stop())
+    stage.start(ANSWERS, "monitor")
+    with pytest.raises(ProcessDiedError, match="process relay ended with status 9"):
+        stage.pump_for_ever()
+
+
+def test_a_death_is_noticed_while_another_process_is_asked(stage: Stage) -> None:
+    silent = stage.start("ends = channel()\n" + SLEEPS, "player")
+    stage.start("sys.exit(1)", "relay")
+    with pytest.raises(ProcessDiedError, match="process relay"):
+        stage.children.ask(silent, protocol.CountMatches(), protocol.Matched, HANG_S)
+
+
+def test_what_a_child_says_before_it_dies_is_the_reason(stage: Stage) -> None:
+    stage.start(
+        "channel().send(protocol.Failed(code='R2B633', message='bad node', hint='fix it'))\n"
+        "sys.exit(1)"
+    )
+    with pytest.raises(ProcessFailedError, match="^node: bad node$") as raised:
+        stage.pump_for_ever()
+    assert raised.value.code == "R2B633"
+    assert raised.value.hint == "fix it"
+
+
+def test_what_a_child_misses_is_no_failure_of_the_run(stage: Stage) -> None:
+    stage.start("channel().send(protocol.Failed(code='R2B624', message='no module x'))\n" + SLEEPS)
+    with pytest.raises(NotInstalledError, match="node: no module x") as raised:
+        stage.pump_for_ever()
+    assert (raised.value.code, raised.value.exit_code) == ("R2B624", 2)
+
+
+def test_a_failure_without_a_hint_points_at_the_log(stage: Stage) -> None:
+    stage.start("channel().send(protocol.Failed(code='R2B630', message='m'))\n" + SLEEPS)
+    with pytest.raises(ProcessFailedError) as raised:
+        stage.pump_for_ever()
+    assert str(stage.folder / "node.log") in raised.value.hint
+
+
+def test_a_log_that_grows_without_end_is_cut_while_the_process_runs(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process_logs, "LIMIT_BYTES", 300_000)
+    monkeypatch.setattr(process_logs, "HEAD_BYTES", 1000)
+    monkeypatch.setattr(process_logs, "TAIL_BYTES", 2000)
+    stage.start(
+        "print('the first words')\nfor n in range(40_000): print('word', n)\n"
+        "print('the last words', flush=True)\n" + SLEEPS
+    )
+    stage.pump_until(lambda: stage.said().endswith("words\nhere\n") and stage.children.cut_logs)
+    said = stage.said()
+    assert len(said) <= 300_000
+    assert said.startswith("the first words\nword 0\n")
+    assert said.endswith("the last words\nhere\n")
+    assert "[r2bspec cut out 0." in said
+    assert [each.name for each in stage.children.cut_logs] == ["node.log"]
+
+
+@pytest.mark.timeout(120)
+def test_a_death_is_noticed_although_a_forked_child_holds_the_channel(stage: Stage) -> None:
+    # A fork without exec, as multiprocessing does it, keeps the socket open.
+    stage.start("ends = channel()\nif os.fork() == 0:\n    time.sleep(600)\nsys.exit(5)")
+    with pytest.raises(ProcessDiedError, match="ended with status 5"):
+        stage.pump_for_ever()
+
+
+def test_a_log_that_is_not_text_is_shown_all_the_same(stage: Stage) -> None:
+    stage.start("os.write(1, b'\\xff\\xfe caf\\xc3\\xa9\\n'); sys.exit(1)")
+    with pytest.raises(ProcessDiedError, match="caf\u00e9"):
+        stage.pump_for_ever()
+
+
+# Starting
+
+
+def test_a_program_that_is_not_there_is_named(stage: Stage) -> None:
+    with pytest.raises(NotInstalledError, match=r"\./nothing: No such file") as raised:
+        stage.run(["./nothing"])
+    assert raised.value.code == "R2B621"
+    assert stage.children.records() == ()
+
+
+def test_a_file_that_is_no_program_is_named(stage: Stage) -> None:
+    (stage.folder / "text").write_text("text")
+    with pytest.raises(NotInstalledError, match=r"\./text: Permission denied"):
+        stage.run(["./text"])
+
+
+def test_a_process_runs_in_a_session_of_its_own_without_a_terminal(stage: Stage) -> None:
+    child = stage.start("print(repr(sys.stdin.read()))\n" + SLEEPS, role="command")
+    stage.pump_until(lambda: "here" in stage.said())
+    assert os.getsid(child.pid) == child.pid
+    assert os.getpgid(child.pid) == child.pid
+    assert "''" in stage.said()
+
+
+def test_a_process_inherits_nothing_but_its_channel(stage: Stage) -> None:
+    first = stage.start(ANSWERS, "first")
+    second = stage.start("ends = channel()\n" + SLEEPS, "second")
+    stage.pump_until(lambda: "here" in stage.said("second"))
+    kinds = [
+        str(each.readlink())
+        for each in Path(f"/proc/{second.pid}/fd").iterdir()
+        if each.name not in {"0", "1", "2"}
+    ]
+    assert len([each for each in kinds if each.startswith("socket:")]) == 1
+    assert first.connection is not None
+    ours = str(Path(f"/proc/self/fd/{first.connection.fileno()}").readlink())
+    assert ours not in kinds
+
+
+# Ending
+
+
+def test_a_polite_child_ends_when_it_is_told(stage: Stage) -> None:
+    child = stage.start(ANSWERS)
+    stage.children.ask(child, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
+    stage.children.end([child])
+    assert child.process.returncode == 0
+    assert list(stage.children) == []
+
+
+def test_processes_end_one_after_another(stage: Stage) -> None:
+    leaves = "ends = channel()\nends.send(protocol.Ready())\nends.receive()\ntime.sleep(0.05)\n"
+    leaves += "print(time.monotonic(), flush=True)\nsys.exit(0)"
+    started = [stage.start(leaves, f"node{number}") for number in range(3)]
+    for child in started:
+        stage.children.answer(child, protocol.Ready, HANG_S)
+    asked: dict[str, float] = {}
+    ask = Child.ask_to_end
+
+    def noted(child: Child) -> None:
+        asked[child.name] = time.monotonic()
+        ask(child)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Child, "ask_to_end", noted)
+        stage.children.end(started)
+    # Nobody is asked before the one before has left, so that no two leave ROS at the same time.
+    for before, after in itertools.pairwise(asked):
+        assert float(stage.said(before)) < asked[after]
+
+
+def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
+    stage: Stage, impatient: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hangs = [stage.start("channel().send(protocol.Ready())\n" + SLEEPS, f"n{n}") for n in range(5)]
+    polite = stage.start(ANSWERS, "polite")
+    for child in hangs:
+        stage.children.answer(child, protocol.Ready, HANG_S)
+    stage.children.ask(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
+    monkeypatch.setattr(shutdown, "_IN_TURN_S", 0.2)
+    # What is left to the polite one, on however busy a machine.
+    monkeypatch.setattr(shutdown, "ASKED_S", 10.0)
+    stage.children.end([*hangs, polite])
+    assert polite.process.returncode == 0
+    assert {child.process.returncode for child in hangs} == {-signal.SIGTERM}
+
+
+def test_only_those_named_are_ended(stage: Stage) -> None:
+    first, second = stage.start(ANSWERS, "first"), stage.start(ANSWERS, "second")
+    stage.children.end([first])
+    assert list(stage.children) == [second]
+    answer = stage.children.ask(
+        second, protocol.Play(rate_hz=1.0, steps=2), protocol.Played, HANG_S
+    )
+    assert answer.steps == 2
+
+
+def test_a_command_is_interrupted_as_from_a_keyboard(stage: Stage) -> None:
+    child = stage.start(
+        "def leave(number, frame): shout(number, frame); sys.exit(0)\n"
+        "signal.signal(signal.SIGINT, leave)\n" + SLEEPS,
+        role="command",
+    )
+    stage.pump_until(lambda: "here" in stage.said())
+    stage.children.end([child])
+    assert child.process.returncode == 0
+    assert stage.said() == "here\ngot SIGINT\n"
+
+
+def test_politeness_is_given_up_step_by_step(stage: Stage, impatient: None) -> None:
+    child = stage.start(
+        "signal.signal(signal.SIGINT, shout); signal.signal(signal.SIGTERM, shout)\n" + SLEEPS,
+        role="command",
+    )
+    stage.pump_until(lambda: "here" in stage.said())
+    stage.children.end([child])
+    assert child.process.returncode == -signal.SIGKILL
+    assert stage.said() == "here\ngot SIGINT\ngot SIGTERM\n"
+
+
+def test_a_child_that_hangs_is_ended_by_sigterm(stage: Stage, impatient: None) -> None:
+    child = stage.start("ends = channel()\nends.send(protocol.Ready())\n" + SLEEPS)
+    stage.children.answer(child, protocol.Ready, HANG_S)
+    stage.children.end([child])
+    assert child.process.returncode == -signal.SIGTERM
+
+
+def test_a_child_that_has_never_answered_is_not_waited_for(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Whoever waits for it waits longer than a test may take.
+    monkeypatch.setattr(shutdown, "ASKED_S", 3600.0)
+    child = stage.start("ends = channel()\n" + SLEEPS)
+    stage.pump_until(lambda: "here" in stage.said())
+    stage.children.end([child])
+    assert child.process.returncode == -signal.SIGTERM
+
+
+def test_a_child_that_is_stopped_is_killed(stage: Stage, impatient: None) -> None:
+    child = stage.start("ends = channel()\nends.send(protocol.Ready())\n" + SLEEPS)
+    stage.children.answer(child, protocol.Ready, HANG_S)
+    os.kill(child.pid, signal.SIGSTOP)
+    wait_for(lambda: psutil.Process(child.pid).status() == psutil.STATUS_STOPPED)
+    stage.children.end([child])
+    assert child.process.returncode == -signal.SIGKILL
+
+
+GRANDCHILD = (
+    "subprocess.Popen([sys.executable, '-c', "
+    "'import os, signal, sys, time\\n"
+    "for each in (signal.SIGINT, signal.SIGTERM): signal.signal(each, signal.SIG_IGN)\\n"
+    'print("grandchild", os.getpid(), flush=True)\\n'
+    "time.sleep(600)'], start_new_session={own})\n"
+)
+
+
+def grandchild(stage: Stage) -> int:
+    stage.pump_until(lambda: stage.said().endswith("\n") and "grandchild" in stage.said())
+    line = next(each for each in stage.said().splitlines() if each.startswith("grandchild"))
+    return int(line.split()[1])
+
+
+@pytest.mark.parametrize("own_session", [False, True])
+def test_stubborn_grandchildren_end_with_the_run(
+    stage: Stage, impatient: None, own_session: bool
+) -> None:
+    stage.start(GRANDCHILD.format(own=own_session) + ANSWERS)
+    pid = grandchild(stage)
+    killed = stage.children.close()
+    assert not alive(pid)
+    if own_session:
+        assert [name.startswith("python") for name in killed] == [True]
+
+
+def test_grandchildren_outlive_their_parent_but_not_the_run(stage: Stage, impatient: None) -> None:
+    stage.start(GRANDCHILD.format(own=False) + "time.sleep(0.5)\nsys.exit(4)")
+    pid = grandchild(stage)
+    with pytest.raises(ProcessDiedError):
+        stage.pump_for_ever()
+    assert alive(pid)
+    stage.children.close()
+    assert not alive(pid)
+
+
+def test_who_had_to_be_killed_is_told(stage: Stage, impatient: None) -> None:
+    stage.start("ignore(signal.SIGINT, signal.SIGTERM)\n" + SLEEPS, "stubborn", "command")
+    stage.start(ANSWERS, "polite")
+    stage.pump_until(lambda: "here" in stage.said("stubborn"))
+    assert stage.children.close() == ["stubborn"]
+
+
+def test_the_record_lists_all_in_order_with_how_they_ended(stage: Stage, impatient: None) -> None:
+    first = stage.start(ANSWERS, "first", "player")
+    second = stage.start("ends = channel()\n" + SLEEPS, "second")
+    stage.pump_until(lambda: "here" in stage.said("second"))
+    stage.children.ask(first, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
+    stage.children.end([first])
+    running = stage.children.records()
+    assert [(each.name, each.role, each.exit_code) for each in running] == [
+        ("first", "player", 0),
+        ("second", "host", None),
+    ]
+    assert [each.pid for each in running] == [first.pid, second.pid]
+    stage.children.close()
+    assert [each.exit_code for each in stage.children.records()] == [0, -signal.SIGTERM]
+
+
+# Being interrupted
+
+
+def test_an_interrupt_is_seen_while_an_answer_is_awaited(stage: Stage) -> None:
+    child = stage.start("ends = channel()\n" + SLEEPS)
+
+    def interrupt() -> None:
+        raise InterruptedRunError("interrupted by SIGINT")
+
+    stage.pump_until(lambda: "here" in stage.said())
+    stage.interrupt = interrupt
+    with pytest.raises(InterruptedRunError):
+        stage.children.ask(child, protocol.CountMatches(), protocol.Matched, HANG_S)
+
+
+def test_the_run_is_ended_when_the_controller_is_killed(tmp_path: Path) -> None:
+    program = (
+        "import os, sys, time\nfrom pathlib import Path\n"
+        "from r2bspec.execute.processes.supervisor import Children\n"
+        "run_id, folder = sys.argv[1], Path(sys.argv[2])\n"
+        "children = Children(run_id, folder / 'scratch', lambda: None)\n"
+        "environment = os.environ | {'R2BSPEC_RUN_ID': run_id}\n"
+        "for name, role in (('a', 'command'), ('b', 'host')):\n"
+        "    children.start(name, role, [sys.executable, '-c', 'import time; time.sleep(600)'],\n"
+        "                   environment, cwd=folder, log=folder / f'{name}.log')\n"
+        "print('started', flush=True)\ntime.sleep(600)\n"
+    )
+    run_id = secrets.token_hex(8)
+    with subprocess.Popen(
+        [sys.executable, "-c", program, run_id, str(tmp_path)], stdout=subprocess.PIPE
+    ) as controller:
+        assert controller.stdout is not None
+        controller.stdout.readline()
+        started = [each for each in members(run_id, []) if each.pid != controller.pid]
+        assert len(started) == 2
+        controller.kill()
+    wait_for(lambda: not any(alive(each.pid) for each in started))
+    assert members(run_id, []) == []
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (0, "ended with status 0"),
+        (17, "ended with status 17"),
+        (-9, "was killed by SIGKILL"),
+        (-signal.SIGABRT, "was killed by SIGABRT"),
+        (-250, "was killed by signal 250"),
+    ],
+)
+def test_a_status_is_put_in_words(status: int, words: str) -> None:
+    assert describe_exit(status) == words

@@ -1,0 +1,33 @@
+"""The time budget: what is optional is left out where it would not fit."""
+
+from __future__ import annotations
+
+from r2bspec.execute.measurement.time_budget import Budget
+
+HOUR_NS = 3600 * 10**9
+
+
+def test_no_budget_allows_everything() -> None:
+    notes: list[str] = []
+    budget = Budget(0, notes.append)
+    budget.begin()
+    assert budget.allows("no fresh batch", 1e9)
+    assert (notes, budget.left_out) == ([], [])
+
+
+def test_what_fits_is_played_and_what_does_not_is_told() -> None:
+    notes: list[str] = []
+    budget = Budget(HOUR_NS, notes.append)
+    budget.begin()
+    assert budget.allows("no more iterations", 60.0)
+    assert not budget.allows("no fresh batch", 3601.0)
+    assert notes == ["no fresh batch: the time budget of 3600 s does not allow it"]
+    assert budget.left_out == ["No fresh batch: the time budget of 3600 s does not allow it."]
+
+
+def test_time_before_it_begins_does_not_count() -> None:
+    budget = Budget(HOUR_NS, lambda _: None)
+    assert budget.spent_s() == 0.0
+    assert budget.allows("no fresh batch", 3600.0)
+    budget.begin()
+    assert budget.spent_s() >= 0.0

@@ -1,0 +1,252 @@
+"""The control channel and the messages on it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+import typing
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import pytest
+
+from r2bspec.harness.control_channel import Channel, ChannelClosedError
+from r2bspec.ipc import protocol
+from r2bspec.ipc.schedule import (
+    Cyclic,
+    CyclicTransform,
+    Timeline,
+    TimelineMessage,
+    TimelineStep,
+)
+from r2bspec.language.spec import QoS
+from r2bspec.plan.plan import InputPlan, MonitorPlan, NodePlan
+
+INPUT = InputPlan(
+    topic="/r2b/image",
+    type="sensor_msgs/msg/Image",
+    source="/r2b/loaded",
+    bag_topic="/camera",
+    qos=QoS(reliability="best_effort", depth=3),
+)
+MONITOR = MonitorPlan(
+    name="out", topic="/r2b/out", type="sensor_msgs/msg/Image", match="order", qos=None
+)
+NODE = NodePlan(
+    name="/r2b/relay",
+    node="relay",
+    namespace="/r2b",
+    target="./nodes.py:Relay",
+    parameters={"rate": 1.5, "count": 2, "names": ["a", "b"], "on": True, "text": "10"},
+    remappings={"input": "image"},
+)
+ENDPOINT = protocol.Endpoint(
+    node="/r2b/relay", type="x/msg/Y", reliability="reliable", durability="volatile"
+)
+
+COMMANDS: list[protocol.Command] = [
+    protocol.ConfigureLoader(sources={"/a": "x/msg/Y"}, recorded={}, buffer_dir="/somewhere"),
+    protocol.ConfigurePlayer(
+        inputs=(INPUT, INPUT), buffer_dir="/b", rows="/rows", transforms=("/tf",)
+    ),
+    protocol.Follow(
+        schedule=Cyclic(steps=((0, 1), (2, 3)), transforms=(CyclicTransform(0.5, 7, -1),))
+    ),
+    protocol.Follow(
+        schedule=Timeline(
+            steps=(TimelineStep(5, 1),),
+            messages=(TimelineMessage(0, 0, 0, 3),),
+            origin_ns=5,
+            period_ns=10,
+            stamp_period_ns=20,
+            inputs=1,
+        )
+    ),
+    protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
+    protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
+    protocol.ConfigureCaller(
+        service="/r2b/start", type="std_srvs/srv/SetBool", request={"data": True}, timeout_ns=1
+    ),
+    protocol.ConfigureHarness(parts=("player", "monitor")),
+    protocol.ConfigureComponents(
+        containers=(protocol.Composition(container="/r2b/front", nodes=(NODE,)),), timeout_ns=1
+    ),
+    protocol.Subscribe(),
+    protocol.Watch(monitors=(MONITOR,)),
+    protocol.Unwatch(),
+    protocol.CountMatches(),
+    protocol.Discover(topics=("/a", "/b")),
+    protocol.Survey(),
+    protocol.Load(patience_ns=5_000_000_000),
+    protocol.Play(rate_hz=29.97, steps=100),
+    protocol.Stop(),
+    protocol.Shutdown(),
+]
+REPLIES: list[protocol.Reply] = [
+    protocol.Ready(),
+    protocol.Ready(
+        endpoints=(("/r2b/relay", "/r2b/in", "x/msg/Y", "subscribes"),),
+        undeclared=(("/r2b/relay", "tpyo"),),
+        parameters={"/r2b/relay": ("typo",)},
+    ),
+    protocol.Ready(headers={"/a": True}),
+    protocol.Matched(counts={"/a": 0, "/b": 2}),
+    protocol.Discovered(writers={"/a": (ENDPOINT,)}, readers={"/a": ()}),
+    protocol.Surveyed(nodes=("/r2b/relay",), services=()),
+    protocol.Called(response="success: true"),
+    protocol.Composed(nodes=("/r2b/relay",)),
+    protocol.Loaded(published={"/a": 3}, recorded={"/b": 2}),
+    protocol.Played(steps=7),
+    protocol.Failed(code="R2B633", message="line one\nline two: \N{SNOWMAN}", hint="h", detail="d"),
+]
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[Channel, socket.socket]]:
+    """A child's channel, and the controller's end of it."""
+    theirs, ours = socket.socketpair()
+    with theirs, ours:
+        ours.settimeout(30)
+        yield Channel(theirs), ours
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda each: type(each).__name__)
+def test_every_command_arrives_as_it_was_sent(
+    ends: tuple[Channel, socket.socket], command: protocol.Command
+) -> None:
+    channel, controller = ends
+    controller.sendall(protocol.encode(command))
+    assert channel.receive() == command
+
+
+@pytest.mark.parametrize("reply", REPLIES, ids=lambda each: type(each).__name__)
+def test_every_reply_is_one_line_that_reads_back(
+    ends: tuple[Channel, socket.socket], reply: protocol.Reply
+) -> None:
+    channel, controller = ends
+    channel.send(reply)
+    line = controller.recv(1 << 16)
+    assert line.count(b"\n") == 1
+    assert line.endswith(b"\n")
+    assert protocol.decode_reply(line) == reply
+
+
+def test_every_message_of_the_protocol_is_among_these() -> None:
+    assert {type(each) for each in COMMANDS} == set(typing.get_args(protocol.Command))
+    assert {type(each) for each in REPLIES} == set(typing.get_args(protocol.Reply))
+
+
+def test_parameters_keep_their_types() -> None:
+    sent = protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec")
+    received = protocol.decode_command(protocol.encode(sent))
+    assert isinstance(received, protocol.ConfigureHost)
+    values = received.nodes[0].parameters
+    assert {name: type(value) for name, value in values.items()} == {
+        "rate": float,
+        "count": int,
+        "names": list,
+        "on": bool,
+        "text": str,
+    }
+
+
+@pytest.mark.parametrize(
+    "line", [b"", b"{}", b"[]", b'{"say":"Dance"}', b'{"say":"Play"}', b'{"say":"Ready"}', b"\xff"]
+)
+def test_what_is_no_command_is_refused(line: bytes) -> None:
+    with pytest.raises((msgspec.DecodeError, UnicodeDecodeError)):
+        protocol.decode_command(line)
+
+
+def test_commands_may_come_in_pieces_and_together(ends: tuple[Channel, socket.socket]) -> None:
+    channel, controller = ends
+    data = b"".join(protocol.encode(each) for each in COMMANDS)
+
+    def drip() -> None:
+        for start in range(0, len(data), 7):
+            controller.sendall(data[start : start + 7])
+
+    thread = threading.Thread(target=drip)
+    thread.start()
+    assert [channel.receive() for _ in COMMANDS] == COMMANDS
+    thread.join()
+
+
+def test_a_command_larger_than_the_sockets_buffer_arrives_whole(
+    ends: tuple[Channel, socket.socket],
+) -> None:
+    channel, controller = ends
+    steps = tuple((number, number + 1) for number in range(100_000))
+    sent = protocol.Follow(schedule=Cyclic(steps=steps))
+    thread = threading.Thread(target=controller.sendall, args=(protocol.encode(sent),))
+    thread.start()
+    assert channel.receive() == sent
+    thread.join()
+
+
+def test_waiting_ends_when_a_command_is_there(ends: tuple[Channel, socket.socket]) -> None:
+    channel, controller = ends
+    assert channel.wait(0.0) is False
+    assert channel.wait(-1.0) is False
+    controller.sendall(protocol.encode(protocol.Stop()))
+    assert channel.wait(30.0) is True
+    assert channel.receive() == protocol.Stop()
+    assert channel.wait(0.0) is False
+
+
+def test_a_command_that_was_read_along_with_another_ends_waiting(
+    ends: tuple[Channel, socket.socket],
+) -> None:
+    channel, controller = ends
+    controller.sendall(protocol.encode(protocol.Stop()) + protocol.encode(protocol.Shutdown()))
+    assert channel.receive() == protocol.Stop()
+    # Nothing is left in the socket, but something is in hand.
+    assert channel.wait(30.0) is True
+    assert channel.receive() == protocol.Shutdown()
+
+
+def test_the_end_of_the_controller_is_noticed(ends: tuple[Channel, socket.socket]) -> None:
+    channel, controller = ends
+    controller.close()
+    assert channel.wait(30.0) is True
+    with pytest.raises(ChannelClosedError):
+        channel.receive()
+    with pytest.raises(ChannelClosedError):
+        channel.send(protocol.Ready())
+
+
+def test_half_a_command_at_the_end_is_no_command(ends: tuple[Channel, socket.socket]) -> None:
+    channel, controller = ends
+    controller.sendall(protocol.encode(protocol.Stop())[:-3])
+    controller.close()
+    with pytest.raises(ChannelClosedError):
+        channel.receive()
+
+
+def test_the_socket_is_taken_from_the_environment_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    theirs, ours = socket.socketpair()
+    with ours:
+        number = theirs.detach()
+        os.set_inheritable(number, True)
+        monkeypatch.setenv(protocol.CONTROL_FD_VARIABLE, str(number))
+        channel = Channel.from_environment()
+        # A program that a node starts gets neither the variable nor the socket.
+        assert protocol.CONTROL_FD_VARIABLE not in os.environ
+        assert not os.get_inheritable(number)
+        ours.sendall(protocol.encode(protocol.Stop()))
+        assert channel.receive() == protocol.Stop()
+        close(channel)
+
+
+def test_a_program_that_no_controller_started_has_no_channel(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv(protocol.CONTROL_FD_VARIABLE, raising=False)
+    with pytest.raises(KeyError):
+        Channel.from_environment()
+
+
+def close(channel: Any) -> None:
+    channel._socket.close()

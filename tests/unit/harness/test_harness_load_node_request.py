@@ -1,0 +1,94 @@
+"""What a component container is asked, and what is made of its answers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from r2bspec.harness.load_node_request import ComponentError, load_request, refusal, service_of
+from r2bspec.language.spec import Container
+from r2bspec.plan.command_lines import container_argv, container_node
+from r2bspec.plan.plan import NodePlan
+
+
+def node(**changes: Any) -> NodePlan:
+    fields: dict[str, Any] = {
+        "name": "/r2b/left/rectify",
+        "node": "rectify",
+        "namespace": "/r2b/left",
+        "target": "",
+        "parameters": {},
+        "remappings": {},
+        "package": "image_proc",
+        "plugin": "image_proc::RectifyNode",
+    }
+    return NodePlan(**fields | changes)
+
+
+def value(given: Any) -> dict[str, Any]:
+    (parameter,) = load_request(node(parameters={"p": given}))["parameters"]
+    assert parameter["name"] == "p"
+    found: dict[str, Any] = parameter["value"]
+    return found
+
+
+def test_a_component_is_named_placed_and_remapped() -> None:
+    asked = load_request(node(remappings={"image": "left/image", "~/out": "rect"}))
+    assert asked == {
+        "package_name": "image_proc",
+        "plugin_name": "image_proc::RectifyNode",
+        "node_name": "rectify",
+        "node_namespace": "/r2b/left",
+        "remap_rules": ["image:=left/image", "~/out:=rect"],
+        "parameters": [],
+    }
+
+
+# Numbers and fields as in rcl_interfaces/msg/ParameterType and ParameterValue.
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        (True, {"type": 1, "bool_value": True}),
+        (7, {"type": 2, "integer_value": 7}),
+        (7.0, {"type": 3, "double_value": 7.0}),
+        ("7", {"type": 4, "string_value": "7"}),
+        ([True, False], {"type": 6, "bool_array_value": [True, False]}),
+        ([1, 2], {"type": 7, "integer_array_value": [1, 2]}),
+        ([1, 2.5], {"type": 8, "double_array_value": [1.0, 2.5]}),
+        (["a"], {"type": 9, "string_array_value": ["a"]}),
+    ],
+)
+def test_a_parameter_keeps_the_type_that_it_has_in_the_spec(
+    given: Any, expected: dict[str, Any]
+) -> None:
+    assert value(given) == expected
+
+
+@pytest.mark.parametrize("given", [[], [1, "a"], [True, 1], [[1]], {"a": 1}, None])
+def test_what_ros_cannot_hold_is_refused_by_name(given: Any) -> None:
+    with pytest.raises(ComponentError, match="parameter 'p' of /r2b/left/rectify cannot be"):
+        value(given)
+
+
+def test_a_component_that_is_there_is_no_problem() -> None:
+    assert refusal(node(), "/r2b/front", success=True, said="") == ""
+
+
+def test_a_refusal_names_package_plugin_container_and_what_it_said() -> None:
+    said = refusal(node(), "/r2b/front", success=False, said="Failed to find class")
+    for word in ("image_proc::RectifyNode", "package image_proc", "/r2b/front", "/left/rectify"):
+        assert word in said
+    assert said.endswith(": Failed to find class")
+    assert "does not say why" in refusal(node(), "/r2b/front", success=False, said="")
+
+
+@pytest.mark.parametrize(
+    ("namespace", "full"), [("/r2b", "/r2b/front"), ("/", "/front"), ("/a/b", "/a/b/front")]
+)
+def test_a_container_is_called_by_the_name_that_it_is_started_with(
+    namespace: str, full: str
+) -> None:
+    argv = container_argv("front", Container(executable="component_container_mt"), namespace)
+    assert container_node(argv) == full
+    assert service_of(full) == f"{full}/_container/load_node"

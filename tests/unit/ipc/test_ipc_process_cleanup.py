@@ -1,0 +1,122 @@
+"""Promise: whatever a run has started, and whatever that has started, ends with the run."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from family_trees import Family, family
+from r2bspec.ipc.process_cleanup import end_all, members
+from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+
+
+@pytest.fixture
+def run_id() -> str:
+    return secrets.token_hex(8)
+
+
+@pytest.fixture
+def people(tmp_path: Path, run_id: str) -> Iterator[Family]:
+    with family(tmp_path, run_id) as found:
+        yield found
+
+
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [
+        ("plain", 1),
+        ("parent-of-plain", 2),
+        ("parent-of-parent-of-plain", 3),
+        ("gone-parent-of-plain", 1),
+        ("parent-of-stranger", 2),
+        ("gone-parent-of-stranger", 1),
+        ("parent-of-nameless", 2),
+    ],
+)
+def test_every_descendant_is_found_and_ended(
+    people: Family, run_id: str, kind: str, count: int
+) -> None:
+    pids = people.start(kind, count)
+    assert {process.pid for process in members(run_id, people.sessions)} >= set(pids)
+    assert end_all(run_id, people.sessions, grace_s=30.0) == []
+    assert people.living() == []
+    assert members(run_id, people.sessions) == []
+
+
+@pytest.mark.parametrize("kind", ["stubborn", "parent-of-stubborn", "parent-of-stubborn-stranger"])
+def test_what_ignores_polite_signals_is_killed_and_named(
+    people: Family, run_id: str, kind: str
+) -> None:
+    people.start(kind, kind.count("-of-") + 1)
+    killed = end_all(run_id, people.sessions, grace_s=0.2)
+    assert len(killed) >= 1
+    assert all(name.startswith("python") for name in killed)
+    assert people.living() == []
+
+
+def test_the_id_alone_finds_those_who_opened_a_session_of_their_own(
+    people: Family, run_id: str
+) -> None:
+    parent, child = people.start("parent-of-stranger", 2)
+    assert os.getsid(parent) != os.getsid(child)
+    assert {process.pid for process in members(run_id, [])} == {parent, child}
+
+
+def test_the_session_alone_finds_those_who_have_lost_the_id(people: Family, run_id: str) -> None:
+    pids = people.start("parent-of-nameless", 2)
+    found = {process.pid for process in members("some other run", people.sessions)}
+    assert found == set(pids)
+
+
+def test_other_runs_are_left_alone(tmp_path: Path, people: Family, run_id: str) -> None:
+    (tmp_path / "others").mkdir()
+    with family(tmp_path / "others", secrets.token_hex(8)) as others:
+        theirs = others.start("parent-of-stranger", 2)
+        people.start("plain")
+        end_all(run_id, people.sessions, grace_s=30.0)
+        assert people.living() == []
+        assert others.living() == sorted(theirs)
+
+
+def test_the_calling_process_is_no_member(run_id: str) -> None:
+    program = (
+        "import os, sys; from r2bspec.ipc.process_cleanup import members; "
+        "print([each.pid for each in members(sys.argv[1], [os.getsid(0)]) "
+        "if each.pid == os.getpid()])"
+    )
+    environment = os.environ | {RUN_ID_VARIABLE: run_id}
+    said = subprocess.run(
+        [sys.executable, "-c", program, run_id], env=environment, capture_output=True, check=True
+    )
+    assert said.stdout.strip() == b"[]"
+
+
+def test_a_zombie_is_no_member(run_id: str) -> None:
+    process = subprocess.Popen([sys.executable, "-c", ""], start_new_session=True)
+    os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+    try:
+        assert members(run_id, [process.pid]) == []
+        assert end_all(run_id, [process.pid], grace_s=30.0) == []
+    finally:
+        process.wait()
+
+
+def test_one_that_may_not_be_looked_at_is_passed_over(
+    monkeypatch: pytest.MonkeyPatch, people: Family, run_id: str
+) -> None:
+    import psutil
+
+    people.start("plain")
+
+    def refuse(_process: psutil.Process) -> dict[str, str]:
+        raise psutil.AccessDenied
+
+    monkeypatch.setattr(psutil.Process, "environ", refuse)
+    assert members(run_id, []) == []
+    assert len(members(run_id, people.sessions)) == 1

@@ -1,0 +1,147 @@
+"""Sample files: one process appends while another reads."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from r2bspec.ipc.sample_files import RowReader, RowWriter
+
+FIELDS = (("a", "<i8"), ("b", "<i8"), ("c", "<i8"))
+
+INT64 = st.integers(-(2**63), 2**63 - 1)
+
+APPENDS_UNTIL_KILLED = """
+import sys
+from pathlib import Path
+from r2bspec.ipc.sample_files import RowWriter
+writer = RowWriter(Path(sys.argv[1]), width=3, capacity=8)
+print("writing", flush=True)
+number = 0
+while True:
+    writer.append(number, 2 * number, 3 * number)
+    number += 1
+"""
+
+
+def test_what_was_appended_is_read_at_once(tmp_path: Path) -> None:
+    writer = RowWriter(tmp_path / "rows", width=3)
+    reader = RowReader(tmp_path / "rows", FIELDS)
+    assert reader.count() == 0
+    writer.append(1, -2, 3)
+    assert reader.count() == 1
+    assert reader.read().tolist() == [(1, -2, 3)]
+    writer.append(4, 5, 6)
+    assert reader.read().tolist() == [(1, -2, 3), (4, 5, 6)]
+    writer.close()
+
+
+def test_a_file_that_is_not_there_yet_has_no_rows(tmp_path: Path) -> None:
+    reader = RowReader(tmp_path / "rows", FIELDS)
+    assert reader.count() == 0
+    assert reader.read().size == 0
+
+
+def test_a_file_whose_head_is_not_there_yet_has_no_rows(tmp_path: Path) -> None:
+    (tmp_path / "rows").write_bytes(b"\1\0\0")
+    assert RowReader(tmp_path / "rows", FIELDS).count() == 0
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "expected"),
+    [(0, None, [0, 1, 2, 3, 4]), (2, None, [2, 3, 4]), (1, 3, [1, 2]), (3, 99, [3, 4])],
+)
+def test_a_part_can_be_read(
+    tmp_path: Path, start: int, stop: int | None, expected: list[int]
+) -> None:
+    writer = RowWriter(tmp_path / "rows", width=3)
+    for number in range(5):
+        writer.append(number, 0, 0)
+    rows = RowReader(tmp_path / "rows", FIELDS).read(start, stop)
+    assert rows["a"].tolist() == expected
+    writer.close()
+
+
+@pytest.mark.parametrize(("start", "stop"), [(5, None), (6, None), (3, 3), (4, 2)])
+def test_an_empty_part_is_empty(tmp_path: Path, start: int, stop: int | None) -> None:
+    writer = RowWriter(tmp_path / "rows", width=3)
+    for number in range(5):
+        writer.append(number, 0, 0)
+    assert RowReader(tmp_path / "rows", FIELDS).read(start, stop).size == 0
+    writer.close()
+
+
+def test_what_was_read_does_not_change_afterwards(tmp_path: Path) -> None:
+    writer = RowWriter(tmp_path / "rows", width=3)
+    writer.append(1, 2, 3)
+    rows = RowReader(tmp_path / "rows", FIELDS).read()
+    for _ in range(10_000):
+        writer.append(9, 9, 9)
+    assert rows.tolist() == [(1, 2, 3)]
+    writer.close()
+
+
+def test_two_writers_never_share_a_file(tmp_path: Path) -> None:
+    writer = RowWriter(tmp_path / "rows", width=3)
+    with pytest.raises(FileExistsError):
+        RowWriter(tmp_path / "rows", width=3)
+    writer.close()
+
+
+def test_room_is_allocated_before_it_is_used(tmp_path: Path) -> None:
+    # A hole in a mapped file would end the process with SIGBUS once the disk is full.
+    writer = RowWriter(tmp_path / "rows", width=3, capacity=1000)
+    status = (tmp_path / "rows").stat()
+    assert status.st_blocks * 512 >= status.st_size >= 1000 * 3 * 8
+    writer.close()
+
+
+@given(
+    rows=st.lists(st.tuples(INT64, INT64, INT64), max_size=70),
+    capacity=st.integers(1, 9),
+    start=st.integers(0, 80),
+)
+def test_every_row_survives_growth(
+    tmp_path_factory: pytest.TempPathFactory,
+    rows: list[tuple[int, int, int]],
+    capacity: int,
+    start: int,
+) -> None:
+    path = tmp_path_factory.mktemp("rows") / "rows"
+    writer = RowWriter(path, width=3, capacity=capacity)
+    reader = RowReader(path, FIELDS)
+    for number, row in enumerate(rows, 1):
+        writer.append(*row)
+        assert reader.count() == number
+    assert reader.read(start).tolist() == rows[start:]
+    writer.close()
+    assert reader.read(start).tolist() == rows[start:]
+
+
+def test_a_reader_sees_only_whole_rows_of_a_writer_that_is_killed(tmp_path: Path) -> None:
+    path = tmp_path / "rows"
+    reader = RowReader(path, FIELDS)
+    with subprocess.Popen(
+        [sys.executable, "-c", APPENDS_UNTIL_KILLED, str(path)], stdout=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"writing\n"
+        seen = 0
+        while seen < 20_000:
+            rows = reader.read(seen)
+            # Whole, in order, and none twice or left out, while the file grows under the reader.
+            assert np.array_equal(rows["a"], np.arange(seen, seen + rows.size))
+            assert np.array_equal(rows["c"], 3 * rows["a"])
+            seen += rows.size
+        os.kill(process.pid, signal.SIGKILL)
+    rows = reader.read()
+    assert rows.size == reader.count() >= seen
+    assert np.array_equal(rows["b"], 2 * np.arange(rows.size))

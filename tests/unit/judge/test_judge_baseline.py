@@ -1,0 +1,179 @@
+"""Ratios to a baseline, against SciPy and by their outcomes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from r2bspec.judge.baseline_ratio import Comparison, advise, judge_history, judge_pairs
+from r2bspec.judge.statistics.paired_ratio import abba, paired_ratio
+from r2bspec.judge.statistics.power import (
+    noise_floor,
+    pairs_needed,
+    power_of_pairs,
+    smallest_detectable,
+)
+from r2bspec.judge.statistics.prediction_interval import predicted_ratio
+from r2bspec.judge.statistics.trend import trend
+from r2bspec.judge.statistics.welch_test import welch_ratio
+from r2bspec.language.requirement_grammar import parse_requirement
+
+BASE = [100.0, 101.5, 98.7, 100.4, 99.1, 102.2]
+HEAD = [95.2, 97.1, 93.0, 96.3, 94.4, 96.0]
+
+
+def asked(text: str = "throughput.mean >= 97 % of baseline") -> Comparison:
+    requirement = parse_requirement(text)
+    assert requirement.bound is not None
+    return Comparison(
+        objective="no_regression",
+        requirement=requirement,
+        at_hz=30.0,
+        metric=requirement.metric,
+        monitor="out",
+        limit=requirement.bound.value,
+    )
+
+
+class TestStatistics:
+    def test_the_paired_test_agrees_with_scipy(self) -> None:
+        found = paired_ratio(BASE, HEAD, 0.95)
+        logs = np.log(HEAD) - np.log(BASE)
+        bounds = stats.t.interval(0.9, len(logs) - 1, loc=logs.mean(), scale=stats.sem(logs))
+        assert (found.lower, found.upper) == pytest.approx(tuple(np.exp(bounds)))
+        limit = found.upper
+        p = stats.ttest_rel(np.log(HEAD), np.log(BASE) + math.log(limit), alternative="less").pvalue
+        assert p == pytest.approx(0.05)
+
+    def test_welch_agrees_with_scipy(self) -> None:
+        found = welch_ratio(BASE, HEAD, 0.95)
+        interval = stats.ttest_ind(np.log(HEAD), np.log(BASE), equal_var=False).confidence_interval(
+            0.9
+        )
+        assert (found.lower, found.upper) == pytest.approx(
+            (math.exp(interval.low), math.exp(interval.high))
+        )
+
+    def test_the_prediction_interval_agrees_with_its_definition(self) -> None:
+        found = predicted_ratio(BASE, 95.0, 0.95)
+        logs = np.log(BASE)
+        half = stats.t.ppf(0.95, 5) * logs.std(ddof=1) * math.sqrt(1 + 1 / 6)
+        assert math.log(found.upper) == pytest.approx(math.log(95) - logs.mean() + half)
+        assert predicted_ratio([1.0] * 5 + BASE * 5, 95.0, 0.95).n == 30
+
+    def test_power_agrees_with_scipy(self) -> None:
+        expected = stats.nct.sf(stats.t.ppf(0.95, 9), 9, 0.05 * math.sqrt(10) / 0.03)
+        assert power_of_pairs(0.05, 0.03, 10, 0.95) == pytest.approx(expected)
+        delta = smallest_detectable(0.03, 10, 0.95)
+        assert power_of_pairs(delta, 0.03, 10, 0.95) == pytest.approx(0.9, abs=1e-4)
+        assert smallest_detectable(0.0, 10, 0.95) == 0.0
+        assert pairs_needed(0.001, 0.1, 0.95, most=50) is None
+
+    def test_the_noise_floor_agrees_with_scipy(self) -> None:
+        ratios = np.exp([0.01, -0.02, 0.015, 0.0, -0.01])
+        found = noise_floor(ratios.tolist(), 0.95)
+        deviation = np.log(ratios).std(ddof=1)
+        assert found.deviation == pytest.approx(deviation)
+        assert found.upper == pytest.approx(deviation * math.sqrt(4 / stats.chi2.ppf(0.05, 4)))
+        assert not found.biased
+
+    def test_the_order_of_pairs_cancels_a_drift(self) -> None:
+        assert abba(4) == "ABBAABBA"
+        order = np.array(list(abba(4)))
+        times = np.arange(8)
+        assert times[order == "A"].sum() == times[order == "B"].sum()
+
+    @pytest.mark.parametrize("bad", [0.0, -1.0, math.inf])
+    def test_a_ratio_needs_positive_values(self, bad: float) -> None:
+        with pytest.raises(ValueError, match="positive"):
+            paired_ratio([1.0, bad], [1.0, 1.0], 0.95)
+        with pytest.raises(ValueError, match="positive"):
+            welch_ratio([1.0, bad], [1.0, 1.0], 0.95)
+        with pytest.raises(ValueError, match="positive"):
+            predicted_ratio([1.0, 1.0], bad, 0.95)
+
+    def test_a_trend_agrees_with_scipy_where_residuals_are_independent(self) -> None:
+        random = np.random.default_rng(3)
+        times = np.arange(300.0)
+        values = 2 * times + random.standard_normal(300)
+        found = trend(times, values, 0.95)
+        expected = stats.linregress(times, values)
+        assert found.slope == pytest.approx(expected.slope)
+        assert found.upper - found.slope == pytest.approx(1.65 * expected.stderr, rel=0.3)
+
+    def test_a_walk_has_no_slope_worth_stating(self) -> None:
+        walk = np.cumsum(np.random.default_rng(4).standard_normal(1000))
+        found = trend(np.arange(1000.0), walk, 0.95)
+        assert found.lower < 0 < found.upper
+        assert math.isinf(trend(np.arange(5.0), np.arange(5.0), 0.95).upper)
+        exact = trend(np.arange(50.0), 3 * np.arange(50.0), 0.95)
+        assert (exact.lower, exact.upper) == pytest.approx((3.0, 3.0))
+
+
+class TestOutcomes:
+    @pytest.mark.parametrize(
+        ("text", "outcome"),
+        [
+            ("throughput.mean >= 97 % of baseline", "fail"),
+            ("throughput.mean >= 93 % of baseline", "pass"),
+            ("throughput.mean >= 95.3 % of baseline", "inconclusive"),
+            ("throughput.mean < 97 % of baseline", "pass"),
+            ("throughput.mean <= 94 % of baseline", "fail"),
+        ],
+    )
+    def test_the_margin_is_the_limit(self, text: str, outcome: str) -> None:
+        found = judge_pairs(asked(text), BASE, HEAD)
+        assert (found.outcome, found.method, found.n) == (outcome, "paired t on logs", 6)
+        assert bool(found.settle) == (outcome == "inconclusive")
+        assert "of the baseline over 6 pairs" in found.reason
+
+    @pytest.mark.parametrize("missing", [None, math.inf, 0.0])
+    def test_a_head_without_a_value_fails_and_a_base_decides_nothing(
+        self, missing: float | None
+    ) -> None:
+        broken: Sequence[float | None] = [*HEAD[:-1], missing]
+        assert judge_pairs(asked(), BASE, broken).outcome == "fail"
+        assert judge_pairs(asked(), broken, BASE).outcome == "inconclusive"
+        assert judge_pairs(asked(), [], []).outcome == "inconclusive"
+
+    def test_what_was_not_sampled_decides_nothing(self) -> None:
+        sampled = replace(asked("cpu.relay.mean <= 105 % of baseline"), sampled=True, zeros=True)
+        assert judge_pairs(sampled, BASE, [*HEAD[:-1], None]).outcome == "inconclusive"
+        found = judge_pairs(sampled, BASE, [*HEAD[:-1], 0.0])
+        assert found.outcome == "inconclusive"
+        assert "0 has no ratio" in found.reason
+
+    def test_base_and_head_are_told(self) -> None:
+        found = judge_pairs(replace(asked(), unit="Hz"), BASE, HEAD)
+        assert found.compared is not None
+        assert found.compared.base_values == tuple(BASE)
+        assert found.compared.head == pytest.approx(stats.gmean(HEAD))
+        assert found.estimate == pytest.approx(stats.gmean(HEAD) / stats.gmean(BASE))
+        assert "from 100.3 Hz to 95.32 Hz" in found.reason
+
+    def test_one_pair_is_too_few(self) -> None:
+        assert "2 pairs" in judge_pairs(asked(), [1.0], [1.0]).settle
+
+    @pytest.mark.parametrize(
+        ("new", "outcome"), [(103.0, "pass"), (85.0, "fail"), (97.5, "inconclusive")]
+    )
+    def test_a_history(self, new: float, outcome: str) -> None:
+        found = judge_history(asked(), BASE, new)
+        assert (found.outcome, found.method) == (outcome, "prediction interval")
+
+    def test_a_short_history_decides_nothing(self) -> None:
+        found = judge_history(asked(), BASE[:4], 50.0)
+        assert found.outcome == "inconclusive"
+        assert "1 more" in found.settle
+
+    def test_a_stored_run_only_advises(self) -> None:
+        for head in (HEAD, BASE, [50.0, 51.0, 52.0]):
+            found = advise(asked(), BASE, head)
+            assert (found.outcome, found.method) == ("inconclusive", "stored baseline")
+            assert "By this alone it would" in found.reason
+        assert advise(asked(), BASE, [1.0]).outcome == "inconclusive"

@@ -1,0 +1,132 @@
+"""A run that failed and its fresh batch, read from one folder and judged together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from r2bspec.judge.confirmation import judge_batches
+from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.judge_run import result_of, to_json
+from r2bspec.language.quantities import Share
+from r2bspec.measure.samples import read_samples
+from r2bspec.record.run_folder import Run, open_run
+from r2bspec.record.run_record import ConfirmationRecord, SearchRecord
+from run_simulation import Played, Simulation, objective, probe
+
+FAST = np.full(300, 0.02)
+SLOW = np.where(np.arange(300) % 5 == 0, 0.1, 0.02)
+SOME = np.where(np.arange(300) % 100 == 50, 0.1, 0.02)
+REQUIRED = {"slo": objective("latency.p99 < 60 ms")}
+NOTHING = ConfirmationRecord(search=None, sustained=())
+
+
+def simulated(path: Path, first: np.ndarray, second: np.ndarray | None) -> Run:
+    segments = [Played(30, first)] * 2
+    if second is not None:
+        segments += [Played(30, second, kind="confirmation")] * 2
+    return Simulation(
+        segments=segments,
+        objectives=REQUIRED,
+        confirmation=NOTHING if second is not None else None,
+    ).write(path)
+
+
+def search(holds_hz: float, fails_hz: float, segment: str) -> SearchRecord:
+    tried = msgspec.structs.replace(probe(holds_hz, holds=True), segment=segment)
+    return SearchRecord(probes=(tried,), holds_hz=holds_hz, fails_hz=fails_hz, limited_by="graph")
+
+
+@pytest.mark.parametrize(
+    ("second", "together", "said"),
+    [
+        (SLOW, "fail", "confirmed it"),
+        (FAST, "inconclusive", "did not confirm"),
+        (SOME, "inconclusive", "did not confirm"),
+        (None, "fail", "No fresh batch"),
+    ],
+)
+def test_a_failure_is_judged_with_its_fresh_batch(
+    tmp_path: Path, second: np.ndarray | None, together: str, said: str
+) -> None:
+    verdict = result_of(simulated(tmp_path, SLOW, second)).verdict
+    assert verdict.outcome == together
+    assert said in verdict.reason
+
+
+def test_a_pass_says_nothing_of_batches(tmp_path: Path) -> None:
+    verdict = result_of(simulated(tmp_path, FAST, None)).verdict
+    assert verdict.outcome == "pass"
+    assert "batch" not in verdict.reason
+
+
+def test_the_fresh_batch_is_kept_apart_from_the_run(tmp_path: Path) -> None:
+    samples = read_samples(simulated(tmp_path, SLOW, FAST))
+    assert samples.confirmation is not None
+    for batch, kind in ((samples, "iteration"), (samples.confirmation, "confirmation")):
+        assert [one.segment.kind for one in batch.iterations[30.0]] == [kind] * 2
+    # What is reported as measured is the run, not what was played to confirm its failure.
+    metrics = result_of(open_run(tmp_path)).metrics
+    assert [len(rate.iterations) for rate in metrics.rates] == [2]
+
+
+def test_judging_the_folder_again_gives_the_same_bytes(tmp_path: Path) -> None:
+    first = to_json(result_of(simulated(tmp_path, SLOW, SLOW)))
+    assert to_json(result_of(open_run(tmp_path))) == first
+
+
+def test_the_fresh_batch_is_judged_at_its_own_confidence(tmp_path: Path) -> None:
+    sure = msgspec.structs.replace(REQUIRED["slo"], confidence=Share.parse("99.9 %"))
+    samples = read_samples(simulated(tmp_path, SLOW, SLOW))
+    verdict = judge_batches({"slo": sure}, samples, Terms())
+    assert verdict.outcome == "fail"
+    assert verdict.requirements[0].confidence == 0.999
+    assert "90 %" in verdict.requirements[0].notes[-1]
+
+
+class TestSearches:
+    def run(self, path: Path, again: SearchRecord | None) -> Run:
+        return Simulation(
+            segments=[Played(80, FAST, kind="probe"), Played(80, FAST, kind="confirmation")],
+            objectives={"peak": objective("peak.rate >= 100 Hz", at="")},
+            search=search(80, 82, "probe-001"),
+            confirmation=ConfirmationRecord(search=again, sustained=()),
+        ).write(path)
+
+    def test_a_peak_is_searched_again(self, tmp_path: Path) -> None:
+        low = self.run(tmp_path / "low", search(81, 83, "confirmation-002"))
+        assert result_of(low).verdict.outcome == "fail"
+        high = self.run(tmp_path / "high", search(120, 123, "confirmation-002"))
+        assert result_of(high).verdict.outcome == "inconclusive"
+
+    def test_the_first_search_does_not_confirm_itself(self, tmp_path: Path) -> None:
+        assert result_of(self.run(tmp_path, None)).verdict.outcome == "inconclusive"
+
+    def test_what_is_played_at_the_peak_is_confirmed_where_it_was_found(
+        self, tmp_path: Path
+    ) -> None:
+        at_peak = msgspec.structs.replace(REQUIRED["slo"], at=None, at_peak=True)
+        run = Simulation(
+            segments=[Played(80, SLOW)] * 2 + [Played(80, SLOW, kind="confirmation")] * 2,
+            objectives={"at_its_limit": at_peak},
+            search=search(80, 82, "probe-001"),
+            confirmation=NOTHING,
+        ).write(tmp_path)
+        verdict = result_of(run).verdict
+        assert verdict.outcome == "fail"
+        assert "confirmed it" in verdict.reason
+
+    def test_its_probes_are_no_iterations(self, tmp_path: Path) -> None:
+        samples = read_samples(self.run(tmp_path, search(81, 83, "confirmation-002")))
+        assert samples.confirmation is not None
+        assert not samples.confirmation.iterations
+
+
+def test_a_policy_that_fails_the_open_does_not_call_it_confirmed(tmp_path: Path) -> None:
+    samples = read_samples(simulated(tmp_path, SLOW, FAST))
+    verdict = judge_batches(REQUIRED, samples, Terms(inconclusive="fail"))
+    assert verdict.outcome == "fail"
+    assert "did not confirm" in verdict.reason

@@ -1,0 +1,267 @@
+"""Iterations that the machine disturbed: found, played again, and what they may do to a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from r2bspec.execute.measurement.iterations import disturbed_in_vain
+from r2bspec.judge.affected_iterations import find_disturbed, what_disturbed
+from r2bspec.judge.best_case import in_best_light, waiting_share
+from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.verdict import Outcome, Verdict
+from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.samples import RunSamples, read_samples
+from run_simulation import Played, Simulation, objective
+
+FAST = np.full(300, 0.02)
+SLOW = np.where(np.arange(300) % 5 == 0, 0.1, 0.02)
+HOPELESS = np.full(300, 0.5)
+SOME = np.where(np.arange(300) % 100 == 50, 0.1, 0.02)
+LATENCIES = {"pass": FAST, "fail": SLOW, "hopeless": HOPELESS, "inconclusive": SOME}
+ASKED = "latency.p99 < 60 ms"
+
+QUIET = Surroundings(
+    seconds=10.0,
+    cores=8,
+    steal=0.0,
+    foreign_cores=0.1,
+    pressure=0.05,
+    throttled_s=0.0,
+    calibration=1.0,
+)
+STOLEN = msgspec.structs.replace(QUIET, steal=0.02)
+
+
+class TestWhatDisturbs:
+    @pytest.mark.parametrize(
+        ("field", "value", "word"),
+        [
+            ("steal", 0.02, "stolen"),
+            ("foreign_cores", 1.0, "other processes"),
+            ("pressure", 0.3, "waited"),
+            ("throttled_s", 0.2, "throttled"),
+            ("calibration", 2.0, "harness alone"),
+        ],
+    )
+    def test_one_thing_is_enough(self, field: str, value: float, word: str) -> None:
+        odd = msgspec.structs.replace(QUIET, **{field: value})
+        assert what_disturbed(QUIET, usual=0.05) == ()
+        (found,) = what_disturbed(odd, usual=0.05)
+        assert word in found
+
+    def test_what_is_not_known_disturbs_nothing(self) -> None:
+        assert what_disturbed(Surroundings(), usual=0.0) == ()
+        assert what_disturbed(None, usual=0.0) == ()
+
+    def test_pressure_that_the_graph_makes_itself(self, tmp_path: Path) -> None:
+        own = Surroundings(seconds=10.0, pressure=0.4)
+        assert find_disturbed(run(tmp_path, {"pass": own}, {"pass": own})) == {}
+
+    def test_what_was_sampled_becomes_the_surroundings(self, tmp_path: Path) -> None:
+        around = {"stolen_s": 0.02, "waited_s": 0.25, "throttled_s": 0.0, "busy_s": 1.6}
+        samples = read_samples(
+            Simulation(
+                segments=[Played(30, FAST)],
+                cpu={"player": 0.1, "apriltag": 0.5},
+                surroundings=around,
+            ).write(tmp_path)
+        )
+        found = samples.iterations[30.0][0].surroundings
+        assert found is not None
+        assert found.steal == pytest.approx(0.01)
+        assert found.pressure == pytest.approx(0.25)
+        assert found.throttled_s == 0.0
+        assert found.foreign_cores == pytest.approx(1.0, abs=1e-6)
+
+    def test_what_the_system_does_not_tell_stays_unknown(self, tmp_path: Path) -> None:
+        around = {"stolen_s": np.nan, "waited_s": np.nan, "throttled_s": np.nan, "busy_s": np.nan}
+        made = Simulation(segments=[Played(30, FAST)], surroundings=around).write(tmp_path)
+        found = read_samples(made).iterations[30.0][0].surroundings
+        assert found == Surroundings(seconds=10.0, cores=2)
+
+
+def run(
+    path: Path,
+    *iterations: Mapping[str, Surroundings | None],
+    again: Mapping[int, tuple[str, Surroundings]] | None = None,
+) -> RunSamples:
+    """A run of iterations that are named by what they would lead to; and of reruns by number."""
+    outcomes = [name for each in iterations for name in each]
+    again = again or {}
+    played = [Played(30, LATENCIES[name]) for name in outcomes]
+    played += [Played(30, LATENCIES[name]) for name, _ in again.values()]
+    samples = read_samples(Simulation(segments=played).write(path))
+    found = samples.iterations[30.0]
+    known = [around for each in iterations for around in each.values()]
+    first = tuple(
+        replace(one, surroundings=around)
+        for one, around in zip(found[: len(known)], known, strict=True)
+    )
+    reruns = {
+        first[number].segment.id: replace(
+            one,
+            surroundings=around,
+            segment=msgspec.structs.replace(one.segment, rerun_of=first[number].segment.id),
+        )
+        for one, (number, (_, around)) in zip(found[len(known) :], again.items(), strict=True)
+    }
+    return replace(samples, iterations={30.0: first}, reruns=reruns)
+
+
+def judged(samples: RunSamples, asked: str = ASKED) -> Verdict:
+    return judge({"slo": objective(asked)}, samples)
+
+
+class TestWhatTheyMayDo:
+    @pytest.mark.parametrize(
+        ("first", "again", "outcome"),
+        [
+            ("fail", "pass", "inconclusive"),
+            ("fail", "fail", "fail"),
+            ("pass", "fail", "pass"),
+            ("inconclusive", "pass", "inconclusive"),
+        ],
+    )
+    def test_a_failure_may_be_weakened_and_nothing_else(
+        self, tmp_path: Path, first: str, again: str, outcome: Outcome
+    ) -> None:
+        samples = run(
+            tmp_path,
+            {first: STOLEN},
+            {first: STOLEN},
+            again={0: (again, QUIET), 1: (again, QUIET)},
+        )
+        found = judged(samples)
+        assert found.outcome == outcome
+        assert found.requirements[0].weakened == (first == "fail" and outcome != "fail")
+        assert [one.rerun for one in found.disturbed] == ["iteration-003", "iteration-004"]
+        assert all("stolen" in one.reasons[0] for one in found.disturbed)
+        assert bool(found.requirements[0].notes) == (first == "fail")
+
+    def test_a_rerun_that_is_disturbed_too_does_not_count(self, tmp_path: Path) -> None:
+        samples = run(
+            tmp_path,
+            {"fail": STOLEN},
+            {"fail": STOLEN},
+            again={0: ("fail", STOLEN), 1: ("fail", STOLEN)},
+        )
+        found = judged(samples)
+        assert found.outcome == "inconclusive"
+        reruns_of = [one.rerun_of for one in found.disturbed]
+        assert reruns_of == ["", "iteration-001", "", "iteration-002"]
+
+    def test_only_what_was_disturbed_is_in_doubt(self, tmp_path: Path) -> None:
+        samples = run(tmp_path, {"fail": QUIET}, {"fail": QUIET}, {"fail": STOLEN})
+        found = judged(samples)
+        assert found.outcome == "fail"
+        assert "What was not disturbed fails, too" in found.requirements[0].notes[0]
+
+    @pytest.mark.parametrize("requirement", [ASKED, "latency.mean < 60 ms", "latency.max < 60 ms"])
+    def test_what_no_disturbance_explains_stays_a_failure(
+        self, tmp_path: Path, requirement: str
+    ) -> None:
+        busy = msgspec.structs.replace(QUIET, foreign_cores=4.0, pressure=1.0)
+        samples = run(tmp_path, {"hopeless": busy}, {"hopeless": busy})
+        found = judged(samples, requirement)
+        assert found.outcome == "fail"
+        assert disturbed_in_vain(found) == []
+
+    def test_a_monitor_that_received_nothing_fails_on_any_machine(self, tmp_path: Path) -> None:
+        segments = [Played(30, FAST, silent=("detections",))] * 2
+        samples = read_samples(Simulation(segments=segments).write(tmp_path))
+        busy = tuple(replace(one, surroundings=STOLEN) for one in samples.iterations[30.0])
+        assert judged(replace(samples, iterations={30.0: busy})).outcome == "fail"
+
+    def test_memory_is_the_graphs_own(self, tmp_path: Path) -> None:
+        samples = run(tmp_path, {"pass": STOLEN}, {"pass": STOLEN})
+        assert judged(samples, "memory.apriltag.max < 1 MiB").outcome == "fail"
+
+    def test_the_machines_processor_time_is_not(self, tmp_path: Path) -> None:
+        segments = [Played(30, FAST)] * 3
+        cpu = {"player": 0.1, "apriltag": 0.5}
+        samples = read_samples(Simulation(segments=segments, cpu=cpu).write(tmp_path))
+        busy = tuple(replace(one, surroundings=STOLEN) for one in samples.iterations[30.0])
+        crowded = replace(samples, iterations={30.0: busy})
+        assert judged(samples, "cpu.system.mean < 62 %").outcome == "fail"
+        assert judged(crowded, "cpu.system.mean < 62 %").outcome == "inconclusive"
+        assert judged(crowded, "cpu.system.mean < 50 %").outcome == "fail"
+
+    def test_only_failures_at_its_rate_are_in_doubt(self, tmp_path: Path) -> None:
+        samples = run(tmp_path, {"fail": STOLEN}, {"fail": STOLEN})
+        other = msgspec.structs.replace(objective("no_such_metric < 3"), at=None)
+        found = judge({"slo": objective(ASKED), "other": other}, samples)
+        assert [one.weakened for one in found.requirements] == [True, False]
+        assert found.outcome == "fail"
+
+    def test_what_is_to_be_played_again(self, tmp_path: Path) -> None:
+        samples = run(
+            tmp_path,
+            {"fail": STOLEN},
+            {"fail": QUIET},
+            {"pass": STOLEN},
+            again={0: ("pass", QUIET)},
+        )
+        found = judged(samples, "latency.max < 50 ms")
+        # One undisturbed iteration is over the limit: nothing is to be gained.
+        assert (found.outcome, disturbed_in_vain(found)) == ("fail", [])
+        calm = run(tmp_path / "calm", {"fail": STOLEN}, {"pass": QUIET}, {"pass": STOLEN})
+        found = judged(calm, "latency.max < 50 ms")
+        assert found.outcome == "inconclusive"
+        assert [one.segment for one in disturbed_in_vain(found)] == [
+            "iteration-001",
+            "iteration-003",
+        ]
+
+
+class TestTheBestLight:
+    @pytest.mark.parametrize(
+        ("known", "share"),
+        [
+            (None, 0.0),
+            (Surroundings(seconds=10.0), 0.0),
+            (Surroundings(seconds=10.0, pressure=0.2, foreign_cores=1.5), 0.2),
+            (Surroundings(seconds=10.0, foreign_cores=0.3), 0.3),
+            (Surroundings(seconds=10.0, cores=4, steal=0.1, pressure=0.1), 0.5),
+            (Surroundings(seconds=10.0, throttled_s=2.0), 0.2),
+            (Surroundings(seconds=10.0, calibration=2.0), 0.5),
+            (Surroundings(seconds=10.0, pressure=1.0), 0.75),
+        ],
+    )
+    def test_for_how_long_it_was_kept_waiting(
+        self, known: Surroundings | None, share: float
+    ) -> None:
+        assert waiting_share(known) == pytest.approx(share)
+
+    def test_the_faster_half_stands_for_all(self, tmp_path: Path) -> None:
+        latency = np.linspace(0.010, 0.0399, 300)
+        latency[[5, 250]] = np.nan
+        samples = read_samples(Simulation(segments=[Played(30, latency)]).write(tmp_path))
+        (one,) = samples.iterations[30.0]
+        best = in_best_light(replace(one, surroundings=Surroundings(seconds=10.0, pressure=0.5)))
+        found = best.monitors["detections"]
+        assert (found.answered, found.missed, found.sent) == (300, 0, 300)
+        half = np.sort(latency)[:150] * 0.5
+        assert np.sort(found.times["latency"]) == pytest.approx(np.repeat(half, 2), abs=2e-9)
+
+    def test_more_than_half_lost_stays_lost(self, tmp_path: Path) -> None:
+        latency = np.where(np.arange(300) % 3 == 0, 0.01, np.nan)
+        samples = read_samples(Simulation(segments=[Played(30, latency)]).write(tmp_path))
+        (one,) = samples.iterations[30.0]
+        found = in_best_light(one).monitors["detections"]
+        assert found.missed == 100
+
+    def test_throughput_gains_what_the_time_allows(self, tmp_path: Path) -> None:
+        latency = np.where(np.arange(300) % 2 == 0, 0.01, np.nan)
+        samples = read_samples(Simulation(segments=[Played(30, latency)]).write(tmp_path))
+        (one,) = samples.iterations[30.0]
+        for share in (0.0, 0.2):
+            around = Surroundings(seconds=10.0, pressure=share)
+            found = in_best_light(replace(one, surroundings=around)).monitors["detections"]
+            gained = found.throughput_hz - one.monitors["detections"].throughput_hz
+            assert gained == pytest.approx(share * one.playback.rate_hz)

@@ -1,0 +1,499 @@
+"""Verdicts on simulated runs: each requirement, each outcome, and why."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.record.run_record import SearchRecord
+from run_simulation import Played, Simulation, objective, probe
+
+NAN = float("nan")
+
+
+def latencies(n: int, *, over: int = 0, lost: int = 0) -> NDArray[np.float64]:
+    """20 ms each, but `over` times 100 ms, and `lost` outputs that never came, evenly spread."""
+    found = np.full(n, 0.02)
+    bad = np.linspace(0, n - 1, over + lost).astype(int)
+    found[bad[:over]] = 0.1
+    found[bad[over:]] = NAN
+    return found
+
+
+def samples_of(path: Path, *segments: Played, **fields: object) -> RunSamples:
+    simulation = Simulation(segments=segments, **fields)  # type: ignore[arg-type]
+    return read_samples(simulation.write(path))
+
+
+def ask(samples: RunSamples, *requirements: str, at: str = "30 Hz") -> Verdict:
+    return judge({"slo": objective(*requirements, at=at)}, samples)
+
+
+def one(samples: RunSamples, requirement: str, at: str = "30 Hz") -> RequirementVerdict:
+    (found,) = ask(samples, requirement, at=at).requirements
+    return found
+
+
+class TestPercentiles:
+    @pytest.mark.parametrize(
+        ("n", "over", "lost", "outcome"),
+        [
+            (1000, 0, 0, "pass"),
+            (1000, 4, 0, "pass"),
+            (1000, 5, 0, "inconclusive"),
+            (1000, 10, 0, "inconclusive"),
+            (1000, 15, 0, "inconclusive"),
+            (1000, 16, 0, "fail"),
+            (1000, 0, 17, "fail"),
+            (1000, 9, 8, "fail"),
+            (298, 0, 0, "inconclusive"),
+            (299, 0, 0, "pass"),
+        ],
+    )
+    def test_the_exact_binomial_test_decides(
+        self, tmp_path: Path, n: int, over: int, lost: int, outcome: str
+    ) -> None:
+        found = one(
+            samples_of(tmp_path, Played(30, latencies(n, over=over, lost=lost))),
+            "latency.p99 < 60 ms",
+        )
+        assert found.outcome == outcome
+        assert found.method == "exact binomial"
+        assert (found.n, found.over) == (n, over + lost)
+        assert found.share is not None
+        assert found.share.lost == lost
+        assert bool(found.settle) == (outcome == "inconclusive")
+
+    def test_estimate_and_bounds_are_in_the_metric_s_unit(self, tmp_path: Path) -> None:
+        values = np.random.default_rng(1).gamma(20, 0.001, 3000)
+        found = one(samples_of(tmp_path, Played(30, values)), "latency.p99 < 60 ms")
+        assert found.estimate == pytest.approx(np.quantile(values, 0.99, method="inverted_cdf"))
+        assert found.estimate is not None
+        assert found.lower is not None
+        assert found.upper is not None
+        assert found.lower < found.estimate < found.upper < 0.06 == found.limit
+        assert "3,000 outputs" in found.reason
+
+    def test_iterations_are_pooled(self, tmp_path: Path) -> None:
+        segments = [Played(30, latencies(100)) for _ in range(3)]
+        assert one(samples_of(tmp_path, *segments), "latency.p99 < 60 ms").outcome == "pass"
+
+    def test_a_lost_estimate_is_not_a_number(self, tmp_path: Path) -> None:
+        found = one(samples_of(tmp_path, Played(30, latencies(100, lost=5))), "latency.p99 < 1 s")
+        assert (found.outcome, found.estimate, found.lost) == ("fail", None, True)
+
+    def test_a_floor_is_the_ceiling_turned_round(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(1000, over=100)))
+        for metric in ("p50", "p90", "p99"):
+            ceiling = one(samples, f"latency.{metric} <= 60 ms").outcome
+            floor = one(samples, f"latency.{metric} > 60 ms").outcome
+            swapped = {"pass": "fail", "fail": "pass", "inconclusive": "inconclusive"}
+            assert floor == swapped[ceiling]
+
+    def test_losses_do_not_help_a_floor(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(1000, lost=900)))
+        assert one(samples, "latency.p50 > 1 ms").outcome == "fail"
+
+    def test_the_forecast_names_iterations(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(100)), Played(30, latencies(100)))
+        found = one(samples, "latency.p99 < 60 ms")
+        assert "4 iterations" in found.settle
+
+    def test_strictness_matters_for_messages_on_the_limit(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, np.full(1000, 0.02)))
+        assert one(samples, "latency.p99 <= 20 ms").outcome == "pass"
+        assert one(samples, "latency.p99 < 20 ms").outcome == "fail"
+
+
+def test_nearly_all_is_not_all(tmp_path: Path) -> None:
+    samples = samples_of(tmp_path, Played(30, latencies(2000, over=1994)))
+    assert "1,994 of 2,000 outputs (99.7 %)" in one(samples, "latency.p50 < 60 ms").reason
+
+
+class TestShares:
+    @pytest.mark.parametrize(
+        ("lost", "outcome"), [(0, "pass"), (4, "pass"), (10, "inconclusive"), (17, "fail")]
+    )
+    def test_drops_are_judged_on_counts(self, tmp_path: Path, lost: int, outcome: str) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(1000, lost=lost)))
+        found = one(samples, "drop_rate <= 1 %")
+        assert (found.outcome, found.estimate) == (outcome, lost / 1000)
+
+    def test_that_nothing_is_ever_lost_cannot_be_proved(self, tmp_path: Path) -> None:
+        found = one(samples_of(tmp_path, Played(30, latencies(1000))), "drop_rate <= 0 %")
+        assert found.outcome == "inconclusive"
+        assert "missed == 0" in found.settle
+
+    def test_a_floor(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(1000, lost=100)))
+        assert one(samples, "drop_rate > 1 %").outcome == "pass"
+        assert one(samples, "drop_rate > 50 %").outcome == "fail"
+
+
+class TestMeans:
+    def test_t_over_iterations(self, tmp_path: Path) -> None:
+        segments = [Played(30, np.full(30, base)) for base in (0.018, 0.020, 0.022)]
+        samples = samples_of(tmp_path, *segments)
+        assert one(samples, "latency.mean < 30 ms").outcome == "pass"
+        assert one(samples, "latency.mean < 10 ms").outcome == "fail"
+        found = one(samples, "latency.mean < 20.5 ms")
+        assert (found.outcome, found.method, found.n) == ("inconclusive", "t over iterations", 3)
+        assert "iterations would settle it" in found.settle
+
+    def test_one_iteration_shows_no_scatter(self, tmp_path: Path) -> None:
+        found = one(samples_of(tmp_path, Played(30, latencies(300))), "throughput.mean > 1 Hz")
+        assert found.outcome == "inconclusive"
+        assert "2 iterations" in found.settle
+
+    def test_of_offered_is_worked_out(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(90)), Played(30, latencies(90)))
+        found = one(samples, "throughput.mean >= 97 % of offered")
+        assert (found.outcome, found.unit) == ("pass", "Hz")
+        assert found.limit == pytest.approx(29.1)
+
+    def test_iterations_that_agree_exactly_are_no_proof_to_the_last_digit(
+        self, tmp_path: Path
+    ) -> None:
+        segments = [Played(30, np.full(30, 0.02)) for _ in range(3)]
+        samples = samples_of(tmp_path, *segments)
+        assert one(samples, "latency.mean < 20.1 ms").outcome == "pass"
+        assert one(samples, "latency.mean < 20.0001 ms").outcome == "inconclusive"
+
+    def test_processes(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(90)), Played(30, latencies(90)))
+        assert one(samples, "cpu.apriltag.mean < 60 %").outcome == "pass"
+        assert one(samples, "cpu.apriltag.mean < 40 %").outcome == "fail"
+        assert one(samples, "cpu.system.mean < 100 %").outcome == "pass"
+
+    def test_a_dead_iteration_has_no_mean(self, tmp_path: Path) -> None:
+        samples = samples_of(
+            tmp_path, Played(30, latencies(90)), Played(30, latencies(90)), Played(30, [NAN] * 90)
+        )
+        found = one(samples, "latency.mean < 30 ms")
+        assert found.outcome == "fail"
+        assert "iteration 3" in found.reason
+
+
+class TestObservations:
+    def test_what_was_seen_is_labelled_so(self, tmp_path: Path) -> None:
+        found = one(samples_of(tmp_path, Played(30, latencies(300))), "missed == 0")
+        assert (found.outcome, found.method) == ("pass", "observation")
+        assert found.rule_of_three == pytest.approx(3 / 300, rel=0.01)
+
+    @pytest.mark.parametrize(
+        ("requirement", "outcome"),
+        [
+            ("missed == 0", "fail"),
+            ("missed != 0", "pass"),
+            ("missed <= 2", "pass"),
+            ("latency.max < 1 s", "fail"),
+            ("latency.min > 10 ms", "pass"),
+            ("received >= 298", "pass"),
+            ("duplicates == 0", "fail"),
+            ("sent == 300", "pass"),
+            ("interval.max < 150 ms", "pass"),
+            ("memory.apriltag.max < 1 GiB", "pass"),
+            ("cpu.apriltag.max < 40 %", "fail"),
+            ("drop_rate == 0 %", "fail"),
+            ("latency.p50 == 20 ms", "pass"),
+        ],
+    )
+    def test_comparisons(self, tmp_path: Path, requirement: str, outcome: str) -> None:
+        values = latencies(300)
+        values[[10, 200]] = NAN
+        samples = samples_of(tmp_path, Played(30, values, twice=(0,)))
+        found = one(samples, requirement)
+        assert (found.outcome, found.method) == (outcome, "observation")
+
+    def test_extremes_are_taken_over_all_iterations(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(90, over=1)), Played(30, latencies(90)))
+        assert one(samples, "latency.max < 60 ms").outcome == "fail"
+
+    def test_a_silence_is_an_interval(self, tmp_path: Path) -> None:
+        values = latencies(300)
+        values[100:] = NAN
+        samples = samples_of(tmp_path, Played(30, values))
+        assert one(samples, "interval.max < 1 s").outcome == "fail"
+        assert one(samples, "throughput.mean > 20 Hz").estimate < 15  # type: ignore[operator]
+
+
+def bracket(holds: float | None, fails: float | None, limited_by: str = "graph") -> SearchRecord:
+    return SearchRecord(
+        probes=(probe(5, holds=True), probe(200, holds=False)),
+        holds_hz=holds,
+        fails_hz=fails,
+        limited_by=limited_by,  # type: ignore[arg-type]
+    )
+
+
+class TestSearch:
+    @pytest.mark.parametrize(
+        ("requirement", "search", "outcome"),
+        [
+            ("peak.rate >= 100 Hz", bracket(100, 102), "pass"),
+            ("peak.rate > 100 Hz", bracket(100, 102), "inconclusive"),
+            ("peak.rate >= 101 Hz", bracket(100, 102), "inconclusive"),
+            ("peak.rate >= 102 Hz", bracket(100, 102), "fail"),
+            ("peak.rate < 102 Hz", bracket(100, 102), "pass"),
+            ("peak.rate < 101 Hz", bracket(100, 102), "inconclusive"),
+            ("peak.rate < 100 Hz", bracket(100, 102), "fail"),
+            ("peak.rate <= 100 Hz", bracket(100, 102), "inconclusive"),
+            ("peak.rate >= 300 Hz", bracket(200, None, "range"), "inconclusive"),
+            ("peak.rate >= 200 Hz", bracket(200, None, "range"), "pass"),
+            ("peak.rate >= 150 Hz", bracket(100, 120, "player"), "inconclusive"),
+            ("peak.rate >= 100 Hz", bracket(100, 120, "player"), "pass"),
+            ("peak.rate >= 10 Hz", bracket(None, 5), "fail"),
+            ("peak.rate >= 3 Hz", bracket(None, 5), "inconclusive"),
+            ("peak.rate < 10 Hz", bracket(None, 5), "pass"),
+            ("peak.rate >= 10 Hz", None, "inconclusive"),
+        ],
+    )
+    def test_the_bracket_decides_what_lies_outside_it(
+        self, tmp_path: Path, requirement: str, search: SearchRecord | None, outcome: str
+    ) -> None:
+        found = one(samples_of(tmp_path, search=search), requirement, at="")
+        assert found.outcome == outcome
+        assert bool(found.settle) == (outcome == "inconclusive")
+
+    def test_sustained_is_what_its_probe_says(self, tmp_path: Path) -> None:
+        samples = samples_of(
+            tmp_path, sustained=(probe(35, holds=True), probe(50, holds=False, reason="it grows"))
+        )
+        assert one(samples, "sustained", at="35 Hz").outcome == "pass"
+        assert one(samples, "sustained", at="50 Hz").outcome == "fail"
+        assert "it grows" in one(samples, "sustained", at="50 Hz").reason
+        assert one(samples, "sustained", at="60 Hz").outcome == "inconclusive"
+
+    def test_a_player_that_gives_up_says_nothing_about_the_graph(self, tmp_path: Path) -> None:
+        slow = Played(50, latencies(100), late=np.linspace(0, 1, 100), kind="sustained")
+        samples = samples_of(tmp_path, slow, sustained=(probe(50, holds=False),))
+        verdict = ask(samples, "sustained", at="50 Hz")
+        assert verdict.outcome == "invalid"
+
+
+class TestWhatWasNotMeasured:
+    """Nothing that is not there can pass."""
+
+    @pytest.mark.parametrize(
+        "requirement",
+        [
+            "latency.p99 < 60 ms",
+            "latency.p50 > 1 ms",
+            "drop_rate <= 100 %",
+            "throughput.mean < 1000 Hz",
+            "missed >= 0",
+            "received == 0",
+            "interval.max < 10 s",
+        ],
+    )
+    def test_a_silent_monitor_fails_everything(self, tmp_path: Path, requirement: str) -> None:
+        found = one(samples_of(tmp_path, Played(30, [NAN] * 300)), requirement)
+        assert found.outcome == "fail"
+        assert "received nothing" in found.reason
+
+    def test_stamps_that_match_nothing_are_named_as_the_cause(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, [NAN] * 30, strangers=30))
+        assert "carries the stamp" in one(samples, "latency.p50 < 1 s").reason
+
+    @pytest.mark.parametrize(
+        ("requirement", "reason"),
+        [
+            ("latncy.p99 < 60 ms", "did you mean latency.p99"),
+            ("other.latency.p99 < 60 ms", "no monitor 'other'"),
+            ("latency.p99 < 60 Hz", "is a time"),
+            ("cpu.nobody.mean < 60 %", "no metric"),
+        ],
+    )
+    def test_what_does_not_exist_fails(self, tmp_path: Path, requirement: str, reason: str) -> None:
+        found = one(samples_of(tmp_path, Played(30, latencies(300))), requirement)
+        assert found.outcome == "fail"
+        assert reason in found.reason
+
+    def test_a_rate_that_was_not_played(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(300)))
+        assert one(samples, "latency.p99 < 60 ms", at="60 Hz").outcome == "inconclusive"
+        assert one(samples, "latency.p99 < 60 ms", at="").outcome == "inconclusive"
+        assert one(samples, "throughput.mean > 9 % of offered", at="").outcome == "inconclusive"
+
+    def test_an_iteration_that_was_cut_short(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(300), complete=False))
+        assert one(samples, "latency.p99 < 60 ms").outcome == "inconclusive"
+
+    def test_an_empty_iteration(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, []), Played(30, []))
+        for requirement in (
+            "playback.lateness.p99 < 1 s",
+            "drop_rate < 1 %",
+            "playback.rate > 1 Hz",
+        ):
+            assert one(samples, requirement).outcome != "pass"
+
+    def test_resources_that_were_not_sampled(self, tmp_path: Path) -> None:
+        run = Simulation(segments=[Played(30, latencies(60))] * 2).write(tmp_path)
+        (tmp_path / "resources.npy").unlink()
+        assert one(read_samples(run), "cpu.apriltag.mean < 99 %").outcome == "inconclusive"
+        assert one(read_samples(run), "cpu.apriltag.max < 99 %").outcome == "inconclusive"
+
+
+class TestTheWhole:
+    def test_a_requirement_without_a_monitor_holds_for_each(self, tmp_path: Path) -> None:
+        samples = samples_of(
+            tmp_path, Played(30, latencies(300), silent=("b",)), monitors=("a", "b")
+        )
+        verdict = ask(samples, "latency.p50 < 60 ms")
+        assert [(each.monitor, each.outcome) for each in verdict.requirements] == [
+            ("a", "pass"),
+            ("b", "fail"),
+        ]
+
+    @pytest.mark.parametrize(
+        ("requirements", "outcome", "exit_code"),
+        [
+            ((), "pass", 0),
+            (("latency.p50 < 60 ms",), "pass", 0),
+            (("latency.p50 < 60 ms", "throughput.mean > 1 Hz"), "inconclusive", 3),
+            (("latency.p50 < 1 ms", "throughput.mean > 1 Hz"), "fail", 1),
+        ],
+    )
+    def test_the_worst_decides(
+        self, tmp_path: Path, requirements: tuple[str, ...], outcome: str, exit_code: int
+    ) -> None:
+        verdict = ask(samples_of(tmp_path, Played(30, latencies(300))), *requirements)
+        assert (verdict.outcome, verdict.exit_code) == (outcome, exit_code)
+
+    @pytest.mark.parametrize("status", ["invalid", "incomplete"])
+    def test_a_run_that_is_not_complete_passes_nothing(self, tmp_path: Path, status: str) -> None:
+        samples = samples_of(
+            tmp_path, Played(30, latencies(300)), status=status, reason="a node died"
+        )
+        verdict = ask(samples, "latency.p50 < 60 ms")
+        assert (verdict.outcome, verdict.exit_code, verdict.reason) == (status, 4, "a node died")
+        assert verdict.requirements[0].outcome == "pass"
+
+    @pytest.mark.parametrize(
+        ("late", "usable"),
+        [
+            (np.zeros(300), True),
+            (np.full(300, 0.015), True),
+            (np.full(300, 0.018), False),
+            (np.linspace(0, 1, 300), False),
+            (np.where(np.arange(300) < 3, 0.1, 0), True),
+            (np.where(np.arange(300) < 6, 0.1, 0), False),
+        ],
+    )
+    def test_playback_that_missed_its_schedule_makes_a_run_invalid(
+        self, tmp_path: Path, late: NDArray[np.float64], usable: bool
+    ) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(300), late=late), Played(60, [0.01]))
+        verdict = ask(samples, "latency.p50 < 60 ms")
+        assert (verdict.outcome == "pass") == usable
+        assert (verdict.exit_code == 4) != usable
+        assert bool(verdict.unusable) != usable
+
+    @pytest.mark.parametrize(("held_s", "usable"), [(0.0, True), (0.09, True), (0.11, False)])
+    def test_a_monitor_that_had_no_processor_makes_a_run_invalid(
+        self, tmp_path: Path, held_s: float, usable: bool
+    ) -> None:
+        # Ten seconds, of which one in a hundred may be unwatched.
+        samples = samples_of(tmp_path, Played(30, latencies(300), held=held_s))
+        verdict = ask(samples, "latency.p50 < 60 ms")
+        assert (verdict.outcome == "pass") == usable
+        assert (verdict.exit_code == 4) != usable
+        assert usable or "no processor for 110 ms" in verdict.reason
+
+    def test_a_rate_that_no_objective_uses_spoils_nothing(self, tmp_path: Path) -> None:
+        late = Played(60, latencies(300), late=np.linspace(0, 1, 300))
+        samples = samples_of(tmp_path, Played(30, latencies(300)), late)
+        assert ask(samples, "latency.p50 < 60 ms").outcome == "pass"
+
+    def test_without_objectives_every_rate_counts(self, tmp_path: Path) -> None:
+        late = Played(60, latencies(300), late=np.linspace(0, 1, 300))
+        samples = samples_of(tmp_path, Played(30, latencies(300)), late)
+        verdict = judge({}, samples)
+        assert (verdict.outcome, verdict.exit_code) == ("invalid", 4)
+        assert [one.offered_hz for one in verdict.unusable] == [60]
+
+
+class TestWindows:
+    """``in 99 % of 1 s windows``."""
+
+    @staticmethod
+    def slow_seconds(*slow: int, seconds: int = 100) -> NDArray[np.float64]:
+        found = np.full(seconds * 30, 0.02)
+        for second in slow:
+            found[second * 30 : (second + 1) * 30] = 0.1
+        return found
+
+    @pytest.mark.parametrize(
+        ("slow", "outcome"),
+        [
+            ((), "pass"),
+            ((10, 50), "pass"),
+            ((10, 30, 50, 70, 90), "inconclusive"),
+            (tuple(range(3, 100, 5)), "fail"),
+        ],
+    )
+    def test_the_binomial_over_windows(
+        self, tmp_path: Path, slow: tuple[int, ...], outcome: str
+    ) -> None:
+        samples = samples_of(tmp_path, Played(30, self.slow_seconds(*slow)))
+        found = one(samples, "latency.p99 < 60 ms in 90 % of 1 s windows")
+        assert (found.outcome, found.method) == (outcome, "binomial over windows")
+        assert (found.n, found.over) == (100, len(slow))
+        assert "windows of 1 s" in found.reason
+        assert "latency.p99 < 60 ms" in found.reason
+
+    def test_bad_windows_one_after_the_other_say_less(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, self.slow_seconds(40, 41)))
+        found = one(samples, "latency.p99 < 60 ms in 90 % of 1 s windows")
+        assert (found.outcome, found.bursts) == ("inconclusive", 1)
+        assert found.effective_n is not None
+        assert found.effective_n < 50
+
+    def test_floors_and_equalities(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, self.slow_seconds()))
+        for requirement in (
+            "throughput.mean >= 95 % of offered in 90 % of 1 s windows",
+            "missed == 0 in 90 % of 1 s windows",
+            "latency.p50 > 10 ms in 90 % of 1 s windows",
+        ):
+            assert one(samples, requirement).outcome == "pass"
+        assert one(samples, "missed != 0 in 90 % of 1 s windows").outcome == "fail"
+        floor = one(samples, "throughput.mean >= 40 Hz in 90 % of 1 s windows")
+        assert floor.outcome == "fail"
+        assert floor.estimate == pytest.approx(30, rel=0.01)
+
+    def test_what_has_no_windows(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(60)))
+        assert one(samples, "duplicates == 0 in 90 % of 1 s windows").outcome == "fail"
+        found = one(samples, "latency.p99 < 1 s in 90 % of 10 s windows")
+        assert (found.outcome, found.method) == ("inconclusive", "none")
+
+
+class TestBursts:
+    def test_what_bursts_leave_open_says_so(self, tmp_path: Path) -> None:
+        values = np.full(3000, 0.02)
+        values[500:505] = values[1500:1505] = 0.1
+        found = one(samples_of(tmp_path, Played(30, values)), "latency.p99 < 60 ms")
+        assert (found.outcome, found.over, found.bursts) == ("inconclusive", 10, 2)
+        assert found.effective_n is not None
+        assert found.effective_n < 300
+        assert "in 2 bursts" in found.reason
+        assert "one by one would have decided" in found.settle
+
+    def test_what_a_pass_withstands(self, tmp_path: Path) -> None:
+        found = one(samples_of(tmp_path, Played(30, latencies(3000))), "latency.p99 < 60 ms")
+        assert found.share is not None
+        assert found.share.withstands == pytest.approx(5.5, abs=0.1)
+
+    def test_of_baseline_needs_a_baseline(self, tmp_path: Path) -> None:
+        samples = samples_of(tmp_path, Played(30, latencies(90)))
+        found = one(samples, "throughput.mean >= 97 % of baseline")
+        assert (found.outcome, found.limit) == ("inconclusive", None)
+        assert "--against" in found.settle

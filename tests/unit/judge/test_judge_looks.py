@@ -1,0 +1,144 @@
+"""Looks: when they are, what they may be wrong in, and what follows from one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from r2bspec.judge.decision_policy import Terms, terms_of
+from r2bspec.judge.interim_looks import Looks, combine, decide_at
+from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.verdict import Method, Outcome, RequirementVerdict
+from r2bspec.measure.samples import RunSamples, read_samples
+from run_simulation import Played, Simulation, objective
+
+
+def verdict_of(outcome: Outcome, method: Method = "exact binomial") -> RequirementVerdict:
+    return RequirementVerdict(
+        objective="slo",
+        text="latency.p99 < 60 ms",
+        at_hz=30.0,
+        metric="latency.p99",
+        monitor="out",
+        outcome=outcome,
+        method=method,
+        estimate=0.05,
+        lower=0.04,
+        upper=0.06,
+        limit=0.06,
+        unit="s",
+        n=100,
+        confidence=0.95,
+        over=None,
+        lost=False,
+        share=None,
+        rule_of_three=None,
+        reason="Because.",
+        settle="",
+    )
+
+
+class TestThePlan:
+    def test_one_two_and_four_times(self) -> None:
+        assert Looks.planned(5, 20).iterations == (5, 10, 20)
+        assert Looks.planned(5, 12).iterations == (5, 10, 12)
+        assert Looks.planned(5, 30).iterations == (5, 10, 20, 30)
+        assert Looks.planned(5, 3).iterations == (5,)
+
+    @pytest.mark.parametrize("iterations", [(5,), (5, 10, 20), (3, 7, 50)])
+    def test_the_error_is_divided_without_a_rest(self, iterations: tuple[int, ...]) -> None:
+        looks = Looks(iterations)
+        errors = [1 - looks.confidence_at(look) for look in range(1, len(looks) + 1)]
+        assert sum(errors) == pytest.approx(0.05)
+        assert Looks((5,)).confidence_at(1, 0.9) == pytest.approx(0.9)
+
+    @pytest.mark.parametrize("iterations", [(), (0,), (5, 5), (5, 3)])
+    def test_nonsense_is_refused(self, iterations: tuple[int, ...]) -> None:
+        with pytest.raises(ValueError, match="ascending"):
+            Looks(iterations)
+
+    def test_looks_that_a_run_has_reached(self) -> None:
+        looks = Looks((5, 10, 20))
+        assert [looks.reached(n) for n in (0, 4, 5, 10, 19, 20, 99)] == [0, 0, 1, 2, 2, 3, 3]
+
+
+class TestWhatToDoNext:
+    LOOKS = Looks((5, 10, 20))
+
+    @pytest.mark.parametrize(
+        ("outcomes", "look", "step"),
+        [
+            (("pass", "pass"), 1, "pass"),
+            (("pass", "fail", "inconclusive"), 1, "fail"),
+            (("pass", "inconclusive"), 1, "go on"),
+            (("pass", "inconclusive"), 3, "inconclusive"),
+            ((), 1, "pass"),
+        ],
+    )
+    def test_steps(self, outcomes: tuple[Outcome, ...], look: int, step: str) -> None:
+        assert decide_at(self.LOOKS, look, [verdict_of(one) for one in outcomes]) == step
+
+    def test_what_more_iterations_cannot_settle_is_not_played_for(self) -> None:
+        open_ = verdict_of("inconclusive", "sequential probe")
+        assert decide_at(self.LOOKS, 1, [open_]) == "inconclusive"
+
+
+class TestAllLooksTogether:
+    LOOKS = Looks((5, 10, 20))
+
+    @pytest.mark.parametrize(
+        ("outcomes", "together", "look"),
+        [
+            (("pass", "inconclusive"), "pass", 1),
+            (("fail", "inconclusive"), "fail", 1),
+            (("fail", "pass"), "fail", 1),
+            (("pass", "fail"), "fail", 2),
+            (("inconclusive", "pass", "inconclusive"), "pass", 2),
+            (("inconclusive", "inconclusive"), "inconclusive", 2),
+        ],
+    )
+    def test_the_first_decision_stands_unless_it_turns_out_a_failure(
+        self, outcomes: tuple[Outcome, ...], together: str, look: int
+    ) -> None:
+        found = combine(self.LOOKS, [verdict_of(one) for one in outcomes])
+        assert (found.outcome, found.look, found.looks) == (together, look, 3)
+        assert "look" in found.notes[0]
+
+    def test_what_was_only_seen_follows_all_that_was_seen(self) -> None:
+        seen = [verdict_of("pass", "observation"), verdict_of("inconclusive", "observation")]
+        assert combine(self.LOOKS, seen).outcome == "inconclusive"
+
+    def test_the_next_look_is_named(self) -> None:
+        found = combine(self.LOOKS, [verdict_of("inconclusive")])
+        assert "after 10 iterations" in found.settle
+
+
+class TestAWholeRun:
+    @staticmethod
+    def samples(path: Path, iterations: int) -> RunSamples:
+        random = np.random.default_rng(3)
+        segments = [
+            Played(30, np.where(random.random(100) < 0.04, 0.1, 0.02)) for _ in range(iterations)
+        ]
+        return read_samples(Simulation(segments=segments).write(path))
+
+    def test_each_look_is_taken_from_the_iterations_that_it_had(self, tmp_path: Path) -> None:
+        terms = Terms(looks=Looks((3, 6, 12)))
+        objectives = {"slo": objective("latency.p90 < 60 ms", "missed == 0")}
+        samples = self.samples(tmp_path, 12)
+        found = judge(objectives, samples, terms)
+        percentile, missed = found.requirements
+        assert percentile.outcome == "pass"
+        assert 1 <= percentile.look <= 3
+        assert percentile.confidence == pytest.approx(terms.looks.confidence_at(percentile.look))  # type: ignore[union-attr]
+        assert missed.outcome == "pass"
+        # Judging again, from the whole run, takes the same looks again.
+        assert msgspec.json.encode(judge(objectives, samples, terms)) == msgspec.json.encode(found)
+
+    def test_a_plan_states_its_terms(self) -> None:
+        plan = Simulation().plan()
+        assert terms_of(plan).looks is None
+        assert terms_of(plan).confidence == 0.95

@@ -1,0 +1,225 @@
+"""Comparisons of interleaved runs, from their folders to their verdicts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pair_simulation import Comparison, latencies
+from r2bspec.compare.judge_pairs import judge_pairs_folder
+from r2bspec.judge.judge_run import to_json
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.samples import read_samples
+from r2bspec.record.comparison_folder import open_pairs
+from r2bspec.record.errors import RecordError
+from run_simulation import Played, Simulation, objective
+
+NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
+BASE = (0.020 * NOISE).tolist()
+SAME = (0.020 * NOISE[::-1]).tolist()
+SLOWER = (0.022 * NOISE[::-1]).tolist()
+
+
+def judged(comparison: Comparison, path: Path) -> Verdict:
+    return judge_pairs_folder(comparison.write(path / "pairs")).result.verdict
+
+
+def ratio(verdict: Verdict) -> RequirementVerdict:
+    return next(one for one in verdict.requirements if one.objective == "no_regression")
+
+
+def test_what_is_the_same_passes_and_says_what_it_is_of(tmp_path: Path) -> None:
+    verdict = judged(Comparison(BASE, SAME), tmp_path)
+    assert (verdict.outcome, verdict.exit_code) == ("pass", 0)
+    one = ratio(verdict)
+    assert (one.method, one.n, one.unit, one.limit) == ("paired t on logs", 6, "share", 1.05)
+    assert one.compared is not None
+    assert one.compared.base_values == pytest.approx(BASE, rel=0.01)
+    assert one.lower is not None
+    assert one.upper is not None
+    assert one.lower < 1 < one.upper < 1.05
+
+
+def test_what_is_slower_fails_unless_fresh_pairs_contradict(tmp_path: Path) -> None:
+    alone = judged(Comparison(BASE, SLOWER), tmp_path / "alone")
+    assert (alone.outcome, alone.exit_code) == ("fail", 1)
+    assert "No fresh pairs" in alone.reason
+    fresh = list(zip(BASE, SLOWER, strict=True))
+    confirmed = judged(Comparison(BASE, SLOWER, fresh=fresh), tmp_path / "confirmed")
+    assert confirmed.outcome == "fail"
+    assert confirmed.reason.endswith("Fresh pairs confirmed it.")
+    calm = list(zip(BASE, SAME, strict=True))
+    contradicted = judged(Comparison(BASE, SLOWER, fresh=calm), tmp_path / "contradicted")
+    assert (contradicted.outcome, contradicted.exit_code) == ("inconclusive", 3)
+    assert "did not confirm" in contradicted.reason
+
+
+def test_other_requirements_rest_on_all_runs_of_the_head(tmp_path: Path) -> None:
+    one = next(
+        each
+        for each in judged(Comparison(BASE, SAME), tmp_path).requirements
+        if each.objective == "fast"
+    )
+    assert (one.outcome, one.method, one.n) == ("pass", "exact binomial", 6 * 30)
+
+
+def test_an_unusable_pair_is_replaced_by_the_one_played_again(tmp_path: Path) -> None:
+    broken = [0.2, *SAME[1:]]
+    comparison = Comparison(BASE, broken, unusable={1: "head: late"}, again={1: (BASE[0], SAME[0])})
+    verdict = judged(comparison, tmp_path)
+    assert verdict.outcome == "pass"
+    assert ratio(verdict).n == 6
+
+
+def test_an_unusable_pair_is_dropped_and_said(tmp_path: Path) -> None:
+    pairs = Comparison(BASE, SAME, unusable={2: "head: late"}).write(tmp_path / "pairs")
+    result = judge_pairs_folder(pairs).result
+    assert ratio(result.verdict).n == 5
+    assert result.pairs is not None
+    assert (result.pairs.planned, result.pairs.used) == (6, 5)
+    assert [each.number for each in pairs.dropped()] == [2]
+
+
+def test_few_usable_pairs_are_no_comparison(tmp_path: Path) -> None:
+    late = dict.fromkeys(range(1, 5), "base: late")
+    verdict = judged(Comparison(BASE, SLOWER, unusable=late), tmp_path)
+    assert (verdict.outcome, verdict.exit_code) == ("invalid", 4)
+    assert "only 2" in verdict.reason
+    everyone = dict.fromkeys(range(1, 7), "base: late")
+    assert judged(Comparison(BASE, SAME, unusable=everyone), tmp_path / "a").outcome == "invalid"
+
+
+def test_a_disturbed_pair_weakens_a_failure_and_never_a_pass(tmp_path: Path) -> None:
+    spike = [*(1.06 * level for level in SAME[:5]), SAME[5]]
+    busy = dict.fromkeys(range(1, 6), "head: 25 % of the processor time was stolen")
+    failing = objective("latency.p50 <= 102 % of baseline")
+    comparison = Comparison(BASE, spike, disturbed=busy, objectives={"no_regression": failing})
+    verdict = judged(comparison, tmp_path / "spike")
+    assert ratio(verdict).outcome == "inconclusive"
+    assert ratio(verdict).weakened
+    two = {number: busy[number] for number in (1, 2)}
+    slower = judged(Comparison(BASE, SLOWER, disturbed=two), tmp_path / "slower")
+    assert slower.outcome == "fail"
+    assert any("The machine disturbed pair 1" in note for note in ratio(slower).notes)
+    passing = judged(Comparison(BASE, SAME, disturbed=busy), tmp_path / "same")
+    assert passing.outcome == "pass"
+    # What was played again in the place of a disturbed pair must not make a failure a pass.
+    again = dict(enumerate(zip(BASE, SAME, strict=True), start=1))
+    everywhere = dict.fromkeys(again, "busy")
+    selected = judged(Comparison(BASE, SLOWER, disturbed=everywhere, again=again), tmp_path / "s")
+    assert ratio(selected).outcome == "inconclusive"
+    # What no disturbance explains stays, also where everything was disturbed.
+    far = (np.array(SLOWER) * 10).tolist()
+    assert judged(Comparison(BASE, far, disturbed=everywhere), tmp_path / "f").outcome == "fail"
+
+
+def test_an_interrupted_comparison_is_incomplete(tmp_path: Path) -> None:
+    comparison = Comparison(
+        BASE[:3], SAME[:3], planned=6, status="incomplete", reason="R2B670: interrupted by SIGINT"
+    )
+    verdict = judged(comparison, tmp_path)
+    assert (verdict.outcome, verdict.exit_code) == ("incomplete", 4)
+    assert ratio(verdict).n == 3
+
+
+def test_nothing_played_is_no_pass(tmp_path: Path) -> None:
+    killed = Comparison([], [], planned=6, status="incomplete", reason="killed")
+    verdict = judged(killed, tmp_path)
+    assert verdict.outcome == "incomplete"
+    assert all(one.outcome != "pass" for one in verdict.requirements)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "latency.p98x <= 105 % of baseline",
+        "nobody.latency.p50 <= 105 % of baseline",
+        "sent <= 105 % of baseline",
+    ],
+)
+def test_what_cannot_be_asked_never_passes(tmp_path: Path, text: str) -> None:
+    comparison = Comparison(BASE, SAME, objectives={"no_regression": objective(text)})
+    assert ratio(judged(comparison, tmp_path)).outcome == "fail"
+
+
+def test_a_silent_head_fails_also_where_the_base_is_silent(tmp_path: Path) -> None:
+    everything = objective(
+        "latency.p50 <= 105 % of baseline",
+        "throughput.mean >= 95 % of baseline",
+        "drop_rate <= 105 % of baseline",
+    )
+    comparison = Comparison(BASE, SAME, objectives={"no_regression": everything})
+    pairs = comparison.write(tmp_path / "pairs")
+    for each in pairs.record.pairs:
+        for folder in (each.base, each.head):
+            (segment,) = (pairs.folder / folder / "samples").iterdir()
+            (segment / "monitor.detections.npy").unlink()
+            silent = Simulation(segments=[Played(30.0, latencies(0.02), silent=("detections",))])
+            mute = silent.write(tmp_path / "mute" / folder).folder / "samples" / segment.name
+            (mute / "monitor.detections.npy").rename(segment / "monitor.detections.npy")
+    verdict = judge_pairs_folder(pairs).result.verdict
+    assert [one.outcome for one in verdict.requirements] == ["fail"] * 3
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("latency.p50 <= 105 % of baseline in 99 % of 1 s windows", "not with windows"),
+        ("latency.p50 == 100 % of baseline", "ever equal"),
+    ],
+)
+def test_what_no_pair_can_answer_is_open_and_says_why(tmp_path: Path, text: str, said: str) -> None:
+    comparison = Comparison(BASE, SAME, objectives={"no_regression": objective(text)})
+    one = ratio(judged(comparison, tmp_path))
+    assert one.outcome == "inconclusive"
+    assert said in one.reason
+
+
+def test_judging_again_gives_the_same_bytes(tmp_path: Path) -> None:
+    pairs = Comparison(BASE, SLOWER, fresh=list(zip(BASE, SLOWER, strict=True))).write(
+        tmp_path / "pairs"
+    )
+    first = to_json(judge_pairs_folder(pairs).result)
+    assert to_json(judge_pairs_folder(open_pairs(pairs.folder)).result) == first
+    assert b"fedcba9876543210" in first
+
+
+def test_runs_read_as_one_keep_every_sample(tmp_path: Path) -> None:
+    pairs = Comparison(BASE, SLOWER).write(tmp_path / "pairs")
+    merged = pairs.merged(pairs.played(), "head")
+    samples = read_samples(merged)
+    (iterations,) = samples.iterations.values()
+    assert [one.segment.index for one in iterations] == [1, 2, 3, 4, 5, 6]
+    assert len({one.segment.id for one in iterations}) == 6
+    alone = [read_samples(pairs.run(each, "head")) for each in pairs.played()]
+    for one, run in zip(iterations, alone, strict=True):
+        (own,) = next(iter(run.iterations.values()))
+        np.testing.assert_array_equal(
+            one.monitors["detections"].times["latency"],
+            own.monitors["detections"].times["latency"],
+        )
+        assert one.processes.keys() == own.processes.keys()
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"r2bspec_pairs": 1}', "\udcff"])
+def test_a_damaged_folder_is_said(tmp_path: Path, content: str) -> None:
+    pairs = Comparison(BASE[:2], SAME[:2]).write(tmp_path / "pairs")
+    (pairs.folder / "pairs.json").write_bytes(content.encode(errors="surrogateescape"))
+    with pytest.raises(RecordError, match=r"pairs\.json"):
+        open_pairs(pairs.folder)
+
+
+def test_a_newer_folder_and_an_exchanged_plan_are_said(tmp_path: Path) -> None:
+    pairs = Comparison(BASE[:2], SAME[:2]).write(tmp_path / "pairs")
+    plan = pairs.folder / "plan.json"
+    plan.write_text(plan.read_text().replace("simulated", "exchanged"))
+    with pytest.raises(RecordError, match="not the plan"):
+        open_pairs(pairs.folder)
+    record = pairs.folder / "pairs.json"
+    record.write_text(json.dumps(json.loads(record.read_text()) | {"r2bspec_pairs": 2}))
+    with pytest.raises(RecordError, match="version 2") as caught:
+        open_pairs(pairs.folder)
+    assert caught.value.hint

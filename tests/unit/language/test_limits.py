@@ -1,0 +1,101 @@
+"""Documents made to hurt: each is answered, in bounded time and memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from r2bspec.language import yaml_composer as composing
+from r2bspec.language.load_spec import load_spec
+from r2bspec.language.source_text import LARGEST_BYTES
+
+BOMB = "a0: &a0 [x,x,x,x,x,x,x,x,x,x]\n" + "".join(
+    f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 20)
+)
+MERGES = (
+    "x: &x {" + ", ".join(f"k{i}: 1" for i in range(500)) + "}\n"
+    "m: [" + ", ".join(["{<<: [*x, *x, *x, *x]}"] * 500) + "]\n"
+)
+
+
+@pytest.mark.timeout(30)
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        ("[" * 10_000, "R2B025"),
+        ("{a: " * 10_000, "R2B025"),
+        ("- " * 100_000, "R2B025"),
+        ("\n".join(" " * depth + "a:" for depth in range(1000)), "R2B025"),
+        (BOMB, "R2B027"),
+        (MERGES, "R2B027"),
+        ("a: [" + "1," * (composing.MOST_VALUES + 1) + "]", "R2B002"),
+        (b"a" * (LARGEST_BYTES + 1), "R2B002"),
+        ("a" * (LARGEST_BYTES + 1), "R2B002"),
+        ("a: " + "9" * 1_000_000, "R2B029"),
+    ],
+    ids=[
+        "lists",
+        "maps",
+        "dashes",
+        "blocks",
+        "bomb",
+        "merges",
+        "values",
+        "bytes",
+        "text",
+        "digits",
+    ],
+)
+def test_refused(content: str | bytes, code: str) -> None:
+    assert code in {found.code for found in load_spec(content).diagnostics}
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize(
+    "content",
+    [
+        "".join(f"key{i}: 1\n" for i in range(20_000)),
+        "key: 1\n" * 20_000,
+        "benchmark: {rates: [" + "1," * 20_000 + "]}",
+        "variables: {x: 1}\ntitle: '" + "$(var y)" * 20_000 + "'",
+        "title: '" + "$(var " * 20_000 + "'",
+    ],
+    ids=["unknown", "twice", "units", "unset", "unclosed"],
+)
+def test_many_mistakes_are_cut_off(content: str) -> None:
+    found = load_spec(content).diagnostics
+    assert len(found) in (1000, 1001, 1002)
+
+
+@pytest.mark.timeout(30)
+def test_inserted_text_is_bounded() -> None:
+    content = "variables: {x: '" + "y" * 1_000_000 + "'}\ntitle: '" + "$(var x)" * 1000 + "'"
+    codes = [found.code for found in load_spec(content).diagnostics]
+    assert codes.count("R2B129") == 1
+
+
+def test_shared_values_are_not_copied() -> None:
+    loaded = load_spec("x: &x [" + "1," * 1000 + "]\ny: [" + "*x," * 100 + "]\n")
+    assert "R2B027" not in {found.code for found in loaded.diagnostics}
+
+
+def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "missing.r2b.yaml"):
+        (found,) = load_spec(path).diagnostics
+        assert found.code == "R2B001"
+
+
+def test_the_python_parser_is_good_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    import yaml
+
+    golden = Path(__file__).parents[2] / "golden" / "language"
+    files = sorted(golden.glob("*.yaml"))
+    native = [load_spec(file) for file in files]
+    monkeypatch.setattr(composing, "_Loader", yaml.Loader)
+    for file, expected in zip(files, native, strict=True):
+        loaded = load_spec(file)
+        assert loaded.spec == expected.spec
+        assert [one.code for one in loaded.diagnostics] == [
+            one.code for one in expected.diagnostics
+        ], file.name

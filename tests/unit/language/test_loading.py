@@ -1,0 +1,131 @@
+"""What `load_spec` gives."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from r2bspec.diagnostics import Severity
+from r2bspec.language.load_spec import load_spec
+from r2bspec.language.quantities import Duration, Rate
+from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.language.spec import BagSource
+
+GOLDEN = Path(__file__).parents[2] / "golden" / "language"
+ENVIRON = {"R2B_TEST_DATA": "/data"}
+
+
+def test_the_whole_language() -> None:
+    spec = load_spec(GOLDEN / "ok_full.yaml", environ=ENVIRON).spec
+    assert spec is not None
+    assert spec.data_loader.window.start == Duration(500_000_000)
+    assert spec.data_loader.topics == {"/camera/image": "loaded/image", "/imu": "loaded/imu"}
+    resize = spec.preprocessors["resize"]
+    assert (resize.kind, resize.parameters["width"], resize.parameters["on"]) == (
+        "executable",
+        1280,
+        True,
+    )
+    assert spec.playback.inputs["image"].qos.reliability == "best_effort"
+    assert [node.kind for node in spec.graph.nodes.values()] == ["python", "python", "command"]
+    assert spec.benchmark.search is not None
+    assert spec.benchmark.search.max == Rate(200)
+    assert spec.benchmark.search.holds == (parse_requirement("drop_rate <= 5 %"),)
+    assert spec.slos["peak"].at is None
+
+
+def test_a_bag_as_one_word() -> None:
+    content = (GOLDEN / "ok_minimal.yaml").read_text()
+    for written, source in {
+        "r2b_storage": BagSource(dataset="r2b_storage"),
+        "kitchen.mcap": BagSource(dataset="kitchen.mcap"),
+        "./kitchen": BagSource(path="./kitchen"),
+        "bags/kitchen": BagSource(path="bags/kitchen"),
+        "..": BagSource(path=".."),
+        "{path: kitchen}": BagSource(path="kitchen"),
+    }.items():
+        spec = load_spec(content.replace("r2b_storage", written)).spec
+        assert spec is not None
+        assert spec.data_loader.bag == source
+
+
+def test_where_a_text_and_a_file_stand(tmp_path: Path) -> None:
+    file = tmp_path / "a.r2b.yaml"
+    file.write_bytes((GOLDEN / "ok_minimal.yaml").read_bytes())
+    loaded = load_spec(file)
+    assert (loaded.file, loaded.base_dir) == (str(file), tmp_path)
+    text = load_spec("x: 1", file="specs/b.r2b.yaml")
+    assert (text.file, text.base_dir) == ("specs/b.r2b.yaml", Path("specs"))
+    assert text.span(("x",)).file == "specs/b.r2b.yaml"
+    assert text.texts == {"specs/b.r2b.yaml": "x: 1"}
+
+
+def test_all_problems_at_once_sorted_by_place() -> None:
+    loaded = load_spec(GOLDEN / "everything_wrong.yaml", environ={})
+    places = [(found.span.line, found.span.column) for found in loaded.diagnostics]
+    assert places == sorted(places)
+    assert len(places) > 40
+    assert loaded.spec is None
+
+
+def test_the_same_words_in_every_process() -> None:
+    code = (
+        "import sys; from pathlib import Path; from r2bspec.language.load_spec import load_spec;"
+        "print(load_spec(Path(sys.argv[1])).diagnostics)"
+    )
+    said = {
+        subprocess.run(
+            [sys.executable, "-c", code, str(GOLDEN / "merged_and_shared.yaml")],
+            capture_output=True,
+            check=True,
+            env={**os.environ, "PYTHONHASHSEED": str(seed)},
+        ).stdout
+        for seed in range(4)
+    }
+    assert len(said) == 1
+
+
+def test_a_warning_does_not_stop_anything() -> None:
+    loaded = load_spec(GOLDEN / "yaml_bom.yaml")
+    assert [found.severity for found in loaded.diagnostics] == [Severity.WARNING]
+    assert loaded.spec is not None
+
+
+def test_places_that_rules_ask_for() -> None:
+    loaded = load_spec(GOLDEN / "ok_full.yaml", environ=ENVIRON)
+    metric = loaded.span_inside(("slos", "keeps_up", "require", 0), 0, len("latency.p99"))
+    assert loaded.sources[loaded.file].line(metric.line)[metric.column - 1 :].startswith("latency")
+    holds = loaded.span(("benchmark", "search", "holds", 0))
+    assert holds == loaded.span(("benchmark", "search", "holds"), key=True)
+    default = loaded.span(("graph", "nodes", "program", "namespace"))
+    assert default == loaded.span(("graph", "nodes", "program"), key=True)
+
+
+def test_the_resolved_document_means_the_same() -> None:
+    loaded = load_spec(GOLDEN / "ok_full.yaml", environ=ENVIRON)
+    again = load_spec(loaded.resolved_yaml())
+    assert again.spec == loaded.spec
+    assert "$(" not in loaded.resolved_yaml()
+
+
+def test_text_that_looks_like_a_number_stays_text() -> None:
+    content = (GOLDEN / "ok_minimal.yaml").read_text() + (
+        'labels: {a: "1e3", b: "0o17", c: "on", d: "12:30", e: "null", f: "1.0", g: ""}\n'
+    )
+    loaded = load_spec(content)
+    assert loaded.spec is not None
+    again = load_spec(loaded.resolved_yaml()).spec
+    assert again is not None
+    assert again.labels == loaded.spec.labels
+
+
+def test_loading_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; from r2bspec.language.load_spec import load_spec; load_spec('a: 1');"
+        "print([m for m in ('numpy', 'scipy', 'rclpy', 'networkx', 'rosbags', 'cv2', 'rich')"
+        " if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,217 @@
+"""`r2bspec validate` and `r2bspec schema`, as a user calls them."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from r2bspec.cli.main import main
+from r2bspec.language.schema import published_schema
+
+GOLDEN = Path(__file__).parents[2] / "golden" / "language"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(GOLDEN / "version.yaml", "bad.r2b.yaml")
+    good = (GOLDEN / "ok_minimal.yaml").read_text()
+    Path("good.r2b.yaml").write_text(good)
+    Path("deep/er").mkdir(parents=True)
+    Path("deep/er/other.r2b.yaml").write_text(good)
+    Path("deep/.hidden").mkdir()
+    Path("deep/.hidden/no.r2b.yaml").write_text("broken: [")
+    Path("deep/notes.yaml").write_text("broken: [")
+    return tmp_path
+
+
+def run(*arguments: str) -> int:
+    return main(["validate", "--offline", *arguments])
+
+
+def test_findings_go_to_standard_output(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("bad.r2b.yaml") == 1
+    out, err = capsys.readouterr()
+    assert out.startswith("bad.r2b.yaml:1:10: error[R2B115]: version 3 of the language")
+    assert "1 | r2bspec: 3\n  |          ^\n" in out
+    last = out.splitlines()[-1]
+    assert last.startswith("1 file, 1 error, 0 warnings")
+    assert err == ""
+
+
+def test_a_good_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("good.r2b.yaml") == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("1 file, ")
+
+
+@pytest.mark.parametrize(
+    ("paths", "count"),
+    [
+        (["."], "3 files"),
+        (["deep"], "1 file"),
+        (["*.r2b.yaml"], "2 files"),
+        (["**/*.r2b.yaml"], "3 files"),
+        (["good.r2b.yaml", "good.r2b.yaml", "*d.r2b.yaml"], "2 files"),
+        (["deep/notes.yaml"], "1 file"),
+    ],
+)
+def test_files_folders_and_patterns(
+    folder: Path, capsys: pytest.CaptureFixture[str], paths: list[str], count: str
+) -> None:
+    run(*paths)
+    assert capsys.readouterr().out.splitlines()[-1].startswith(f"{count}, ")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["nowhere.r2b.yaml"],
+        ["*.nothing"],
+        ["deep/.hidden/.."],
+        [],
+        ["good.r2b.yaml", "--var", "x"],
+        ["good.r2b.yaml", "--format", "xml"],
+    ],
+)
+def test_wrong_usage(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    Path("deep/er/other.r2b.yaml").unlink()
+    assert run(*arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "Error" in err
+
+
+def test_standard_input(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"r2bspec: 2\n")))
+    assert run("-") == 1
+    assert capsys.readouterr().out.startswith("<stdin>:1:1: error[R2B102]")
+
+
+def test_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--format", "json", "bad.r2b.yaml", "good.r2b.yaml") == 1
+    report = json.loads(capsys.readouterr().out)
+    assert report["errors"] == 1
+    assert [finding["code"] for finding in report["findings"]] == ["R2B115"]
+
+
+def test_github(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--format", "github", "bad.r2b.yaml") == 1
+    assert capsys.readouterr().out.startswith("::error file=bad.r2b.yaml,line=1,")
+
+
+def test_options_replace_values(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("bad.r2b.yaml", "--set", "r2bspec=1") == 0
+    assert run("good.r2b.yaml", "--set", "benchmark.rates=[30]") == 1
+    assert "--set benchmark.rates:1:18: error[R2B109]" in capsys.readouterr().out
+
+
+def test_resolved(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("good.r2b.yaml", "--resolved", "--set", "name=other") == 0
+    assert capsys.readouterr().out.startswith("r2bspec: 1\nname: other\n")
+    assert run("bad.r2b.yaml", "--resolved") == 1
+    assert "error[R2B115]" in capsys.readouterr().out
+    assert run("good.r2b.yaml", "deep", "--resolved") == 0
+    out = capsys.readouterr().out
+    assert out.startswith("# good.r2b.yaml\n")
+    assert "\n---\n# deep/er/other.r2b.yaml\n" in out
+
+
+def test_schema(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out) == published_schema()
+    assert main(["schema", "spec"]) == 0
+    assert main(["schema", "nonsense"]) == 2
+
+
+def test_validate_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; from r2bspec.cli.main import main; main(['validate', sys.argv[1]]);"
+        "print([m for m in ('rclpy', 'cv2', 'scipy', 'numpy', 'rosbags', 'rich')"
+        " if m in sys.modules])"
+    )
+    command = [sys.executable, "-c", code, str(GOLDEN / "ok_minimal.yaml")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+# ---- files that build on files, and cases ------------------------------------------------------
+
+CASES = """extends: base.yaml
+name: some
+variables: {threads: 1}
+matrix: {axes: {threads: [1, 2]}}
+labels: {queue: $(var threads)}
+"""
+
+
+@pytest.fixture
+def cases(folder: Path) -> Path:
+    (folder / "base.yaml").write_text((GOLDEN / "ok_minimal.yaml").read_text())
+    (folder / "cases.r2b.yaml").write_text(CASES)
+    (folder / "deep" / "outside.r2b.yaml").write_text("extends: ../base.yaml\n")
+    return folder
+
+
+def test_every_case_is_checked(cases: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("cases.r2b.yaml") == 0
+    assert run("cases.r2b.yaml", "--case", "threads=2") == 0
+    capsys.readouterr()
+    assert run("cases.r2b.yaml", "--set", "matrix.axes.threads=[1, two words, x]") == 0
+    capsys.readouterr()
+    assert run("cases.r2b.yaml", "--case", "threads=3") == 1
+    out = capsys.readouterr().out
+    assert "cases.r2b.yaml:4:1: error[R2B140]: the document has no case 'threads=3'" in out
+
+
+def test_every_case_is_resolved(cases: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("cases.r2b.yaml", "--resolved") == 0
+    documents = capsys.readouterr().out.split("---\n")
+    heads = [document.splitlines()[0] for document in documents]
+    assert heads == ["# cases.r2b.yaml [threads=1]", "# cases.r2b.yaml [threads=2]"]
+    assert "queue: 2" in documents[1]
+    assert "extends" not in documents[1]
+    assert "matrix" not in documents[1]
+
+
+def test_a_folder_must_be_allowed(cases: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("deep/outside.r2b.yaml") == 1
+    assert "R2B134" in capsys.readouterr().out
+    assert run("deep/outside.r2b.yaml", "--allow-path", ".") == 0
+
+
+def test_plan_explains_where_a_value_came_from(
+    cases: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = "labels.queue"
+    assert main(["plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", path]) == 0
+    assert capsys.readouterr().out == (
+        f"{path} = 2\n"
+        "  cases.r2b.yaml:5:17: written here, as $(var threads)\n"
+        "  cases.r2b.yaml:4:30: 'threads' gets its value here\n"
+        "  cases.r2b.yaml:4:30: in the case threads=2 of the matrix\n"
+    )
+    assert main(["plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", "graph.nods"]) == 2
+    assert "did you mean 'nodes'?" in capsys.readouterr().err
+
+
+def test_a_document_without_mistakes_needs_no_jsonschema() -> None:
+    code = (
+        "import sys; from pathlib import Path; from r2bspec.language.load_spec import load_spec;"
+        "load_spec(Path(sys.argv[1]), environ={'R2B_TEST_COUNT': '7'});"
+        "print([m for m in ('jsonschema', 'r2bspec.language.violations') if m in sys.modules])"
+    )
+    file = str(GOLDEN / "ok_everything.yaml")
+    done = subprocess.run(
+        [sys.executable, "-c", code, file], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
