@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.execute.progress import Progress
     from r2bspec.judge.result import Result
-    from r2bspec.language.load_spec import Loaded
+    from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.language.spec import Spec
     from r2bspec.plan.plan import Plan
     from r2bspec.record.baseline_file import BaselineRecord
@@ -38,7 +38,7 @@ class GraphDiffersError(R2bspecError):
     exit_code = 2
 
     def __init__(
-        self, error: R2bspecError, loaded: Loaded, diagnostics: Sequence[Diagnostic]
+        self, error: R2bspecError, loaded: LoadedSpec, diagnostics: Sequence[Diagnostic]
     ) -> None:
         super().__init__(str(error), hint=error.hint, code=error.code)
         self.loaded = loaded
@@ -56,7 +56,7 @@ class InvalidSpecError(R2bspecError):
     code = "R2B602"
     exit_code = 2
 
-    def __init__(self, loaded: Loaded, diagnostics: Sequence[Diagnostic]) -> None:
+    def __init__(self, loaded: LoadedSpec, diagnostics: Sequence[Diagnostic]) -> None:
         errors = sum(each.severity == "error" for each in diagnostics)
         noun = "error" if errors == 1 else "errors"
         super().__init__(f"{loaded.file} is not valid: {errors} {noun}")
@@ -65,7 +65,7 @@ class InvalidSpecError(R2bspecError):
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedBenchmark:
     """A plan that can be run, with what running it needs.
 
     Attributes:
@@ -79,10 +79,10 @@ class Prepared:
     base_dir: Path
     spec_text: str
     diagnostics: tuple[Diagnostic, ...] = ()
-    loaded: Loaded | None = None
+    loaded: LoadedSpec | None = None
 
 
-PrepareBase = Callable[["Reference"], Prepared]
+PrepareBase = Callable[["Reference"], PreparedBenchmark]
 """Prepares the base of a comparison, where it is not the head in another environment."""
 
 
@@ -120,7 +120,7 @@ def prepare(
     variables: Variables | None = None,
     case: str = "",
     allow_paths: Iterable[Path] = (),
-) -> Prepared:
+) -> PreparedBenchmark:
     """Check a spec and compile its plan, or read a plan from a ``.json`` file.
 
     Args:
@@ -139,14 +139,16 @@ def prepare(
     if path.suffix == ".json":
         from r2bspec.plan.canonical_json import read_plan
 
-        return Prepared(plan=read_plan(path), base_dir=path.parent.absolute(), spec_text="")
+        return PreparedBenchmark(
+            plan=read_plan(path), base_dir=path.parent.absolute(), spec_text=""
+        )
     import msgspec
 
     from r2bspec.check import check
     from r2bspec.datasets.locate_bag import index, locate
     from r2bspec.language.load_spec import load_spec
     from r2bspec.plan.compile_plan import compile_plan
-    from r2bspec.wiring.companion_files import read_beside
+    from r2bspec.wiring.companion_files import read_companion_files
 
     loaded = load_spec(path, sets=sets, variables=variables, case=case, allow_paths=allow_paths)
     diagnostics = check(loaded)
@@ -156,8 +158,10 @@ def prepare(
         index(locate(source.dataset or source.path, loaded.base_dir))
         for source in loaded.spec.data_loader.sources
     ]
-    plan = compile_plan(loaded.spec, bags, beside=read_beside(loaded.spec, loaded.base_dir))
-    return Prepared(
+    plan = compile_plan(
+        loaded.spec, bags, companion_files=read_companion_files(loaded.spec, loaded.base_dir)
+    )
+    return PreparedBenchmark(
         # The case is part of the name under which results are kept and compared.
         plan=msgspec.structs.replace(plan, name=loaded.id) if loaded.case else plan,
         base_dir=loaded.base_dir.absolute(),
@@ -180,7 +184,7 @@ def compile_plan(
 
 
 def run(
-    prepared: Prepared,
+    prepared: PreparedBenchmark,
     output: Path | None = None,
     progress: Progress | None = None,
     *,
@@ -206,14 +210,14 @@ def run(
     from r2bspec.execute.progress import Silent
     from r2bspec.record.run_folder import RunFolder
 
-    folder = RunFolder.create(output or new_folder(prepared.plan.name))
+    folder = RunFolder.create(output or default_run_folder(prepared.plan.name))
     listener = progress or Silent()
     if history is None and baseline is None:
-        return _run_into(folder, prepared, listener)
+        return _run_in_folder(folder, prepared, listener)
     from r2bspec.compare.gated_run import run_against_earlier
 
     return run_against_earlier(
-        lambda target, plan: _run_into(target, replace(prepared, plan=plan), listener),
+        lambda target, plan: _run_in_folder(target, replace(prepared, plan=plan), listener),
         prepared.plan,
         folder,
         history=history,
@@ -221,8 +225,8 @@ def run(
     )
 
 
-def _run_into(folder: RunFolder, prepared: Prepared, progress: Progress) -> Result:
-    from r2bspec.check.runtime_mismatches import place_differences
+def _run_in_folder(folder: RunFolder, prepared: PreparedBenchmark, progress: Progress) -> Result:
+    from r2bspec.check.runtime_mismatches import differences_to_diagnostics
     from r2bspec.execute.controller import run_plan
     from r2bspec.execute.errors import GraphDiffersError as Differs
 
@@ -242,17 +246,17 @@ def _run_into(folder: RunFolder, prepared: Prepared, progress: Progress) -> Resu
             _write_result(folder)
         loaded = prepared.loaded
         if isinstance(error, Differs) and loaded is not None:
-            placed = place_differences(error.differences, loaded)
-            raise GraphDiffersError(error, loaded, placed) from error
+            mismatches = differences_to_diagnostics(error.differences, loaded)
+            raise GraphDiffersError(error, loaded, mismatches) from error
         raise
     return _write_result(folder)
 
 
-def place_differences(result: Result, loaded: Loaded) -> tuple[Diagnostic, ...]:
+def differences_to_diagnostics(result: Result, loaded: LoadedSpec) -> tuple[Diagnostic, ...]:
     """What of the real graph was not as the spec says, and did not end the run, in its place."""
-    from r2bspec.check.runtime_mismatches import place_differences
+    from r2bspec.check.runtime_mismatches import differences_to_diagnostics
 
-    return place_differences(result.differences, loaded)
+    return differences_to_diagnostics(result.differences, loaded)
 
 
 def _write_result(folder: RunFolder) -> Result:
@@ -264,7 +268,9 @@ def _write_result(folder: RunFolder) -> Result:
     return result
 
 
-def stored_baseline(path: Path, prepared: Prepared, *, force: bool = False) -> BaselineRecord:
+def stored_baseline(
+    path: Path, prepared: PreparedBenchmark, *, force: bool = False
+) -> BaselineRecord:
     """A stored run, for `run` to compare with. It only advises.
 
     Raises:
@@ -277,7 +283,7 @@ def stored_baseline(path: Path, prepared: Prepared, *, force: bool = False) -> B
 
 
 def run_pairs(
-    head: Prepared,
+    head: PreparedBenchmark,
     against: Sequence[str] = (),
     output: Path | None = None,
     progress: Progress | None = None,
@@ -320,15 +326,17 @@ def run_pairs(
         with inside(environment):
             base = prepare_base(reference)
     sides = [
-        Contender(each.plan, each.base_dir, each.spec_text, surroundings)
-        for each, surroundings in ((base, environment), (head, {}))
+        Contender(each.plan, each.base_dir, each.spec_text, overrides)
+        for each, overrides in ((base, environment), (head, {}))
     ]
-    wanted = comparing(*sides, against=reference.text, pairs=pairs, control=control, force=force)
-    return compare(wanted, output or new_folder(f"{head.plan.name}-pairs"), progress)
+    comparison = comparing(
+        *sides, against=reference.text, pairs=pairs, control=control, force=force
+    )
+    return compare(comparison, output or default_run_folder(f"{head.plan.name}-pairs"), progress)
 
 
 def calibrate(
-    prepared: Prepared, output: Path, progress: Progress | None = None, *, pairs: int
+    prepared: PreparedBenchmark, output: Path, progress: Progress | None = None, *, pairs: int
 ) -> Result:
     """Run a graph against itself, to see how much is noise. What fails is not confirmed.
 
@@ -354,7 +362,7 @@ def judge(run: Run) -> Result:
     return result_of(run)
 
 
-def new_folder(name: str) -> Path:
+def default_run_folder(name: str) -> Path:
     """Where a run of that name goes if nothing else is said: a folder below ``runs/``."""
     now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     plain = re.sub(r"[^A-Za-z0-9_.=-]+", "_", name).rstrip("_")

@@ -19,7 +19,7 @@ import pytest
 if TYPE_CHECKING:
     from r2bspec.judge.result import Result
     from r2bspec.judge.verdict import RequirementVerdict
-    from r2bspec.language.load_spec import Loaded
+    from r2bspec.language.load_spec import LoadedSpec
 
 _SUFFIX = ".r2b.yaml"
 
@@ -96,14 +96,14 @@ class _SpecFile(pytest.File):
             from r2bspec.errors import R2bspecError
 
             try:
-                self._result = self._make(name)
+                self._result = self._run_or_judge(name)
             except R2bspecError as error:
                 hint = f"\n{error.hint}" if error.hint else ""
                 self._failure = BenchmarkError(f"{error.code}: {error}{hint}")
                 raise self._failure from None
         return self._result
 
-    def _make(self, name: str) -> Result:
+    def _run_or_judge(self, name: str) -> Result:
         from r2bspec import api
 
         stored = self.config.getoption("--r2bspec-runs")
@@ -115,7 +115,7 @@ class _SpecFile(pytest.File):
         return api.run(api.prepare(self.path), Path(output) / name if output else None)
 
 
-class _Item(pytest.Item):
+class _SpecTest(pytest.Item):
     """A test of a spec, reported by its words and not by a traceback."""
 
     parent: _SpecFile
@@ -127,10 +127,10 @@ class _Item(pytest.Item):
         return super().repr_failure(excinfo, style)
 
 
-class _Validation(_Item):
+class _Validation(_SpecTest):
     """Whether the spec is right, before anything runs."""
 
-    def __init__(self, *, loaded: Loaded, **arguments: Any) -> None:
+    def __init__(self, *, loaded: LoadedSpec, **arguments: Any) -> None:
         super().__init__(**arguments)
         self._loaded = loaded
 
@@ -149,7 +149,7 @@ class _Validation(_Item):
         return self.path, 0, f"{self.path.name}: valid"
 
 
-class _Requirement(_Item):
+class _Requirement(_SpecTest):
     """One requirement; for several monitors, of all of them."""
 
     def __init__(self, *, objective: str, text: str, line: int, **arguments: Any) -> None:
@@ -173,14 +173,16 @@ class _Requirement(_Item):
                 "the run was not judged by this requirement: it is from another version of the spec"
             )
         for one in found:
-            self.add_report_section("call", "verdict", "\n".join(_told(one)))
+            self.add_report_section("call", "verdict", "\n".join(_verdict_lines(one)))
         failed = [one for one in found if one.outcome == "fail" and one.level == "error"]
         undecided = [one for one in found if one.outcome == "inconclusive" and one.level == "error"]
         if failed or undecided:
-            told = "\n".join(line for one in failed or undecided for line in _told(one))
+            explanation = "\n".join(
+                line for one in failed or undecided for line in _verdict_lines(one)
+            )
             if not failed and self.config.getoption("--r2bspec-inconclusive") == "skip":
-                pytest.skip(told)
-            raise BenchmarkError(told)
+                pytest.skip(explanation)
+            raise BenchmarkError(explanation)
 
     def _benchmark_name(self) -> str:
         from r2bspec.language.load_spec import load_spec
@@ -193,9 +195,9 @@ class _Requirement(_Item):
         return self.path, self._line - 1, f"{self.path.name}: {self.name}"
 
 
-def _told(one: RequirementVerdict) -> Iterator[str]:
+def _verdict_lines(one: RequirementVerdict) -> Iterator[str]:
     from r2bspec.report.report_wording import bounds_text, estimate_text, sentences, verdict_word
 
-    said = (verdict_word(one), one.text.strip(), estimate_text(one), bounds_text(one))
-    yield "  ".join(said).strip()
+    cells = (verdict_word(one), one.text.strip(), estimate_text(one), bounds_text(one))
+    yield "  ".join(cells).strip()
     yield from (f"  {each}" for each in sentences(one))

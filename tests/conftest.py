@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from r2bspec.bags.recording import MadeDataset
+    from r2bspec.bags.recording import SyntheticDataset
 
 
 def pytest_configure() -> None:
@@ -32,7 +32,7 @@ def no_real_datasets(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="session")
-def storage_room(tmp_path_factory: pytest.TempPathFactory) -> MadeDataset:
+def storage_room(tmp_path_factory: pytest.TempPathFactory) -> SyntheticDataset:
     """A short stretch of r2b_storage with every topic."""
     from data_bags import WINDOW
     from r2bspec.datasets.synthesis import make

@@ -9,7 +9,7 @@ from typing import Literal, cast
 
 import msgspec
 
-from r2bspec.bags.dataset_record import read_record
+from r2bspec.bags.dataset_record import read_provenance
 from r2bspec.bags.errors import (
     BAG_NOT_FOUND,
     METADATA_DISAGREES,
@@ -25,11 +25,11 @@ from r2bspec.bags.metadata import (
 from r2bspec.bags.recording import BagIndex, StorageName, TopicInfo
 from r2bspec.bags.storage.storage import STORAGE_SUFFIXES, Storage, open_storages, storage_paths
 
-_FOLDERS = ("mcap", "sqlite3")
+_FOLDER_STORAGES = ("mcap", "sqlite3")
 _FORMAT_NOTES = {".bag": ("recorded by ROS 1: messages are converted to those of ROS 2",)}
 
 
-class _Seen(msgspec.Struct):
+class _StorageSummary(msgspec.Struct):
     """What the storage files themselves say, summed over all of them."""
 
     types: dict[str, str]
@@ -64,12 +64,12 @@ def index_bag(path: Path) -> BagIndex:
         raise DataError(
             f"{path} is neither a bag folder nor a .db3, .mcap or .bag file",
             code=STORAGE_UNREADABLE,
-            hint=_instead_of(path),
+            hint=_unsupported_hint(path),
         )
     return _index_file(path)
 
 
-def _instead_of(path: Path) -> str:
+def _unsupported_hint(path: Path) -> str:
     if path.suffix in {".zstd", ".zst"}:
         return "name the folder that holds metadata.yaml, or unpack it with 'zstd -d'"
     return "name the folder that holds metadata.yaml"
@@ -85,10 +85,10 @@ def _index_folder(path: Path) -> BagIndex:
         notes: tuple[str, ...] = ("compressed as whole files: metadata.yaml is taken at its word",)
     else:
         with open_storages(paths, compressed_files=False) as storages:
-            seen = _look(storages)
-        _compare(path, metadata, seen)
-        start_ns, end_ns = seen.start_ns, seen.end_ns
-        notes = (*_time_notes(metadata, seen), *seen.notes)
+            summary = _summarize(storages)
+        _check_metadata(path, metadata, summary)
+        start_ns, end_ns = summary.start_ns, summary.end_ns
+        notes = (*_time_notes(metadata, summary), *summary.notes)
     if metadata.message_count == 0:
         start_ns = end_ns = 0
     index = BagIndex(
@@ -102,40 +102,41 @@ def _index_folder(path: Path) -> BagIndex:
         compression=compression,
         notes=notes,
     )
-    record = read_record(path)
-    return index if record is None else record.complete(index)
+    record = read_provenance(path)
+    return index if record is None else record.complete_index(index)
 
 
 def _index_file(path: Path) -> BagIndex:
     paths = storage_paths(path, ())
     with open_storages(paths, compressed_files=False) as storages:
-        seen = _look(storages)
+        summary = _summarize(storages)
     topics = tuple(
         TopicMetadata(
             name=name,
-            type=seen.types[name],
-            serialization=seen.serializations[name],
+            type=summary.types[name],
+            serialization=summary.serializations[name],
             qos="",
             count=count,
         )
-        for name, count in seen.counts.items()
+        for name, count in summary.counts.items()
     )
     return BagIndex(
         name=path.name,
         storage=STORAGE_SUFFIXES[path.suffix],
-        topics=_topics(topics, seen.end_ns - seen.start_ns),
-        start_ns=seen.start_ns,
-        end_ns=seen.end_ns,
-        message_count=seen.counts.total(),
+        topics=_topics(topics, summary.end_ns - summary.start_ns),
+        start_ns=summary.start_ns,
+        end_ns=summary.end_ns,
+        message_count=summary.counts.total(),
         files=(path.name,),
-        notes=(*_FORMAT_NOTES.get(path.suffix, ()), *seen.notes),
+        notes=(*_FORMAT_NOTES.get(path.suffix, ()), *summary.notes),
     )
 
 
 def _storage_name(path: Path, metadata: BagMetadata) -> StorageName:
-    if metadata.storage not in _FOLDERS:
+    if metadata.storage not in _FOLDER_STORAGES:
         raise DataError(
-            f"{path} is stored as {metadata.storage!r}; readable are {' and '.join(_FOLDERS)}",
+            f"{path} is stored as {metadata.storage!r}; readable are "
+            f"{' and '.join(_FOLDER_STORAGES)}",
             code=METADATA_UNREADABLE,
             hint="convert it with 'ros2 bag convert'",
         )
@@ -156,37 +157,37 @@ def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message"
     return cast("Literal['none', 'message', 'file']", mode)
 
 
-def _look(storages: list[Storage]) -> _Seen:
+def _summarize(storages: list[Storage]) -> _StorageSummary:
     """Sum topics, counts and extents over storage files."""
-    seen = _Seen({}, {}, Counter(), 0, 0, [])
+    summary = _StorageSummary({}, {}, Counter(), 0, 0, [])
     filled = [each for each in storages if each.message_count]
     if filled:
-        seen.start_ns = min(each.start_ns for each in filled)
-        seen.end_ns = max(each.end_ns for each in filled)
+        summary.start_ns = min(each.start_ns for each in filled)
+        summary.end_ns = max(each.end_ns for each in filled)
     for storage in storages:
         for topic in storage.topics:
-            known = seen.types.setdefault(topic.name, topic.type)
+            known = summary.types.setdefault(topic.name, topic.type)
             if known != topic.type:
-                seen.notes.append(f"{topic.name} was recorded as {known} and as {topic.type}")
-            seen.serializations.setdefault(topic.name, topic.serialization)
-            seen.counts[topic.name] += topic.count
-    return seen
+                summary.notes.append(f"{topic.name} was recorded as {known} and as {topic.type}")
+            summary.serializations.setdefault(topic.name, topic.serialization)
+            summary.counts[topic.name] += topic.count
+    return summary
 
 
-def _compare(path: Path, metadata: BagMetadata, seen: _Seen) -> None:
+def _check_metadata(path: Path, metadata: BagMetadata, summary: _StorageSummary) -> None:
     """Refuse a bag whose metadata promises other content than the storage has."""
     stated = Counter({topic.name: 0 for topic in metadata.topics})
     for topic in metadata.topics:
         stated[topic.name] += topic.count
     wrong = [
-        f"{name}: {stated[name]:,} stated, {seen.counts[name]:,} stored"
-        for name in sorted(stated.keys() | seen.counts.keys())
-        if stated[name] != seen.counts[name]
+        f"{name}: {stated[name]:,} stated, {summary.counts[name]:,} stored"
+        for name in sorted(stated.keys() | summary.counts.keys())
+        if stated[name] != summary.counts[name]
     ]
     wrong += [
-        f"{topic.name}: {topic.type} stated, {seen.types[topic.name]} stored"
+        f"{topic.name}: {topic.type} stated, {summary.types[topic.name]} stored"
         for topic in metadata.topics
-        if seen.types.get(topic.name, topic.type) != topic.type
+        if summary.types.get(topic.name, topic.type) != topic.type
     ]
     if stated.total() != metadata.message_count:
         wrong.append(f"in all {metadata.message_count:,} stated, {stated.total():,} by topic")
@@ -199,15 +200,15 @@ def _compare(path: Path, metadata: BagMetadata, seen: _Seen) -> None:
         )
 
 
-def _time_notes(metadata: BagMetadata, seen: _Seen) -> list[str]:
+def _time_notes(metadata: BagMetadata, summary: _StorageSummary) -> list[str]:
     if not metadata.message_count:
         return []
     stated = (metadata.start_ns, metadata.start_ns + metadata.duration_ns)
-    if stated == (seen.start_ns, seen.end_ns):
+    if stated == (summary.start_ns, summary.end_ns):
         return []
     note = (
         f"metadata.yaml says {stated[0]} to {stated[1]} ns, the storage holds"
-        f" {seen.start_ns} to {seen.end_ns} ns"
+        f" {summary.start_ns} to {summary.end_ns} ns"
     )
     return [note]
 

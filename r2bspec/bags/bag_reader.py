@@ -19,7 +19,7 @@ from r2bspec.bags.errors import (
 )
 from r2bspec.bags.metadata import FileSpan, read_metadata
 from r2bspec.bags.recording import BagIndex, Message, Window
-from r2bspec.bags.storage.storage import Storage, open_storages, reported, storage_paths
+from r2bspec.bags.storage.storage import Storage, open_storages, storage_errors, storage_paths
 
 
 def read_messages(
@@ -153,7 +153,7 @@ def _read_groups(
     paths = storage_paths(path, index.files)
     # Unpacked files take room: no more of them are there at once than have to be.
     spans = {span.name: span for span in read_metadata(path).spans} if packed else {}
-    for group in _groups(paths, spans, start_ns, stop_ns):
+    for group in _overlapping_groups(paths, spans, start_ns, stop_ns):
         with open_storages(group, compressed_files=packed) as storages:
             for file, storage in zip(group, storages, strict=True):
                 _check_span(file, storage, spans.get(file.name))
@@ -170,7 +170,7 @@ def _read_groups(
             )
 
 
-def _groups(
+def _overlapping_groups(
     paths: tuple[Path, ...],
     spans: dict[str, FileSpan],
     start_ns: int | None,
@@ -228,5 +228,5 @@ def _read_file(
                 code=STORAGE_UNREADABLE,
                 hint="a topic can be played with one type only",
             )
-    with reported(file):
+    with storage_errors(file):
         yield from storage.messages(names, start_ns, stop_ns)

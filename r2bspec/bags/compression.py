@@ -18,15 +18,15 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-Of = TypeVar("Of")
+Key = TypeVar("Key")
 
 _MAGIC = b"\x28\xb5\x2f\xfd"
 _BLOCK_BYTES = 1 << 20
-_LARGE_BYTES = 1 << 16
-_MOST_THREADS = 4
+_MIN_THREADED_BYTES = 1 << 16
+_MAX_THREADS = 4
 
 
-def uncompressed(data: bytes) -> bytes:
+def decompress_message(data: bytes) -> bytes:
     """The CDR of a stored message.
 
     No flag is needed to tell compressed messages: CDR begins with a zero byte, a zstd frame
@@ -43,33 +43,33 @@ def uncompressed(data: bytes) -> bytes:
     return data
 
 
-def uncompressed_ahead(stored: Iterator[tuple[Of, bytes]]) -> Iterator[tuple[Of, bytes]]:
+def decompress_ahead(stored: Iterator[tuple[Key, bytes]]) -> Iterator[tuple[Key, bytes]]:
     """The CDR of stored messages, in their order; large ones are uncompressed ahead in threads.
 
     zstd lets other threads run, so that a camera's messages take as many cores as there are.
     Memory holds as many messages as there are threads, and one more.
 
     Raises:
-        ValueError: as `uncompressed`, when the turn of the message comes.
+        ValueError: as `decompress_message`, when the turn of the message comes.
     """
-    workers = min(_MOST_THREADS, os.cpu_count() or 1)
-    waiting: deque[tuple[Of, bytes | Future[bytes]]] = deque()
+    workers = min(_MAX_THREADS, os.cpu_count() or 1)
+    waiting: deque[tuple[Key, bytes | Future[bytes]]] = deque()
     with ExitStack() as stack:
         pool: ThreadPoolExecutor | None = None
         for what, data in stored:
-            if len(data) >= _LARGE_BYTES and data[:4] == _MAGIC:
+            if len(data) >= _MIN_THREADED_BYTES and data[:4] == _MAGIC:
                 pool = pool or stack.enter_context(ThreadPoolExecutor(workers))
-                waiting.append((what, pool.submit(uncompressed, data)))
+                waiting.append((what, pool.submit(decompress_message, data)))
             else:
                 waiting.append((what, data))
             while len(waiting) > (workers if pool else 0):
-                yield _done(*waiting.popleft())
+                yield _decompressed(*waiting.popleft())
         while waiting:
-            yield _done(*waiting.popleft())
+            yield _decompressed(*waiting.popleft())
 
 
-def _done(what: Of, data: bytes | Future[bytes]) -> tuple[Of, bytes]:
-    return what, uncompressed(data) if isinstance(data, bytes) else data.result()
+def _decompressed(what: Key, data: bytes | Future[bytes]) -> tuple[Key, bytes]:
+    return what, decompress_message(data) if isinstance(data, bytes) else data.result()
 
 
 def uncompressed_size(head: bytes, stored_bytes: int) -> int | None:

@@ -7,7 +7,7 @@ from typing import Literal
 
 import msgspec
 
-from r2bspec.bags.recording import BagIndex, Window, WrittenStorage
+from r2bspec.bags.recording import BagIndex, Window, WritableStorage
 
 RECORD_NAME = "dataset.json"
 GROUND_TRUTH_NAME = "ground_truth.json"
@@ -42,13 +42,13 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
     generator: int
     dataset: str
     window: Window
-    storage: WrittenStorage
+    storage: WritableStorage
     start_ns: int
     topics: dict[str, TopicRecord]
     content_sha256: str
     file_bytes: dict[str, int]
 
-    def complete(self, index: BagIndex) -> BagIndex:
+    def complete_index(self, index: BagIndex) -> BagIndex:
         """Add to a storage's index the nominal rates, sizes and the origin of windows."""
         topics = {
             name: (
@@ -65,7 +65,7 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-def read_record(folder: Path) -> DatasetRecord | None:
+def read_provenance(folder: Path) -> DatasetRecord | None:
     """The provenance of a bag folder, or None where r2bspec did not make it."""
     try:
         return msgspec.json.decode((folder / RECORD_NAME).read_bytes(), type=DatasetRecord)
@@ -73,7 +73,7 @@ def read_record(folder: Path) -> DatasetRecord | None:
         return None
 
 
-def write_record(folder: Path, record: DatasetRecord) -> None:
+def write_provenance(folder: Path, record: DatasetRecord) -> None:
     """Write dataset.json, formatted to be read.
 
     Raises:

@@ -9,7 +9,7 @@ from pathlib import Path
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import Message, Window
-from r2bspec.bags.storage.storage import reported, storage_paths
+from r2bspec.bags.storage.storage import storage_errors, storage_paths
 
 _BLOCK_BYTES = 1 << 20
 
@@ -28,12 +28,12 @@ class ContentHash:
         for name, kind in types.items():
             for text in (name, kind):
                 encoded = text.encode()
-                self._topics[name].update(_number(len(encoded)) + encoded)
+                self._topics[name].update(_encode_int(len(encoded)) + encoded)
 
     def add(self, message: Message) -> None:
         """Take in one message; those of one topic must come in time order."""
         topic = self._topics[message.topic]
-        topic.update(_number(message.time_ns - self._start_ns) + _number(len(message.data)))
+        topic.update(_encode_int(message.time_ns - self._start_ns) + _encode_int(len(message.data)))
         topic.update(message.data)
 
     def hexdigest(self) -> str:
@@ -59,8 +59,8 @@ def hash_files(path: Path) -> str:
     whole = hashlib.sha256()
     for each in paths:
         name = each.relative_to(path if path.is_dir() else path.parent).as_posix().encode()
-        with reported(each), each.open("rb") as stream:
-            whole.update(_number(len(name)) + name + _number(each.stat().st_size))
+        with storage_errors(each), each.open("rb") as stream:
+            whole.update(_encode_int(len(name)) + name + _encode_int(each.stat().st_size))
             while block := stream.read(_BLOCK_BYTES):
                 whole.update(block)
     return whole.hexdigest()
@@ -88,5 +88,5 @@ def hash_content(
     return content.hexdigest()
 
 
-def _number(value: int) -> bytes:
+def _encode_int(value: int) -> bytes:
     return value.to_bytes(8, "little", signed=True)

@@ -37,10 +37,10 @@ class DataError(R2bspecError):
         super().__init__(printable(message), hint=printable(hint), code=code)
 
 
-_DAMAGED = "the file is damaged or incomplete; copy or record it again"
+_DAMAGED_HINT = "the file is damaged or incomplete; copy or record it again"
 
 
-def reason(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """What an error of the system or of a parser says, on one line."""
     if isinstance(error, OSError) and error.errno is not None:
         return os.strerror(error.errno)
@@ -49,8 +49,8 @@ def reason(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def way_out(error: Exception, otherwise: str = _DAMAGED) -> str:
-    """What helps: what the system refuses is no damage; `otherwise` is for what is."""
+def error_hint(error: Exception, default: str = _DAMAGED_HINT) -> str:
+    """What helps: what the system refuses is no damage; `default` is for what is."""
     number = error.errno if isinstance(error, OSError) else None
     if number in {errno.EACCES, errno.EPERM}:
         return "its permissions keep you from reading it; see 'ls -l'"
@@ -58,4 +58,4 @@ def way_out(error: Exception, otherwise: str = _DAMAGED) -> str:
         return "compressed files are unpacked while they are read: make room in $TMPDIR"
     if number in {errno.EMFILE, errno.ENFILE}:
         return "too many files are open; see 'ulimit -n'"
-    return otherwise
+    return default

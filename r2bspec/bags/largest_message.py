@@ -12,13 +12,13 @@ from r2bspec.bags.bag_reader import check_window, read_messages, resolve_topics
 from r2bspec.bags.compression import uncompressed_size
 from r2bspec.bags.errors import STORAGE_UNREADABLE, DataError
 from r2bspec.bags.recording import BagIndex, Window
-from r2bspec.bags.storage.storage import reported, storage_paths
+from r2bspec.bags.storage.storage import storage_errors, storage_paths
 
 if TYPE_CHECKING:
     import sqlite3
 
 # The longest header of a zstd frame, magic number included.
-_HEAD_BYTES = 18
+_MAX_FRAME_HEADER_BYTES = 18
 
 
 def measure_largest(path: Path, topics: Collection[str], window: Window | None = None) -> int:
@@ -27,10 +27,10 @@ def measure_largest(path: Path, topics: Collection[str], window: Window | None =
     Raises:
         DataError: as `read_messages`.
     """
-    return max(measure_topics(path, topics, window).values(), default=0)
+    return max(measure_largest_by_topic(path, topics, window).values(), default=0)
 
 
-def measure_topics(
+def measure_largest_by_topic(
     path: Path, topics: Collection[str], window: Window | None = None
 ) -> dict[str, int]:
     """Size in bytes of the largest uncompressed message of each topic; 0 where there is none.
@@ -57,7 +57,7 @@ def measure_topics(
     largest = dict.fromkeys(sorted(names), 0)
     if index.storage == "sqlite3" and index.compression != "file":
         for file in storage_paths(path, index.files):
-            with reported(file):
+            with storage_errors(file):
                 _measure_sqlite(file, largest, index, window or Window())
     else:
         for message in read_messages(path, names, window):
@@ -86,7 +86,7 @@ def _measure_sqlite(file: Path, largest: dict[str, int], index: BagIndex, window
 
 def _message_size(file: Path, database: sqlite3.Connection, row: int, stored_bytes: int) -> int:
     with database.blobopen("messages", "data", row, readonly=True) as blob:
-        size = uncompressed_size(blob.read(_HEAD_BYTES), stored_bytes)
+        size = uncompressed_size(blob.read(_MAX_FRAME_HEADER_BYTES), stored_bytes)
     if size is None:
         raise DataError(
             f"{file} holds a compressed message that does not tell its size",

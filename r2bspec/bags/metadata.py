@@ -13,14 +13,14 @@ from r2bspec.bags.errors import (
     LFS_POINTER,
     METADATA_UNREADABLE,
     DataError,
-    reason,
-    way_out,
+    error_hint,
+    error_text,
 )
 
 METADATA_NAME = "metadata.yaml"
 
 _LFS_MAGIC = b"version https://git-lfs.github.com/spec/"
-_NEWEST_VERSION = 9
+_MAX_VERSION = 9
 _OLD_TYPE = re.compile(r"(?P<package>[^/]+)/(?P<name>[^/]+)")
 
 
@@ -67,7 +67,7 @@ def normalise_type(name: str) -> str:
     return f"{match['package']}/msg/{match['name']}" if match else name
 
 
-def refuse_lfs_pointer(path: Path) -> None:
+def check_not_lfs_pointer(path: Path) -> None:
     """Raise DataError (R2B305) where a file is the text that a clone without Git LFS leaves.
 
     Raises:
@@ -92,7 +92,7 @@ def read_metadata(folder: Path) -> BagMetadata:
     path = folder / METADATA_NAME
     reindex = f"write it anew from the storage files with 'ros2 bag reindex {folder}'"
     try:
-        refuse_lfs_pointer(path)
+        check_not_lfs_pointer(path)
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise DataError(
@@ -102,9 +102,9 @@ def read_metadata(folder: Path) -> BagMetadata:
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(
-            f"{path} cannot be read: {reason(error)}",
+            f"{path} cannot be read: {error_text(error)}",
             code=METADATA_UNREADABLE,
-            hint=way_out(error, reindex),
+            hint=error_hint(error, reindex),
         ) from error
     try:
         # BaseLoader leaves every scalar a string: a topic named 'on' or '010' stays what it is.
@@ -112,7 +112,7 @@ def read_metadata(folder: Path) -> BagMetadata:
         return _from_document(document["rosbag2_bagfile_information"])
     except yaml.YAMLError as error:
         raise DataError(
-            f"{path} is no valid YAML: {reason(error)}", code=METADATA_UNREADABLE, hint=reindex
+            f"{path} is no valid YAML: {error_text(error)}", code=METADATA_UNREADABLE, hint=reindex
         ) from error
     except KeyError as error:
         raise DataError(
@@ -131,8 +131,8 @@ def _loader() -> type[yaml.BaseLoader]:
 def _from_document(info: Any) -> BagMetadata:
     """Build the value; missing keys and wrong kinds raise what Python raises for them."""
     version = int(info["version"])
-    if version > _NEWEST_VERSION:
-        msg = f"its version is {version}, the newest known is {_NEWEST_VERSION}"
+    if version > _MAX_VERSION:
+        msg = f"its version is {version}, the newest known is {_MAX_VERSION}"
         raise ValueError(msg)
     compression_mode = info.get("compression_mode", "").lower()
     return BagMetadata(
@@ -146,11 +146,11 @@ def _from_document(info: Any) -> BagMetadata:
         topics=tuple(_topic(entry) for entry in info["topics_with_message_count"] or ()),
         compression_format=info.get("compression_format", ""),
         compression_mode="" if compression_mode == "none" else compression_mode,
-        spans=tuple(_span(entry) for entry in info.get("files") or () if _filled(entry)),
+        spans=tuple(_span(entry) for entry in info.get("files") or () if _has_messages(entry)),
     )
 
 
-def _filled(entry: Any) -> bool:
+def _has_messages(entry: Any) -> bool:
     return int(entry["message_count"]) > 0
 
 

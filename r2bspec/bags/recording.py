@@ -8,7 +8,7 @@ from typing import Literal
 import msgspec
 
 StorageName = Literal["sqlite3", "mcap", "ros1"]
-WrittenStorage = Literal["sqlite3", "mcap"]
+WritableStorage = Literal["sqlite3", "mcap"]
 
 
 class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -122,7 +122,7 @@ class BagLocation(msgspec.Struct, frozen=True, kw_only=True):
     dataset: str | None = None
 
 
-class MadeDataset(msgspec.Struct, frozen=True, kw_only=True):
+class SyntheticDataset(msgspec.Struct, frozen=True, kw_only=True):
     """A synthetic dataset on disk.
 
     Attributes:

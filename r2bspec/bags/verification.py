@@ -8,7 +8,7 @@ from pathlib import Path
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.dataset_record import RECORD_NAME, DatasetRecord, read_record
+from r2bspec.bags.dataset_record import RECORD_NAME, DatasetRecord, read_provenance
 from r2bspec.bags.digest import ContentHash
 from r2bspec.bags.errors import DataError
 from r2bspec.bags.recording import BagIndex
@@ -35,9 +35,9 @@ def verify(path: Path) -> list[str]:
         for name, info in index.topics.items()
         if info.serialization == "cdr" and counts[name] != info.count
     ]
-    record = read_record(path)
+    record = read_provenance(path)
     if record is not None:
-        problems += _against_record(path, index, record, content)
+        problems += _record_mismatches(path, index, record, content)
     elif (path / RECORD_NAME).exists():
         problems.append(f"{RECORD_NAME} is not what 'r2bspec data make' writes")
     return problems
@@ -56,18 +56,18 @@ def _read(path: Path, index: BagIndex) -> tuple[str, Counter[str]]:
     return content.hexdigest(), counts
 
 
-def _against_record(
+def _record_mismatches(
     path: Path, index: BagIndex, record: DatasetRecord, content: str
 ) -> Iterator[str]:
     if content != record.content_sha256:
         yield f"the content hashes to {content}, {RECORD_NAME} says {record.content_sha256}"
     for name in sorted(record.topics.keys() | index.topics.keys()):
-        made = record.topics[name].count if name in record.topics else 0
-        there = index.topics[name].count if name in index.topics else 0
-        if made != there:
-            yield f"{name}: {made:,} messages in {RECORD_NAME}, {there:,} in the bag"
+        expected = record.topics[name].count if name in record.topics else 0
+        actual = index.topics[name].count if name in index.topics else 0
+        if expected != actual:
+            yield f"{name}: {expected:,} messages in {RECORD_NAME}, {actual:,} in the bag"
     for name, size_bytes in record.file_bytes.items():
         file = path / name
-        there = file.stat().st_size if file.is_file() else 0
-        if there != size_bytes:
-            yield f"{name} has {there:,} bytes, {size_bytes:,} when it was made"
+        actual = file.stat().st_size if file.is_file() else 0
+        if actual != size_bytes:
+            yield f"{name} has {actual:,} bytes, {size_bytes:,} when it was made"

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from r2bspec.bags.recording import BagIndex, BagLocation
 
-_FORMAT = 2
+_CACHE_VERSION = 2
 """To be raised with every change of what an index holds."""
 
-_MOST_FILES = 10_000
-_SLOWER_THAN_BYTES = 1_000_000
+_MAX_FILES = 10_000
+_MIN_CACHED_BYTES = 1_000_000
 """Smaller recordings are indexed faster than anything could be looked up."""
 
 
@@ -32,7 +32,7 @@ def cached_index(location: BagLocation) -> BagIndex:
     """
     from r2bspec.datasets.locate_bag import index as index_location
 
-    entry = _entry(location.path) if location.path is not None else None
+    entry = _cache_file(location.path) if location.path is not None else None
     if entry is None:
         return index_location(location)
     import msgspec
@@ -44,20 +44,20 @@ def cached_index(location: BagLocation) -> BagIndex:
     except (OSError, msgspec.MsgspecError):
         pass
     found = index_location(location)
-    _keep(entry, msgspec.json.encode(found))
+    _store(entry, msgspec.json.encode(found))
     return found
 
 
-def _entry(bag: Path) -> Path | None:
+def _cache_file(bag: Path) -> Path | None:
     """The file in which the index of a bag is kept; None where it is not worth while."""
     try:
         files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
-        stats = [(file, file.stat()) for file in files[:_MOST_FILES]]
+        stats = [(file, file.stat()) for file in files[:_MAX_FILES]]
     except OSError:
         return None
-    if len(files) > _MOST_FILES or sum(each.st_size for _, each in stats) < _SLOWER_THAN_BYTES:
+    if len(files) > _MAX_FILES or sum(each.st_size for _, each in stats) < _MIN_CACHED_BYTES:
         return None
-    identity = hashlib.sha256(f"{_FORMAT}\0{bag.resolve()}\0".encode())
+    identity = hashlib.sha256(f"{_CACHE_VERSION}\0{bag.resolve()}\0".encode())
     for file, stat in stats:
         values = (file.name, stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns)
         identity.update(repr(values).encode())
@@ -65,7 +65,7 @@ def _entry(bag: Path) -> Path | None:
     return Path(base) / "r2bspec" / "indexes" / f"{identity.hexdigest()}.json"
 
 
-def _keep(entry: Path, content: bytes) -> None:
+def _store(entry: Path, content: bytes) -> None:
     scratch = entry.with_name(f".{entry.name}.{os.getpid()}")
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)

@@ -8,13 +8,13 @@ from r2bspec.check.finding import Finding
 from r2bspec.diagnostics.diagnostic import Certainty, Severity
 from r2bspec.wiring.node_interface import Interface
 
-CERTAIN = frozenset({"table", "file", "source"})
+COMPLETE_SOURCES = frozenset({"table", "file", "source"})
 """Sources that know a node completely: its own code, or a recording of it."""
 
 
-def as_of(interface: Interface, finding: Finding) -> Finding:
+def as_version_warning(interface: Interface, finding: Finding) -> Finding:
     """The finding as a warning that says which version of a package it is about."""
-    version = f"as {interface.made_for} has it"
+    version = f"as {interface.described_package} has it"
     return replace(
         finding,
         help=f"{finding.help} ({version})" if finding.help else version,

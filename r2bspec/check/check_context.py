@@ -8,7 +8,7 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, NamedTuple
 
 from r2bspec.check.bag_index_cache import cached_index
-from r2bspec.check.spec_requirements import Placed, placed_requirements
+from r2bspec.check.spec_requirements import LocatedRequirement, located_requirements
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
 from r2bspec.language.spec import BagSource, Spec
@@ -17,14 +17,14 @@ from r2bspec.plan.process_plans import process_names
 from r2bspec.record.calibration_file import NoiseFile, noise_path, read_noise
 from r2bspec.record.errors import RecordError
 from r2bspec.wiring.build_wiring import build_wiring
-from r2bspec.wiring.companion_files import Beside, read_beside
+from r2bspec.wiring.companion_files import CompanionFiles, read_companion_files
 from r2bspec.wiring.merge_bags import merge_indexes
 from r2bspec.wiring.wiring import NodeWiring, Wiring
 
 if TYPE_CHECKING:
     from r2bspec.bags.errors import DataError
     from r2bspec.bags.recording import BagIndex, BagLocation
-    from r2bspec.language.load_spec import Loaded
+    from r2bspec.language.load_spec import LoadedSpec
 
 
 class Recording(NamedTuple):
@@ -45,15 +45,15 @@ class Context:
         offline: whether to leave recorded data alone.
     """
 
-    def __init__(self, loaded: Loaded, spec: Spec, *, offline: bool = False) -> None:
+    def __init__(self, loaded: LoadedSpec, spec: Spec, *, offline: bool = False) -> None:
         self.loaded = loaded
         self.spec = spec
         self.offline = offline
 
     @cached_property
-    def beside(self) -> Beside:
+    def companion_files(self) -> CompanionFiles:
         """What was read beside the spec: recorded interfaces, parameter files, Python files."""
-        return read_beside(self.spec, self.loaded.base_dir)
+        return read_companion_files(self.spec, self.loaded.base_dir)
 
     @property
     def noise(self) -> NoiseFile | None:
@@ -77,7 +77,7 @@ class Context:
     def wiring(self) -> Wiring:
         """Who writes and who reads which topic."""
         types = bag_types(self.spec, self.bag)
-        return build_wiring(self.spec, bag_types=types, beside=self.beside)
+        return build_wiring(self.spec, bag_types=types, companion_files=self.companion_files)
 
     @cached_property
     def bag(self) -> BagIndex | None:
@@ -111,7 +111,7 @@ class Context:
 
         # A path that is one word is still a path if the spec says so.
         path = source.path if "/" in source.path or not source.path else f"./{source.path}"
-        place = self._named_in(place)
+        place = self._name_path(place)
         location = None
         try:
             location = locate_bag(path or source.dataset, self.loaded.base_dir)
@@ -119,7 +119,7 @@ class Context:
         except DataError as error:
             return Recording(place, location, None, error)
 
-    def _named_in(self, place: Path) -> Path:
+    def _name_path(self, place: Path) -> Path:
         """The place of a bag's name: its own value, or below it."""
         for key in ("dataset", "path"):
             if self.value_at((*place, key)) is not None:
@@ -136,11 +136,13 @@ class Context:
         Of several maps that give it, the last counts.
         """
         place: Path = (*node.path, "parameters")
-        given = self.value_at(place)
-        if isinstance(given, MapNode) or given is None:
+        parameters_node = self.value_at(place)
+        if isinstance(parameters_node, MapNode) or parameters_node is None:
             return (*place, name) if name in node.node.parameters else None
         found = None
-        for index, part in enumerate(given.items if isinstance(given, ListNode) else ()):
+        for index, part in enumerate(
+            parameters_node.items if isinstance(parameters_node, ListNode) else ()
+        ):
             if child(part, name) is not None:
                 found = (*place, index, name)
         return found
@@ -153,16 +155,16 @@ class Context:
                 yield phase.phase, node
 
     @cached_property
-    def requirements(self) -> tuple[Placed, ...]:
+    def requirements(self) -> tuple[LocatedRequirement, ...]:
         """Every requirement with its place."""
-        return tuple(placed_requirements(self.spec))
+        return tuple(located_requirements(self.spec))
 
     @cached_property
     def processes(self) -> tuple[str, ...]:
         """The names of the processes that run while measuring."""
         return process_names(self.spec, self.wiring)
 
-    def shown(self, topic: str, namespace: str = "") -> str:
+    def relative_name(self, topic: str, namespace: str = "") -> str:
         """A full topic name as one would write it in a namespace, the spec's by default."""
         inside = f"{(namespace or self.wiring.namespace).rstrip('/')}/"
         return topic.removeprefix(inside) if topic.startswith(inside) else topic

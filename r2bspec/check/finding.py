@@ -31,8 +31,9 @@ class Finding:
         severity: if not the rule's own.
         certainty: whether it holds on every machine.
         code: if not the rule's own, as for errors of the data.
-        about: the subjects that the finding is a statement about; see `r2bspec.check.engine`.
-        explains: the subjects about which nothing more needs to be said once this is known.
+        suppressed_by: the subjects that the finding is a statement about; see
+        `r2bspec.check.engine`. suppresses: the subjects about which nothing more needs to be said
+        once this is known.
     """
 
     message: str
@@ -45,5 +46,5 @@ class Finding:
     severity: Severity | None = None
     certainty: Certainty = Certainty.CERTAIN
     code: str = ""
-    about: frozenset[str] = frozenset()
-    explains: frozenset[str] = frozenset()
+    suppressed_by: frozenset[str] = frozenset()
+    suppresses: frozenset[str] = frozenset()

@@ -9,10 +9,12 @@ from r2bspec.diagnostics.diagnostic import Diagnostic, Edit, Path, Related, Seve
 from r2bspec.language.located_tree import ScalarNode, lookup
 
 if TYPE_CHECKING:
-    from r2bspec.language.load_spec import Loaded
+    from r2bspec.language.load_spec import LoadedSpec
 
 
-def place(finding: Finding, code: str, severity: Severity, loaded: Loaded) -> Diagnostic:
+def to_diagnostic(
+    finding: Finding, code: str, severity: Severity, loaded: LoadedSpec
+) -> Diagnostic:
     """The diagnostic of a finding, with the rule's code and severity where it has none."""
     span = _span(finding, loaded)
     related = [
@@ -31,19 +33,19 @@ def place(finding: Finding, code: str, severity: Severity, loaded: Loaded) -> Di
     )
 
 
-def _span(finding: Finding, loaded: Loaded) -> Span:
+def _span(finding: Finding, loaded: LoadedSpec) -> Span:
     if finding.part is not None:
         return loaded.span_inside(finding.path, *finding.part)
     return loaded.span(finding.path, key=finding.key)
 
 
-def _origin(path: Path, loaded: Loaded) -> list[Related]:
+def _origin(path: Path, loaded: LoadedSpec) -> list[Related]:
     """Where a value was written that a variable brought to `path`."""
     node = lookup(loaded.tree, path) if loaded.tree is not None else None
     return [node.origin] if isinstance(node, ScalarNode) and node.origin is not None else []
 
 
-def _edit(finding: Finding, span: Span, loaded: Loaded) -> Edit | None:
+def _edit(finding: Finding, span: Span, loaded: LoadedSpec) -> Edit | None:
     """The replacement, if the text at `span` is exactly what it replaces."""
     if finding.replacement is None or loaded.tree is None or span.line != span.end_line:
         return None

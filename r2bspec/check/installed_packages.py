@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
-_LARGEST_BYTES = 1_000_000
-_PACKAGES = "share/ament_index/resource_index/packages"
+_MAX_SOURCE_BYTES = 1_000_000
+_PACKAGE_INDEX = "share/ament_index/resource_index/packages"
 
 
 def find_module(name: str) -> ModuleSpec | None:
@@ -36,16 +36,16 @@ def top_level_names(source: Path) -> frozenset[str] | None:
         SyntaxError: it is no Python, as this interpreter understands it.
     """
     try:
-        if source.stat().st_size > _LARGEST_BYTES:
+        if source.stat().st_size > _MAX_SOURCE_BYTES:
             return None
         tree = ast.parse(source.read_bytes())
     except (OSError, ValueError, RecursionError, MemoryError):
         return None
-    names = set(_bound(tree.body))
+    names = set(_bound_names(tree.body))
     return None if names & {"*", "__getattr__"} else frozenset(names)
 
 
-def _bound(body: list[ast.stmt]) -> Iterator[str]:
+def _bound_names(body: list[ast.stmt]) -> Iterator[str]:
     """The names that statements bind, also inside of ``if``, ``try`` and ``with``."""
     for statement in body:
         match statement:
@@ -57,14 +57,14 @@ def _bound(body: list[ast.stmt]) -> Iterator[str]:
             case _:
                 for part in ast.iter_child_nodes(statement):
                     if isinstance(part, ast.stmt):
-                        yield from _bound([part])
+                        yield from _bound_names([part])
                     elif isinstance(part, ast.ExceptHandler):
-                        yield from _bound(part.body)
+                        yield from _bound_names(part.body)
                     else:
-                        yield from _assigned(part)
+                        yield from _assigned_names(part)
 
 
-def _assigned(part: ast.AST) -> Iterator[str]:
+def _assigned_names(part: ast.AST) -> Iterator[str]:
     for each in ast.walk(part):
         if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
             yield each.id
@@ -80,7 +80,7 @@ def ament_packages() -> set[str]:
     found: set[str] = set()
     for prefix in ament_prefixes():
         try:
-            found.update(each.name for each in (prefix / _PACKAGES).iterdir())
+            found.update(each.name for each in (prefix / _PACKAGE_INDEX).iterdir())
         except OSError:
             continue
     return found
@@ -101,6 +101,6 @@ def package_executables(package: str) -> set[str]:
 def package_share(package: str) -> Path | None:
     """The share folder of a ROS package, or None if it is not installed."""
     for prefix in ament_prefixes():
-        if (prefix / _PACKAGES / package).exists():
+        if (prefix / _PACKAGE_INDEX / package).exists():
             return prefix / "share" / package
     return None

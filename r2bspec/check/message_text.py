@@ -7,19 +7,21 @@ from collections.abc import Iterable
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.quote import quote
 
-LONGEST_LIST = 8
+MAX_LISTED_NAMES = 8
 """Names that a message lists at most."""
 
-MOST_SUGGESTIONS = 50
+MAX_SUGGESTIONS = 50
 """Findings of a rule for which close names are looked for. Each search takes time, and a document
 with more mistakes of one kind has one cause, which the first ones show."""
 
 
-def listed(names: Iterable[str], last: str = "and") -> str:
+def quoted_list(names: Iterable[str], last: str = "and") -> str:
     """``'a', 'b' and 'c'``; a long list is cut and says how many more there are."""
     quoted = [quote(name) for name in dict.fromkeys(names)]
-    if len(quoted) > LONGEST_LIST:
-        return f"{', '.join(quoted[:LONGEST_LIST])} {last} {len(quoted) - LONGEST_LIST} more"
+    if len(quoted) > MAX_LISTED_NAMES:
+        return (
+            f"{', '.join(quoted[:MAX_LISTED_NAMES])} {last} {len(quoted) - MAX_LISTED_NAMES} more"
+        )
     return f" {last} ".join([", ".join(quoted[:-1]), quoted[-1]]) if quoted[1:] else "".join(quoted)
 
 
@@ -35,9 +37,9 @@ def suggestion(wrong: str, known: Iterable[str], what: str) -> str:
     close = did_you_mean(wrong, names)
     if close:
         return f"did you mean {quote(close)}?"
-    return f"{what}: {listed(names)}" if names else ""
+    return f"{what}: {quoted_list(names)}" if names else ""
 
 
-def counted(number: int, noun: str) -> str:
+def pluralize(number: int, noun: str) -> str:
     """``1 message``, ``3,000 messages``."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"

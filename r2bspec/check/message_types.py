@@ -59,7 +59,7 @@ def begins_with_header(name: str) -> bool | None:
     return has_header.begins_with_header(name)
 
 
-def names_beside(name: str) -> frozenset[str]:
+def types_of_same_package(name: str) -> frozenset[str]:
     """All types of the package of `name`, if it is one of the common interfaces; else nothing."""
     if name in WITH_HEADER or name in WITHOUT_HEADER:
         return frozenset({name})

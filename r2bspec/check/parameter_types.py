@@ -31,7 +31,7 @@ def parameter_type(value: ParameterValue) -> ParameterType | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
+class ParameterOverride:
     """A parameter that a node gets.
 
     Attributes:
@@ -45,20 +45,20 @@ class Given:
     file: str = ""
 
 
-def given_parameters(context: Context, node: NodeWiring) -> Iterator[Given]:
+def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[ParameterOverride]:
     """What a node gets in the end, each parameter with the place that gives it."""
     for name, value in node.parameters.items():
         path = context.parameter_path(node, name)
         if path is not None and name in node.node.parameters:
-            yield Given(name, value, path)
+            yield ParameterOverride(name, value, path)
             continue
         for index, source in enumerate(node.node.parameter_sources):
-            file = context.beside.parameter_files.get(source.file)
+            file = context.companion_files.parameter_files.get(source.file)
             if file is not None and any(name in values for _, values in file.nodes):
                 place: Path = (*node.path, "parameters")
                 listed = isinstance(context.value_at(place), ListNode)
                 path = (*place, index) if listed else place
-                yield Given(name, value, path, source.file)
+                yield ParameterOverride(name, value, path, source.file)
                 break
 
 

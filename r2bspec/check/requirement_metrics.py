@@ -7,54 +7,54 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.spec_requirements import Placed
+from r2bspec.check.spec_requirements import LocatedRequirement
 from r2bspec.measure.errors import MetricError
 from r2bspec.measure.metric_catalogue import MetricInfo, resolve
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class KnownMetric:
     """A requirement whose metric exists; `monitor` is None where it belongs to no single one."""
 
-    placed: Placed
+    located: LocatedRequirement
     monitor: str | None
     info: MetricInfo
 
 
 @dataclass(frozen=True, slots=True)
-class Unknown:
+class UnknownMetric:
     """A requirement whose metric, or the monitor before it, does not exist."""
 
-    placed: Placed
+    located: LocatedRequirement
     error: MetricError
 
 
-def known_metrics(context: Context) -> Iterator[Known]:
+def known_metrics(context: Context) -> Iterator[KnownMetric]:
     """The requirements whose metric exists."""
-    for each in _resolved(context):
-        if isinstance(each, Known):
+    for each in _resolved_metrics(context):
+        if isinstance(each, KnownMetric):
             yield each
 
 
-def unknown_metrics(context: Context) -> Iterator[Unknown]:
+def unknown_metrics(context: Context) -> Iterator[UnknownMetric]:
     """The others."""
-    for each in _resolved(context):
-        if isinstance(each, Unknown):
+    for each in _resolved_metrics(context):
+        if isinstance(each, UnknownMetric):
             yield each
 
 
 @lru_cache(maxsize=1)  # many rules ask, one after the other, about the same spec
-def _resolved(context: Context) -> tuple[Known | Unknown, ...]:
+def _resolved_metrics(context: Context) -> tuple[KnownMetric | UnknownMetric, ...]:
     return tuple(_resolve_all(context))
 
 
-def _resolve_all(context: Context) -> Iterator[Known | Unknown]:
-    for placed in context.requirements:
+def _resolve_all(context: Context) -> Iterator[KnownMetric | UnknownMetric]:
+    for located in context.requirements:
         try:
             monitor, info = resolve(
-                placed.requirement.metric, context.spec.monitors, context.processes
+                located.requirement.metric, context.spec.monitors, context.processes
             )
         except MetricError as error:
-            yield Unknown(placed, error)
+            yield UnknownMetric(located, error)
         else:
-            yield Known(placed, monitor, info)
+            yield KnownMetric(located, monitor, info)

@@ -11,16 +11,18 @@ from typing import TYPE_CHECKING
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Finding
-from r2bspec.check.finding_location import place
+from r2bspec.check.finding_location import to_diagnostic
 from r2bspec.diagnostics.diagnostic import Diagnostic, Path, Severity
 from r2bspec.record.run_record import Difference
 from r2bspec.wiring.wiring import NodeWiring
 
 if TYPE_CHECKING:
-    from r2bspec.language.load_spec import Loaded
+    from r2bspec.language.load_spec import LoadedSpec
 
 
-def place_differences(differences: Iterable[Difference], loaded: Loaded) -> tuple[Diagnostic, ...]:
+def differences_to_diagnostics(
+    differences: Iterable[Difference], loaded: LoadedSpec
+) -> tuple[Diagnostic, ...]:
     """The diagnostics of differences between a spec and the real graph, sorted by place.
 
     Args:
@@ -31,7 +33,7 @@ def place_differences(differences: Iterable[Difference], loaded: Loaded) -> tupl
         return ()
     context = Context(loaded, loaded.spec, offline=True)
     found = [
-        place(
+        to_diagnostic(
             Finding(message=each.message, path=path, key=key, help=each.help),
             each.code,
             Severity.WARNING if each.harmless else Severity.ERROR,
@@ -66,5 +68,5 @@ def _endpoint(
     ]
     own = [each for each in ends if each.owner == difference.owner]
     for each in own or ends:
-        return each.path, each.at_key
+        return each.path, each.topic_is_key
     return (node.path, True) if node is not None else ((), False)

@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import math
 
-CONFIDENCE = 0.95
+DEFAULT_CONFIDENCE = 0.95
 
 
-def least_messages(allowed: float, confidence: float = CONFIDENCE) -> int | None:
-    """The messages needed to show that at most the share `allowed` is wrong; None for ever."""
-    if allowed <= 0 or confidence >= 1:
+def min_sample_size(max_share: float, confidence: float = DEFAULT_CONFIDENCE) -> int | None:
+    """The messages needed to show that at most the share `max_share` is wrong; None for ever."""
+    if max_share <= 0 or confidence >= 1:
         return None
-    if allowed >= 1:
+    if max_share >= 1:
         return 1
     # A hair less than the quotient, lest a rounding error ask for one message more.
-    return max(1, math.ceil(math.log(1 - confidence) / math.log1p(-allowed) - 1e-9))
+    return max(1, math.ceil(math.log(1 - confidence) / math.log1p(-max_share) - 1e-9))

@@ -13,7 +13,7 @@ from r2bspec.language.spec import Spec
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class LocatedRequirement:
     """A requirement of an objective, or a condition of the search.
 
     Attributes:
@@ -48,14 +48,14 @@ class Placed:
         return f"requirement:{self.path}"
 
 
-def placed_requirements(spec: Spec) -> Iterator[Placed]:
+def located_requirements(spec: Spec) -> Iterator[LocatedRequirement]:
     """The conditions of the search, then the requirements of all objectives."""
     if spec.benchmark.search is not None:
         for index, each in enumerate(spec.benchmark.search.holds):
-            yield Placed(each, ("benchmark", "search", "holds", index), "holds")
+            yield LocatedRequirement(each, ("benchmark", "search", "holds", index), "holds")
     for name, objective in spec.slos.items():
         for index, each in enumerate(objective.require):
-            yield Placed(
+            yield LocatedRequirement(
                 each,
                 ("slos", name, "require", index),
                 "objective",

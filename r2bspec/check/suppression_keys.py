@@ -7,16 +7,16 @@ from __future__ import annotations
 
 from r2bspec.diagnostics.diagnostic import Path
 
-FLOW = "flow"
+MEASURE_FLOW = "flow"
 """Whether messages get from the playback inputs to the monitors."""
 
-FEED = "feed"
+PREPROCESS_FLOW = "feed"
 """Whether messages get from the bag through the preprocessors to the playback inputs."""
 
 
-def flow(phase: str) -> str:
+def phase_flow(phase: str) -> str:
     """The way of the messages in a phase."""
-    return FEED if phase == "preprocess" else FLOW
+    return PREPROCESS_FLOW if phase == "preprocess" else MEASURE_FLOW
 
 
 def topic(phase: str, name: str) -> str:

@@ -15,10 +15,10 @@ from r2bspec.cli.shared_options import (
     sets_option,
     variables_option,
 )
-from r2bspec.cli.spec_selection import Chosen, prepare_shown
+from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 
 if TYPE_CHECKING:
-    from r2bspec.api import Prepared
+    from r2bspec.api import PreparedBenchmark
     from r2bspec.record.calibration_file import Calibration
     from r2bspec.record.comparison_folder import Pairs
 
@@ -74,30 +74,30 @@ def command(
     from r2bspec.compare.calibration import calibration_of, store
     from r2bspec.record.comparison_folder import open_pairs
 
-    chosen = Chosen(spec, sets, parse_variables(variables), case, allow_paths)
-    prepared = prepare_shown(chosen)
+    selection = SpecSelection(spec, sets, parse_variables(variables), case, allow_paths)
+    prepared = prepare_and_report(selection)
     folder = source or _run(prepared, runs or 20, output, quiet=quiet)
     pairs = open_pairs(folder)
-    _see_that_it_is_of(prepared, pairs, folder)
+    _require_same_graph(prepared, pairs, folder)
     found = calibration_of(pairs)
     path = store(spec, pairs, found)
     _show(found, prepared.plan.name, pairs)
     click.echo(f"kept in {path}", err=True)
-    _propose(chosen, prepared, found, write=write)
+    _propose(selection, prepared, found, write=write)
     return 0
 
 
-def _run(prepared: Prepared, runs: int, output: Path | None, *, quiet: bool) -> Path:
+def _run(prepared: PreparedBenchmark, runs: int, output: Path | None, *, quiet: bool) -> Path:
     from r2bspec import api
     from r2bspec.report.progress_display import shown_progress
 
-    folder = output or api.new_folder(f"{prepared.plan.name}-pairs")
+    folder = output or api.default_run_folder(f"{prepared.plan.name}-pairs")
     with shown_progress(quiet=quiet) as progress:
         api.calibrate(prepared, folder, progress, pairs=math.ceil(runs / 2))
     return folder
 
 
-def _see_that_it_is_of(prepared: Prepared, pairs: Pairs, folder: Path) -> None:
+def _require_same_graph(prepared: PreparedBenchmark, pairs: Pairs, folder: Path) -> None:
     from r2bspec.compare.errors import IncomparableError
     from r2bspec.plan.comparability import graph_differences, measured_hash, told
 
@@ -130,7 +130,7 @@ def _show(found: Calibration, name: str, pairs: Pairs) -> None:
                 f"{metric}{at}{' (biased)' if one.biased else ''}",
                 show(one.deviation, "share"),
                 show(one.upper, "share"),
-                *(_change(one.margins[n]) for n in numbers),
+                *(_change_text(one.margins[n]) for n in numbers),
             )
         )
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
@@ -146,7 +146,7 @@ def _show(found: Calibration, name: str, pairs: Pairs) -> None:
         )
 
 
-def _change(margin: float) -> str:
+def _change_text(margin: float) -> str:
     """A margin, given as a logarithm; what is over 100 % is not worth its digits."""
     from r2bspec.measure.units import show
 
@@ -154,21 +154,23 @@ def _change(margin: float) -> str:
     return show(change, "share") if change <= 1 else "> 100 %"
 
 
-def _propose(chosen: Chosen, prepared: Prepared, found: Calibration, *, write: bool) -> None:
+def _propose(
+    selection: SpecSelection, prepared: PreparedBenchmark, found: Calibration, *, write: bool
+) -> None:
     """Print the proposed change of the spec as a patch, or make it."""
     from r2bspec.cli.fix import read_text, write_text
     from r2bspec.compare.margin_proposals import propose
     from r2bspec.diagnostics.edits import unified_diff
 
-    file = str(chosen.spec)
+    file = str(selection.spec)
     before = read_text(file)
     if before is None or prepared.loaded is None:
         return
-    after, left = propose(prepared.loaded, found, before)
-    for each in left:
+    after, notes = propose(prepared.loaded, found, before)
+    for each in notes:
         click.echo(each, err=True)
     if after == before:
-        if not left:
+        if not notes:
             click.echo("every margin can be held: nothing is proposed", err=True)
     elif write:
         write_text(file, after)

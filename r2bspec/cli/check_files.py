@@ -15,19 +15,19 @@ from functools import partial
 from pathlib import Path
 
 from r2bspec.diagnostics import Diagnostic
-from r2bspec.diagnostics.waivers import may_waive
-from r2bspec.language.case_findings import findings_of_cases
-from r2bspec.language.load_spec import Loaded, load_cases
+from r2bspec.diagnostics.waivers import may_contain_waiver
+from r2bspec.language.case_findings import merge_case_findings
+from r2bspec.language.load_spec import LoadedSpec, load_cases
 
-FEWEST = 100
+MIN_PARALLEL_FILES = 100
 """Files from which on several processes are faster than one. Starting them takes about as long as
 checking some ten files."""
 
-_AT_ONCE = 16  # files that a process takes at a time
+_CHUNK_SIZE = 16  # files that a process takes at a time
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class CheckOptions:
     """What is asked of every file."""
 
     sets: tuple[str, ...] = ()
@@ -39,14 +39,14 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class FileReport:
     """One file after its check.
 
     Attributes:
         file: its name for the user.
         cases: how many cases of it were checked; 1 where it has no matrix.
         complete: whether all rules were applied, which takes a document that is right itself.
-        found: everything that is wrong with it, sorted by place.
+        findings: everything that is wrong with it, sorted by place.
         texts: the texts that the findings point into, by file name.
         resolved: if that was asked for, every case with all written out, by the file's name and
             the case.
@@ -55,18 +55,18 @@ class Checked:
     file: str
     cases: int
     complete: bool
-    found: tuple[Diagnostic, ...]
+    findings: tuple[Diagnostic, ...]
     texts: Mapping[str, str]
     resolved: Mapping[str, str] = field(default_factory=dict)
 
 
-def check_files(files: Sequence[str], options: Options) -> Iterator[Checked]:
+def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileReport]:
     """Check every file, in the order given."""
     # Documents are trees without cycles: looking for cycles often finds nothing, and takes time.
     gc.set_threshold(50_000, 20, 20)
     check_one = partial(check_file, options=options)
-    workers = min(len(os.sched_getaffinity(0)), len(files) // _AT_ONCE)
-    if len(files) < FEWEST or workers < 2 or "-" in files:
+    workers = min(len(os.sched_getaffinity(0)), len(files) // _CHUNK_SIZE)
+    if len(files) < MIN_PARALLEL_FILES or workers < 2 or "-" in files:
         yield from map(check_one, files)
         return
     import multiprocessing
@@ -74,29 +74,29 @@ def check_files(files: Sequence[str], options: Options) -> Iterator[Checked]:
     # The first file brings in all modules, which the processes then have from the beginning.
     yield check_one(files[0])
     with multiprocessing.get_context("fork").Pool(workers) as pool:
-        yield from pool.imap(check_one, files[1:], chunksize=_AT_ONCE)
+        yield from pool.imap(check_one, files[1:], chunksize=_CHUNK_SIZE)
 
 
-def check_file(file: str, options: Options) -> Checked:
+def check_file(file: str, options: CheckOptions) -> FileReport:
     """Check one file; ``-`` is standard input."""
     cases = _load(Path(file), file, options)
     found = _findings(cases, options)
-    return Checked(
+    return FileReport(
         file=cases[0].file,
         cases=len(cases),
         complete=all(each.spec is not None for each in cases),
-        found=tuple(found),
+        findings=tuple(found),
         texts={name: text for each in cases for name, text in each.texts.items()} if found else {},
         resolved={_title(each): each.resolved_yaml() for each in cases} if options.resolved else {},
     )
 
 
-def check_text(text: str, file: str, options: Options) -> list[Diagnostic]:
+def check_text(text: str, file: str, options: CheckOptions) -> list[Diagnostic]:
     """Check a text as if it were the content of a file."""
     return _findings(_load(text, file, options), options)
 
 
-def _load(source: Path | str, file: str, options: Options) -> tuple[Loaded, ...]:
+def _load(source: Path | str, file: str, options: CheckOptions) -> tuple[LoadedSpec, ...]:
     return load_cases(
         source,
         file=file,
@@ -107,15 +107,15 @@ def _load(source: Path | str, file: str, options: Options) -> tuple[Loaded, ...]
     )
 
 
-def _findings(cases: tuple[Loaded, ...], options: Options) -> list[Diagnostic]:
+def _findings(cases: tuple[LoadedSpec, ...], options: CheckOptions) -> list[Diagnostic]:
     """Everything that is wrong; rules are imported only where there is something for them."""
-    waived = any(may_waive(text) for each in cases for text in each.texts.values())
+    waived = any(may_contain_waiver(text) for each in cases for text in each.texts.values())
     if not waived and all(each.spec is None for each in cases):
-        return findings_of_cases(cases, [each.diagnostics for each in cases])
+        return merge_case_findings(cases, [each.diagnostics for each in cases])
     from r2bspec.check.engine import check_cases
 
     return check_cases(cases, offline=options.offline)
 
 
-def _title(loaded: Loaded) -> str:
+def _title(loaded: LoadedSpec) -> str:
     return f"{loaded.file} [{loaded.case}]" if loaded.case else loaded.file

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from r2bspec.datasets.synthesis import Progress
 
 # Where output is no terminal, lines are kept whole for grep.
-_PLAIN_WIDTH = 240
+_PIPED_WIDTH = 240
 
 _format_option = click.option(
     "--format",
@@ -69,17 +69,23 @@ def list_datasets(output: str) -> None:
             [
                 {
                     "name": name,
-                    "kind": place.kind,
-                    "path": place.path and str(place.path),
-                    "topics": sorted(index(place).topics) if place.kind == "synthetic" else None,
+                    "kind": location.kind,
+                    "path": location.path and str(location.path),
+                    "topics": sorted(index(location).topics)
+                    if location.kind == "synthetic"
+                    else None,
                 }
-                for name, place in found.items()
+                for name, location in found.items()
             ]
         )
         return
     rows = [
-        (name, str(place.path or "synthetic"), SEQUENCES[name].shows if name in SEQUENCES else "")
-        for name, place in found.items()
+        (
+            name,
+            str(location.path or "synthetic"),
+            SEQUENCES[name].description if name in SEQUENCES else "",
+        )
+        for name, location in found.items()
     ]
     _print_table(("dataset", "comes from", "shows"), rows)
 
@@ -108,9 +114,11 @@ def make(
     from r2bspec.datasets.synthesis import make as make_dataset
 
     names = [name.strip() for value in topics for name in value.split(",") if name.strip()]
-    stretch = _window(window, start, end)
+    selected_window = _window(window, start, end)
     with _progress_bar(f"making {dataset}") as progress:
-        made = make_dataset(dataset, names or None, stretch, storage=storage, progress=progress)
+        made = make_dataset(
+            dataset, names or None, selected_window, storage=storage, progress=progress
+        )
     if output == "json":
         _print_json({"path": str(made.path), "sha256": made.content_sha256, "made": made.made})
         return
@@ -129,15 +137,15 @@ def info(bag: str, output: str) -> None:
     from r2bspec.bags.digest import hash_files
     from r2bspec.datasets.locate_bag import index, locate
 
-    place = locate(bag, Path.cwd())
-    result = index(place)
-    digest = "" if place.path is None else hash_files(place.path)
+    location = locate(bag, Path.cwd())
+    result = index(location)
+    digest = "" if location.path is None else hash_files(location.path)
     if output == "json":
         import msgspec
 
         _print_json({**msgspec.to_builtins(result), "sha256": digest})
     else:
-        _print_index(result, _origin(place), digest)
+        _print_index(result, _origin(location), digest)
 
 
 @command.command()
@@ -187,8 +195,8 @@ def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> Windo
     return Window(start_ns=start_ns or 0, end_ns=end_ns)
 
 
-def _origin(place: BagLocation) -> str:
-    return str(place.path) if place.path is not None else "not made yet: it is when needed"
+def _origin(location: BagLocation) -> str:
+    return str(location.path) if location.path is not None else "not made yet: it is when needed"
 
 
 @contextmanager
@@ -209,7 +217,7 @@ def _console() -> Console:
     from rich.console import Console
 
     return Console(
-        width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False, soft_wrap=False
+        width=None if sys.stdout.isatty() else _PIPED_WIDTH, highlight=False, soft_wrap=False
     )
 
 
@@ -242,7 +250,7 @@ def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
     for title, value in (
         ("bag", f"{index.name}{' (synthetic)' if index.synthetic else ''}"),
         ("at", origin),
-        ("storage", _stored(index)),
+        ("storage", _storage_text(index)),
         ("files", ", ".join(index.files)),
         ("starts", f"{start:%Y-%m-%d %H:%M:%S} UTC" if index.message_count else "never"),
         ("lasts", str(Duration(index.duration_ns))),
@@ -271,7 +279,7 @@ def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
     )
 
 
-def _stored(index: BagIndex) -> str:
+def _storage_text(index: BagIndex) -> str:
     how = "" if index.compression == "none" else f", each {index.compression} compressed"
     return f"{index.storage}{how}"
 

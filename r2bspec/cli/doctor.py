@@ -73,30 +73,30 @@ def _show(checks: list[Check], status: Status) -> None:
     topic = ""
     for check in checks:
         if check.topic != topic:
-            click.echo(("\n" if topic else "") + _styled(check.topic, bold=True))
+            click.echo(("\n" if topic else "") + _style(check.topic, bold=True))
             topic = check.topic
         mark, colour = _MARKS[check.status]
-        click.echo(f"  {_styled(mark, fg=colour)} {check.name:<{width}}  {check.found}")
+        click.echo(f"  {_style(mark, fg=colour)} {check.name:<{width}}  {check.found}")
         if check.advice:
-            click.echo(f"    {'':<{width}}  {_styled(f'→ {check.advice}', dim=True)}")
+            click.echo(f"    {'':<{width}}  {_style(f'→ {check.advice}', dim=True)}")
     click.echo()
     counts = {each: sum(check.status == each for check in checks) for each in _MARKS}
     words = {
         "ok": "Nothing stands in the way of a benchmark.",
-        "warn": f"{_counted(counts['warn'], 'warning')}: benchmarks run; read them with these "
+        "warn": f"{_pluralize(counts['warn'], 'warning')}: benchmarks run; read them with these "
         "in mind.",
-        "problem": f"{_counted(counts['problem'], 'problem')} and "
-        f"{_counted(counts['warn'], 'warning')}.",
+        "problem": f"{_pluralize(counts['problem'], 'problem')} and "
+        f"{_pluralize(counts['warn'], 'warning')}.",
     }
     mark, colour = _MARKS[status]
-    click.echo(f"{_styled(mark, fg=colour, bold=True)} {words[status]}")
+    click.echo(f"{_style(mark, fg=colour, bold=True)} {words[status]}")
 
 
-def _counted(count: int, noun: str) -> str:
+def _pluralize(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def _styled(text: str, *, fg: str | None = None, bold: bool = False, dim: bool = False) -> str:
+def _style(text: str, *, fg: str | None = None, bold: bool = False, dim: bool = False) -> str:
     import sys
 
     from r2bspec.report.findings.print_findings import wants_colour

@@ -69,13 +69,13 @@ def _explain(page: Page) -> Iterator[str]:
     if page.failing:
         yield ""
         yield _heading("Found in")
-        yield from _indented(page.failing)
+        yield from _indent(page.failing)
         yield ""
-        yield from _indented(_findings(page))
+        yield from _indent(_findings(page))
     if page.passing:
         yield ""
         yield _heading("Not found in")
-        yield from _indented(page.passing)
+        yield from _indent(page.passing)
 
 
 def _findings(page: Page) -> str:
@@ -89,7 +89,7 @@ def _findings(page: Page) -> str:
     return text.render(found, loaded.texts)
 
 
-def _indented(block: str) -> Iterator[str]:
+def _indent(block: str) -> Iterator[str]:
     for line in block.rstrip("\n").split("\n"):
         yield f"    {printable(line)}".rstrip()
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from r2bspec.diagnostics import Diagnostic
-from r2bspec.diagnostics.edits import Fixed, fix, unified_diff
+from r2bspec.diagnostics.edits import FixResult, fix, unified_diff
 from r2bspec.errors import UsageError
 
 _BOM = "\ufeff"
@@ -36,40 +36,42 @@ def repair(
     Raises:
         UsageError: a file cannot be written.
     """
-    changed = made = 0
+    changed = fixes = 0
     for file in files:
         before = read_text(file)
         if before is None:
             continue  # that it cannot be read is a finding of its own
         bom = _BOM if before.startswith(_BOM) else ""
-        fixed = _fixed(before.removeprefix(bom), file, check_text)
+        fixed = _apply_fixes(before.removeprefix(bom), file, check_text)
         if not fixed.applied:
             continue
         changed += 1
-        made += len(fixed.applied)
+        fixes += len(fixed.applied)
         if write:
             write_text(file, bom + fixed.text)
         else:
             click.echo(unified_diff(before, bom + fixed.text, file), nl=False)
     if write or changed:
         verb = "repaired" if write else "to repair by --fix"
-        problems = f"{made} problem" if made == 1 else f"{made} problems"
+        problems = f"{fixes} problem" if fixes == 1 else f"{fixes} problems"
         click.echo(f"{problems} {verb} in {changed} of {len(files)} files", err=True)
     return changed
 
 
-def _fixed(text: str, file: str, check_text: Callable[[str, str], Sequence[Diagnostic]]) -> Fixed:
+def _apply_fixes(
+    text: str, file: str, check_text: Callable[[str, str], Sequence[Diagnostic]]
+) -> FixResult:
     return fix(text, file, lambda changed: check_text(changed, file))
 
 
 def read_text(file: str) -> str | None:
     """The text of a file; None if it cannot be read, or is too large for a spec."""
-    from r2bspec.language.source_text import LARGEST_BYTES
+    from r2bspec.language.source_text import MAX_DOCUMENT_BYTES
 
     try:
         with Path(file).open("rb") as stream:
-            data = stream.read(LARGEST_BYTES + 1)
-        return data.decode("utf-8") if len(data) <= LARGEST_BYTES else None
+            data = stream.read(MAX_DOCUMENT_BYTES + 1)
+        return data.decode("utf-8") if len(data) <= MAX_DOCUMENT_BYTES else None
     except (OSError, ValueError):
         return None
 

@@ -11,13 +11,13 @@ import click
 if TYPE_CHECKING:
     from r2bspec.compare.history import Entry
 
-USER = "user"
+USER_HISTORY = "user"
 """The word that stands for the user's own history."""
 
 _file_option = click.option(
     "--file",
     "file",
-    default=USER,
+    default=USER_HISTORY,
     show_default=True,
     metavar="FILE",
     help="The history; 'user' is a file of your own.",
@@ -28,7 +28,7 @@ def history_file(text: str) -> Path:
     """The file that a user names."""
     from r2bspec.compare.history import user_history
 
-    return user_history() if text == USER else Path(text)
+    return user_history() if text == USER_HISTORY else Path(text)
 
 
 @click.group("history")
@@ -111,24 +111,24 @@ def prune(
         raise click.UsageError("say what to forget: --keep N, --before DATE or --run RUN_ID")
     from r2bspec.compare.history import open_history
 
-    since = instant(before) if before is not None else None
+    since = parse_time(before) if before is not None else None
     with open_history(history_file(file)) as history:
-        alike: dict[tuple[str, str, str], list[Entry]] = {}
+        groups: dict[tuple[str, str, str], list[Entry]] = {}
         for one in history.runs(name=name):
-            alike.setdefault((one.plan, one.host, one.dataset), []).append(one)
-        gone = set(run_ids)
-        for runs in alike.values():
-            kept = [one for one in runs if one.run_id not in gone]
+            groups.setdefault((one.plan, one.host, one.dataset), []).append(one)
+        removed_ids = set(run_ids)
+        for runs in groups.values():
+            kept = [one for one in runs if one.run_id not in removed_ids]
             if since is not None:
-                gone |= {one.run_id for one in kept if instant(one.started_at) < since}
+                removed_ids |= {one.run_id for one in kept if parse_time(one.started_at) < since}
             if keep is not None:
-                gone |= {one.run_id for one in kept[: max(len(kept) - keep, 0)]}
-        number = history.remove(sorted(gone))
+                removed_ids |= {one.run_id for one in kept[: max(len(kept) - keep, 0)]}
+        number = history.remove(sorted(removed_ids))
     click.echo(f"{number} run{'' if number == 1 else 's'} forgotten", err=True)
     return 0
 
 
-def instant(text: str) -> datetime.datetime:
+def parse_time(text: str) -> datetime.datetime:
     """A date or a time as ISO 8601; without a zone, the local one.
 
     Raises:

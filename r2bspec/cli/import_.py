@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from r2bspec.interop.ros2_benchmark import Figures, ReferenceReport
+    from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
 
-_SHOWN = (
+_COLUMNS = (
     ("throughput", "throughput_hz", "Hz"),
     ("as reported", "reported_hz", "Hz"),
     ("sent", "sent", "count"),
@@ -56,7 +56,7 @@ def _text(report: ReferenceReport) -> str:
     lines = [report.name or "a report of ros2_benchmark"]
     if report.peak_hz is not None:
         lines.append(f"peak as its search found it: {show(report.peak_hz, 'Hz')}")
-    rows = [["offered", "monitor", *(name for name, _, _ in _SHOWN)]]
+    rows = [["offered", "monitor", *(name for name, _, _ in _COLUMNS)]]
     rows += [_row("at the peak", name, each) for name, each in report.peak.items()]
     for rate, monitors in sorted(report.rates.items(), key=lambda item: float(item[0])):
         rows += [_row(show(float(rate), "Hz"), name, each) for name, each in monitors.items()]
@@ -67,7 +67,7 @@ def _text(report: ReferenceReport) -> str:
     return "\n".join([*lines, ""])
 
 
-def _row(rate: str, monitor: str, figures: Figures) -> list[str]:
+def _row(rate: str, monitor: str, figures: MonitorFigures) -> list[str]:
     from r2bspec.measure.units import show
 
-    return [rate, monitor or "-", *(show(getattr(figures, k), unit) for _, k, unit in _SHOWN)]
+    return [rate, monitor or "-", *(show(getattr(figures, k), unit) for _, k, unit in _COLUMNS)]

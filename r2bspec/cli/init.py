@@ -10,7 +10,7 @@ import click
 from r2bspec.errors import UsageError
 
 _SCHEMA = "r2bspec-v1.schema.json"
-_DEFAULT = "my_benchmark"
+_DEFAULT_NAME = "my_benchmark"
 
 
 class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
@@ -31,7 +31,7 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
 
 @click.command("init")
-@click.argument("name", default=_DEFAULT)
+@click.argument("name", default=_DEFAULT_NAME)
 @click.option(
     "--template",
     type=_Template(),
@@ -54,16 +54,16 @@ def command(name: str, template: str, show_list: bool) -> int:
         for known, text in templates().items():
             click.echo(f"{known:<14}{purpose(text)}")
         return 0
-    place = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
-    benchmark = _benchmark_name(place.name.removesuffix(".r2b.yaml"))
+    spec_file = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
+    benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
     text = filled(templates()[template], benchmark, f"./{_SCHEMA}")
-    schema, schema_text = place.with_name(_SCHEMA), published_schema_text()
-    _write_new(place, text)
+    schema, schema_text = spec_file.with_name(_SCHEMA), published_schema_text()
+    _write_new(spec_file, text)
     if not schema.exists():
         _write_new(schema, schema_text)
-    click.echo(f"wrote {place}, and {schema} for editors; now:")
-    click.echo(f"  r2bspec validate {place}    says what is wrong with it: nothing, yet")
-    click.echo(f"  r2bspec run {place}         runs it, and judges it by its 'slos:'")
+    click.echo(f"wrote {spec_file}, and {schema} for editors; now:")
+    click.echo(f"  r2bspec validate {spec_file}    says what is wrong with it: nothing, yet")
+    click.echo(f"  r2bspec run {spec_file}         runs it, and judges it by its 'slos:'")
     return 0
 
 

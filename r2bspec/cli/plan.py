@@ -16,7 +16,7 @@ from r2bspec.cli.shared_options import (
 )
 
 if TYPE_CHECKING:
-    from r2bspec.language.load_spec import Loaded
+    from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.plan.plan import Plan
 
 _SPEC = click.Path(path_type=Path, dir_okay=False)
@@ -38,7 +38,7 @@ _SPEC = click.Path(path_type=Path, dir_okay=False)
 )
 @click.option(
     "--explain",
-    "explained",
+    "explain_path",
     metavar="PATH",
     help="Show instead where a value came from, such as benchmark.rates[0]: every file, line and "
     "option on its way.",
@@ -57,7 +57,7 @@ def command(
     spec: Path,
     graph: str | None,
     other: Path | None,
-    explained: str | None,
+    explain_path: str | None,
     sets: tuple[str, ...],
     variables: tuple[str, ...],
     case: str,
@@ -69,14 +69,14 @@ def command(
     SPEC is a spec, or a plan that this command wrote. The same spec and the same data give the
     same bytes on every machine. Nothing is started.
     """
-    if sum(each is not None for each in (graph, other, explained)) > 1:
+    if sum(each is not None for each in (graph, other, explain_path)) > 1:
         raise click.UsageError("--graph, --diff and --explain exclude each other")
-    if explained is not None:
+    if explain_path is not None:
         from r2bspec.language.load_spec import load_spec
 
         values = parse_variables(variables)
         loaded = load_spec(spec, sets=sets, variables=values, case=case, allow_paths=allow_paths)
-        _write(_provenance(loaded, explained).encode(), output)
+        _write(_provenance(loaded, explain_path).encode(), output)
         return 0
     values = parse_variables(variables)
     plan = _plan(spec, sets=sets, variables=values, case=case, allow_paths=allow_paths)
@@ -86,11 +86,11 @@ def command(
         differences = diff_plans(_plan(other, allow_paths=allow_paths), plan)
         _write("".join(f"{each}\n" for each in differences).encode(), output)
         return 1 if differences else 0
-    _write(_shown(plan, graph), output)
+    _write(_render(plan, graph), output)
     return 0
 
 
-def _provenance(loaded: Loaded, path: str) -> str:
+def _provenance(loaded: LoadedSpec, path: str) -> str:
     """Where a value came from.
 
     Raises:
@@ -123,7 +123,7 @@ def _plan(path: Path, **options: Any) -> Plan:
     return prepared.plan
 
 
-def _shown(plan: Plan, graph: str | None) -> bytes:
+def _render(plan: Plan, graph: str | None) -> bytes:
     if graph == "mermaid":
         from r2bspec.plan.mermaid import to_mermaid
 

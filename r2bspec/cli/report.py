@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from r2bspec.report.write_reports import Asked
 
 
-def _list_formats(ctx: click.Context, _param: click.Parameter, wanted: bool) -> None:
-    if not wanted:
+def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: bool) -> None:
+    if not list_formats:
         return
     from r2bspec.report.format_registry import FORMATS
 

@@ -17,7 +17,7 @@ from r2bspec.cli.shared_options import (
     sets_option,
     variables_option,
 )
-from r2bspec.cli.spec_selection import Chosen, base_of, prepare_shown
+from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_and_report
 from r2bspec.errors import R2bspecError
 
 if TYPE_CHECKING:
@@ -99,31 +99,33 @@ def command(
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout, write_of_folder
 
-    compared = bool(against) or control
-    _refuse_contradictions(against, control, pairs, history, baseline, force=force)
-    chosen = Chosen(spec, sets, parse_variables(variables), case, allow_paths)
-    prepared = prepare_shown(chosen)
-    name = f"{prepared.plan.name}-pairs" if compared else prepared.plan.name
-    folder = output or api.new_folder(name)
+    is_comparison = bool(against) or control
+    _check_option_conflicts(against, control, pairs, history, baseline, force=force)
+    selection = SpecSelection(spec, sets, parse_variables(variables), case, allow_paths)
+    prepared = prepare_and_report(selection)
+    name = f"{prepared.plan.name}-pairs" if is_comparison else prepared.plan.name
+    folder = output or api.default_run_folder(name)
     stored = None
     if baseline is not None:
         stored = api.stored_baseline(baseline, prepared, force=force)
     try:
         with shown_progress(quiet=quiet) as progress:
-            if compared:
+            if is_comparison:
                 result = api.run_pairs(
                     prepared,
                     against,
                     folder,
                     progress,
-                    prepare_base=lambda reference: prepare_shown(base_of(chosen, reference)),
+                    prepare_base=lambda reference: prepare_and_report(
+                        base_selection(selection, reference)
+                    ),
                     pairs=pairs,
                     control=control,
                     force=force,
                 )
             else:
-                kept = history_file(history) if history is not None else None
-                result = api.run(prepared, folder, progress, history=kept, baseline=stored)
+                history_path = history_file(history) if history is not None else None
+                result = api.run(prepared, folder, progress, history=history_path, baseline=stored)
     except R2bspecError as error:
         if isinstance(error, api.GraphDiffersError):
             show(error.diagnostics, error.loaded.texts)
@@ -133,14 +135,14 @@ def command(
         raise
     if prepared.loaded is not None:
         # What ended no run is worth a look all the same.
-        show(api.place_differences(result, prepared.loaded), prepared.loaded.texts)
+        show(api.differences_to_diagnostics(result, prepared.loaded), prepared.loaded.texts)
     if not takes_stdout(reports + junit):
         show_result(result, output_format, folder)
     write_of_folder(reports + junit, folder, spec)
     return result.verdict.exit_code
 
 
-def _refuse_contradictions(
+def _check_option_conflicts(
     against: tuple[str, ...],
     control: bool,
     pairs: int | None,
@@ -156,15 +158,17 @@ def _refuse_contradictions(
     """
     if against and control:
         raise click.UsageError("--control compares SPEC with itself, and takes no --against")
-    ways = {
+    comparisons = {
         "--against": bool(against),
         "--control": control,
         "--history": history is not None,
         "--baseline": baseline is not None,
     }
-    asked = [name for name, given in ways.items() if given]
-    if len(asked) > 1:
-        raise click.UsageError(f"{' and '.join(asked)} are different ways to compare: choose one")
+    used_options = [name for name, given in comparisons.items() if given]
+    if len(used_options) > 1:
+        raise click.UsageError(
+            f"{' and '.join(used_options)} are different ways to compare: choose one"
+        )
     if pairs is not None and not (against or control):
         raise click.UsageError("--pairs needs --against or --control")
     if force and not (against or baseline is not None):

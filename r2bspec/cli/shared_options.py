@@ -59,7 +59,7 @@ def parse_variables(options: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def _asked_reports(
+def _parse_reports(
     _ctx: click.Context, _param: click.Parameter, options: tuple[str, ...]
 ) -> tuple[Asked, ...]:
     if not options:
@@ -74,20 +74,20 @@ reports_option = click.option(
     "reports",
     multiple=True,
     metavar="FORMAT=PATH",
-    callback=_asked_reports,
+    callback=_parse_reports,
     help="Write a report, such as html=report.html or markdown=- for standard output; may be "
     "repeated. 'r2bspec report --formats' lists the formats.",
 )
 
 
-def _asked_junit(ctx: click.Context, param: click.Parameter, path: str | None) -> tuple[Asked, ...]:
-    return _asked_reports(ctx, param, (f"junit={path}",) if path is not None else ())
+def _parse_junit(ctx: click.Context, param: click.Parameter, path: str | None) -> tuple[Asked, ...]:
+    return _parse_reports(ctx, param, (f"junit={path}",) if path is not None else ())
 
 
 junit_option = click.option(
     "--junit-xml",
     "junit",
     metavar="PATH",
-    callback=_asked_junit,
+    callback=_parse_junit,
     help="The same as --report junit=PATH, under the name that ROS test runners use.",
 )

@@ -18,32 +18,34 @@ def spec_files(paths: Iterable[str]) -> list[str]:
     Raises:
         click.UsageError: a path that does not exist, or that leads to no spec.
     """
-    return list(dict.fromkeys(file for path in paths for file in _files(path)))
+    return list(dict.fromkeys(file for path in paths for file in _expand_path(path)))
 
 
-def _files(path: str) -> list[str]:
+def _expand_path(path: str) -> list[str]:
     if path == "-":
         return [path]
     place = Path(path)
     if place.is_dir():
-        return _some(sorted(_below(path)), f"the folder {path!r} holds no *{SUFFIX} file")
+        return _require_files(
+            sorted(_find_specs(path)), f"the folder {path!r} holds no *{SUFFIX} file"
+        )
     if place.exists() or place.is_symlink():
         return [path]
     if glob.has_magic(path):
         # Path.glob refuses absolute patterns.
         matches = glob.glob(path, recursive=True)  # noqa: PTH207
         files = sorted(each for each in matches if Path(each).is_file())
-        return _some(files, f"no file matches {path!r}")
+        return _require_files(files, f"no file matches {path!r}")
     raise click.UsageError(f"there is no file {path!r}")
 
 
-def _some(files: list[str], message: str) -> list[str]:
+def _require_files(files: list[str], message: str) -> list[str]:
     if not files:
         raise click.UsageError(message)
     return files
 
 
-def _below(folder: str) -> Iterator[str]:
+def _find_specs(folder: str) -> Iterator[str]:
     """All specs below a folder, hidden folders left out."""
     for parent, folders, files in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from r2bspec.api import Prepared
+    from r2bspec.api import PreparedBenchmark
     from r2bspec.compare.base_reference import Reference
 
 
 @dataclass(frozen=True)
-class Chosen:
+class SpecSelection:
     """A spec with the values that the command line gives it; see `r2bspec.api.prepare`."""
 
     spec: Path
@@ -22,7 +22,7 @@ class Chosen:
     allow_paths: tuple[Path, ...]
 
 
-def prepare_shown(chosen: Chosen) -> Prepared:
+def prepare_and_report(selection: SpecSelection) -> PreparedBenchmark:
     """Prepare a spec; findings about it go to standard error.
 
     Raises:
@@ -35,11 +35,11 @@ def prepare_shown(chosen: Chosen) -> Prepared:
 
     try:
         prepared = api.prepare(
-            chosen.spec,
-            sets=chosen.sets,
-            variables=chosen.variables,
-            case=chosen.case,
-            allow_paths=chosen.allow_paths,
+            selection.spec,
+            sets=selection.sets,
+            variables=selection.variables,
+            case=selection.case,
+            allow_paths=selection.allow_paths,
         )
     except api.InvalidSpecError as error:
         show(error.diagnostics, error.loaded.texts)
@@ -49,7 +49,7 @@ def prepare_shown(chosen: Chosen) -> Prepared:
     return prepared
 
 
-def base_of(head: Chosen, reference: Reference) -> Chosen:
+def base_selection(head: SpecSelection, reference: Reference) -> SpecSelection:
     """The base that a reference names.
 
     With the head's own spec it has all that the command line says of the head, but for what the

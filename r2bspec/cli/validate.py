@@ -22,7 +22,7 @@ from r2bspec.cli.shared_options import (
 from r2bspec.report.findings.finding_formats import FORMATS
 
 if TYPE_CHECKING:
-    from r2bspec.cli.check_files import Checked
+    from r2bspec.cli.check_files import FileReport
     from r2bspec.diagnostics import Diagnostic
 
 
@@ -66,10 +66,10 @@ def command(
     PATH is a file, a folder (all *.r2b.yaml below it), a pattern such as 'specs/*.yaml', or -
     for standard input. Of a spec with a matrix every case is checked, unless --case names one.
     """
-    from r2bspec.cli.check_files import Options, check_files, check_text
+    from r2bspec.cli.check_files import CheckOptions, check_files, check_text
     from r2bspec.cli.spec_files import spec_files
 
-    asked = Options(
+    check_options = CheckOptions(
         sets=sets,
         variables=parse_variables(variables),
         case=case,
@@ -83,11 +83,11 @@ def command(
     if fix or diff:
         from r2bspec.cli.fix import repair
 
-        changes = repair(files, lambda text, file: check_text(text, file, asked), write=fix)
+        changes = repair(files, lambda text, file: check_text(text, file, check_options), write=fix)
         if diff:
             return 1 if changes else 0
-    checked = list(check_files(files, asked))
-    failed = any(one.severity == "error" for each in checked for one in each.found)
+    checked = list(check_files(files, check_options))
+    failed = any(one.severity == "error" for each in checked for one in each.findings)
     if resolved and not failed:
         _print_resolved(checked)
     else:
@@ -95,11 +95,11 @@ def command(
     return 1 if failed else 0
 
 
-def _print_findings(checked: list[Checked], output_format: str, *, offline: bool) -> None:
+def _print_findings(checked: list[FileReport], output_format: str, *, offline: bool) -> None:
     from r2bspec.report.findings import finding_formats
     from r2bspec.report.findings.print_findings import wants_colour
 
-    found = [one for each in checked for one in each.found]
+    found = [one for each in checked for one in each.findings]
     sources = {name: text for each in checked for name, text in each.texts.items()}
     colour = output_format == "text" and wants_colour(sys.stdout)
     names = [each.file for each in checked]
@@ -109,15 +109,15 @@ def _print_findings(checked: list[Checked], output_format: str, *, offline: bool
         click.echo(_summary(checked, found, offline=offline))
 
 
-def _summary(checked: list[Checked], found: list[Diagnostic], *, offline: bool) -> str:
+def _summary(checked: list[FileReport], found: list[Diagnostic], *, offline: bool) -> str:
     errors = sum(one.severity == "error" for one in found)
     warnings = sum(one.severity == "warning" for one in found)
-    parts = [_counted(len(checked), "file")]
+    parts = [_pluralize(len(checked), "file")]
     cases = sum(each.cases for each in checked)
     if cases > len(checked):
-        parts.append(_counted(cases, "case"))
+        parts.append(_pluralize(cases, "case"))
     if errors or warnings:
-        parts += [_counted(errors, "error"), _counted(warnings, "warning")]
+        parts += [_pluralize(errors, "error"), _pluralize(warnings, "warning")]
     else:
         parts.append("no problems")
     line = ", ".join(parts)
@@ -128,11 +128,11 @@ def _summary(checked: list[Checked], found: list[Diagnostic], *, offline: bool) 
     return line
 
 
-def _counted(number: int, noun: str) -> str:
+def _pluralize(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def _print_resolved(checked: list[Checked]) -> None:
+def _print_resolved(checked: list[FileReport]) -> None:
     documents = [(name, text) for each in checked for name, text in each.resolved.items()]
     for number, (name, text) in enumerate(documents):
         if len(documents) > 1:

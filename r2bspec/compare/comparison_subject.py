@@ -12,7 +12,7 @@ from r2bspec.compare.comparison import Side
 from r2bspec.compare.errors import UnreadableResultError
 from r2bspec.compare.load_results import read_folder
 from r2bspec.errors import R2bspecError
-from r2bspec.interop.ros2_benchmark import Figures, ReferenceReport, parse_report
+from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport, parse_report
 from r2bspec.judge.judge_run import from_json
 from r2bspec.judge.result import Result
 from r2bspec.measure.metric_catalogue import quantile
@@ -166,7 +166,7 @@ def _of_report(source: str, report: ReferenceReport) -> Subject:
     )
 
 
-def _known(figures: Figures) -> Iterator[tuple[str, str, float]]:
+def _known(figures: MonitorFigures) -> Iterator[tuple[str, str, float]]:
     found = {
         ("throughput.mean", "Hz"): figures.throughput_hz,
         ("latency.mean", "s"): figures.latency_mean,

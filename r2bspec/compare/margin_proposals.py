@@ -5,13 +5,18 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 
-from r2bspec.check.calibrated_margins import WIDEST, Narrow, limit_text, narrow_margins
+from r2bspec.check.calibrated_margins import (
+    MAX_LOG_MARGIN,
+    NarrowMargin,
+    limit_text,
+    narrow_margins,
+)
 from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Finding
-from r2bspec.check.finding_location import place
+from r2bspec.check.finding_location import to_diagnostic
 from r2bspec.check.rules.margin_below_noise import RULE
 from r2bspec.diagnostics.edits import apply_edits
-from r2bspec.language.load_spec import Loaded, load_spec
+from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
 from r2bspec.language.spec import Spec
 from r2bspec.record.calibration_file import Calibration
@@ -21,7 +26,7 @@ _USUAL = (("throughput.mean", ">="), ("latency.p50", "<="))
 """What is proposed where a spec asks for nothing of the baseline."""
 
 
-def propose(loaded: Loaded, found: Calibration, text: str) -> tuple[str, list[str]]:
+def propose(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[str, list[str]]:
     """A spec with limits that can be held.
 
     Margins below the noise are widened to it; margins above it are left alone, because they say
@@ -53,30 +58,32 @@ def propose(loaded: Loaded, found: Calibration, text: str) -> tuple[str, list[st
             continue
         finding = Finding(
             message="",
-            path=each.known.placed.path,
+            path=each.known_metric.located.path,
             part=each.part,
             replacement=each.proposed,
         )
-        edit = place(finding, RULE.code, RULE.severity, loaded).edit
+        edit = to_diagnostic(finding, RULE.code, RULE.severity, loaded).edit
         if edit is not None and edit.span.file == loaded.file:
             edits.append(edit)
         else:
             left.append(
-                f"the limit of '{each.known.placed.requirement.text}' comes from elsewhere: "
+                f"the limit of '{each.known_metric.located.requirement.text}' comes from "
+                "elsewhere: "
                 f"write {each.proposed} there"
             )
     return apply_edits(text, edits), left
 
 
-def _too_noisy(each: Narrow) -> str:
+def _too_noisy(each: NarrowMargin) -> str:
     return (
-        f"'{each.known.placed.requirement.text}': {each.told}; set 'benchmark.iterations' higher, "
+        f"'{each.known_metric.located.requirement.text}': {each.detectable_text}; set "
+        "'benchmark.iterations' higher, "
         "make iterations longer, or calm the machine"
     )
 
 
 def _with_objective(
-    loaded: Loaded, spec: Spec, found: Calibration, text: str
+    loaded: LoadedSpec, spec: Spec, found: Calibration, text: str
 ) -> tuple[str, list[str]]:
     requirements = list(_requirements(spec, found))
     if not requirements:
@@ -104,12 +111,12 @@ def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
             margin = noise.margin(spec.benchmark.iterations)
             if (noise.metric, noise.at_hz) != (metric, at_hz) or margin is None:
                 continue
-            if margin <= WIDEST:
+            if margin <= MAX_LOG_MARGIN:
                 name = f"{noise.monitor}.{metric}" if several else metric
                 yield f"{name} {op} {limit_text(margin, ceiling=op == '<=')} of baseline"
 
 
-def _inserted(loaded: Loaded, text: str, lines: list[str]) -> str | None:
+def _inserted(loaded: LoadedSpec, text: str, lines: list[str]) -> str | None:
     """The text with an objective at the end of ``slos``; None where that takes a human."""
     slos = lookup(loaded.tree, ("slos",)) if loaded.tree is not None else None
     if slos is None:

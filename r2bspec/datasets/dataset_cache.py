@@ -24,7 +24,7 @@ def datasets_dir(cache_dir: Path | None = None) -> Path:
 
 
 @contextmanager
-def locked(root: Path, name: str) -> Iterator[None]:
+def entry_lock(root: Path, name: str) -> Iterator[None]:
     """Hold an entry's lock; waits while another process makes it.
 
     The lock is the kernel's: it ends with the process that holds it, however that ends.
@@ -34,7 +34,7 @@ def locked(root: Path, name: str) -> Iterator[None]:
     """
     from filelock import FileLock
 
-    with writing(root):
+    with write_errors(root):
         (root / _LOCKS).mkdir(parents=True, exist_ok=True)
         lock = FileLock(root / _LOCKS / f"{name}.lock")
         lock.acquire()
@@ -45,7 +45,7 @@ def locked(root: Path, name: str) -> Iterator[None]:
 
 
 @contextmanager
-def scratch(root: Path, name: str) -> Iterator[Path]:
+def new_entry(root: Path, name: str) -> Iterator[Path]:
     """A path to build an entry at; it becomes the entry if the block ends well.
 
     The caller holds the entry's lock. What the block leaves behind when it fails is removed.
@@ -56,10 +56,10 @@ def scratch(root: Path, name: str) -> Iterator[Path]:
     folder = root / f"{_SCRATCH_PREFIX}{name}"
     shutil.rmtree(folder, ignore_errors=True)
     try:
-        with writing(root):
+        with write_errors(root):
             folder.mkdir(parents=True)
         yield folder / name
-        with writing(root):
+        with write_errors(root):
             final = root / name
             if final.exists():
                 # A damaged entry: moved away first, for a full folder cannot be replaced.
@@ -69,20 +69,20 @@ def scratch(root: Path, name: str) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def remove_leftovers(root: Path, held: str) -> None:
+def remove_stale_entries(root: Path, locked_name: str) -> None:
     """Remove what processes left that were killed while making an entry.
 
     A scratch folder whose lock can be had belongs to nobody.
 
     Args:
         root: the cache.
-        held: the entry whose lock the caller holds; `scratch` clears that one.
+        locked_name: the entry whose lock the caller holds; `new_entry` clears that one.
     """
     from filelock import FileLock, Timeout
 
     for folder in root.glob(f"{_SCRATCH_PREFIX}*"):
         name = folder.name.removeprefix(_SCRATCH_PREFIX)
-        if name == held:
+        if name == locked_name:
             continue
         with (
             suppress(Timeout, OSError),
@@ -92,7 +92,7 @@ def remove_leftovers(root: Path, held: str) -> None:
 
 
 @contextmanager
-def writing(root: Path) -> Iterator[None]:
+def write_errors(root: Path) -> Iterator[None]:
     """Report a full or read-only disk as DataError (R2B311)."""
     import sqlite3
 

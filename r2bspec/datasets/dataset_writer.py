@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from r2bspec.bags.recording import Message, WrittenStorage
+from r2bspec.bags.recording import Message, WritableStorage
 from r2bspec.datasets.scene.messages import typestore
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ _QUEUE_DEPTH = 10
 
 
 def write_bag(
-    folder: Path, types: dict[str, str], messages: Iterable[Message], storage: WrittenStorage
+    folder: Path, types: dict[str, str], messages: Iterable[Message], storage: WritableStorage
 ) -> None:
     """Write a new bag folder.
 

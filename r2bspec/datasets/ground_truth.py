@@ -14,7 +14,7 @@ from r2bspec.datasets.scene.board import tag_pose
 from r2bspec.datasets.scene.geometry import Pose, quaternion
 from r2bspec.datasets.scene.render import camera_pose
 from r2bspec.datasets.scene.rig import IMAGE, STEREO_PAIRS, Camera, TopicSource
-from r2bspec.datasets.scene.scenes import Place
+from r2bspec.datasets.scene.scenes import Scene
 from r2bspec.datasets.scene.tag import FAMILY, Tag
 
 if TYPE_CHECKING:
@@ -162,9 +162,9 @@ def write_disparities(
                 np.lib.format.write_array(stream, parts)
 
 
-def tell_truth(
+def build_ground_truth(
     dataset: str,
-    place: Place,
+    scene: Scene,
     start_ns: int,
     times_ns: dict[TopicSource, list[int]],
 ) -> GroundTruth:
@@ -172,7 +172,7 @@ def tell_truth(
 
     Args:
         dataset: the sequence's name.
-        place: what it shows.
+        scene: what it shows.
         start_ns: its start, ns since the epoch.
         times_ns: of each made topic's messages, after that start.
     """
@@ -186,15 +186,16 @@ def tell_truth(
         dataset=dataset,
         cameras={source.name: _camera_truth(camera) for source, camera in views.items()},
         body=tuple(
-            _stamped(place.motion.pose(time_ns / 1e9), start_ns + time_ns) for time_ns in every_time
+            _stamped_pose(scene.motion.pose(time_ns / 1e9), start_ns + time_ns)
+            for time_ns in every_time
         ),
-        tag=None if place.tag is None else _tag_truth(place, place.tag, start_ns, times_ns),
+        tag=None if scene.tag is None else _tag_truth(scene, scene.tag, start_ns, times_ns),
         stereo=_stereo_truth(start_ns, {source.name: source for source in views}, times_ns),
     )
 
 
 def _tag_truth(
-    place: Place, tag: Tag, start_ns: int, times_ns: dict[TopicSource, list[int]]
+    scene: Scene, tag: Tag, start_ns: int, times_ns: dict[TopicSource, list[int]]
 ) -> TagTruth:
     return TagTruth(
         family=FAMILY,
@@ -202,7 +203,7 @@ def _tag_truth(
         size_m=tag.size_m,
         sightings={
             source.name: tuple(
-                _sight(place, tag, source.camera, start_ns, time_ns) for time_ns in times
+                _tag_sighting(scene, tag, source.camera, start_ns, time_ns) for time_ns in times
             )
             for source, times in times_ns.items()
             if source.camera is not None and source.type == IMAGE
@@ -238,7 +239,7 @@ def _camera_truth(camera: Camera) -> CameraTruth:
     )
 
 
-def _stamped(pose: Pose, stamp_ns: int) -> StampedPose:
+def _stamped_pose(pose: Pose, stamp_ns: int) -> StampedPose:
     return StampedPose(
         stamp_ns=stamp_ns,
         position_m=pose.position_m,
@@ -246,8 +247,10 @@ def _stamped(pose: Pose, stamp_ns: int) -> StampedPose:
     )
 
 
-def _sight(place: Place, tag: Tag, camera: Camera, start_ns: int, time_ns: int) -> TagSighting:
-    pose = tag_pose(tag, camera_pose(place.motion.pose(time_ns / 1e9), camera))
+def _tag_sighting(
+    scene: Scene, tag: Tag, camera: Camera, start_ns: int, time_ns: int
+) -> TagSighting:
+    pose = tag_pose(tag, camera_pose(scene.motion.pose(time_ns / 1e9), camera))
     half = tag.size_m / 2
     corners = [
         pose.apply(corner)

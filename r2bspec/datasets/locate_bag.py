@@ -9,7 +9,7 @@ from pathlib import Path
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
 from r2bspec.bags.recording import BagIndex, BagLocation
-from r2bspec.datasets.sequences import SEQUENCES, describe, unknown_dataset
+from r2bspec.datasets.sequences import SEQUENCES, describe, unknown_dataset_error
 
 DATASETS_VARIABLE = "R2B_DATASETS"
 
@@ -51,7 +51,7 @@ def locate_dataset(name: str) -> BagLocation:
     if real is not None and name and os.path.exists(real / name):  # noqa: PTH110
         return BagLocation(kind="recorded", path=real / name, dataset=name)
     if name not in SEQUENCES:
-        raise unknown_dataset(name, known_datasets())
+        raise unknown_dataset_error(name, known_datasets())
     return BagLocation(kind="synthetic", dataset=name)
 
 
@@ -63,11 +63,11 @@ def index(location: BagLocation) -> BagIndex:
     """
     if location.path is not None:
         return index_bag(location.path)
-    return _described(location.dataset or "")
+    return _index_synthetic(location.dataset or "")
 
 
 @cache
-def _described(name: str) -> BagIndex:
+def _index_synthetic(name: str) -> BagIndex:
     return describe(name)
 
 

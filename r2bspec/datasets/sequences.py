@@ -38,13 +38,13 @@ class Sequence:
     Attributes:
         start_ns: time of its first messages, ns since the epoch.
         sources: its topics.
-        shows: what it shows, in a few words.
+        description: what it shows, in a few words.
     """
 
     name: str
     start_ns: int
     sources: tuple[TopicSource, ...]
-    shows: str
+    description: str
 
 
 def _catalogue() -> Iterator[Sequence]:
@@ -57,8 +57,8 @@ def _catalogue() -> Iterator[Sequence]:
         "r2b_hideaway": "a small, cluttered room",
         "r2b_mezzanine": "a wide, high hall",
     }
-    for place, (name, shows) in enumerate(robots.items()):
-        yield Sequence(name, _FIRST_START_NS + place * _HOUR_NS, ROBOT_TOPICS, shows)
+    for place, (name, description) in enumerate(robots.items()):
+        yield Sequence(name, _FIRST_START_NS + place * _HOUR_NS, ROBOT_TOPICS, description)
     yield Sequence(
         "r2b_hope", _FIRST_START_NS + len(robots) * _HOUR_NS, HOPE_TOPICS, "boxes on a table"
     )
@@ -75,11 +75,11 @@ def find_sequence(name: str) -> Sequence:
     """
     sequence = SEQUENCES.get(name)
     if sequence is None:
-        raise unknown_dataset(name, SEQUENCES)
+        raise unknown_dataset_error(name, SEQUENCES)
     return sequence
 
 
-def unknown_dataset(name: str, known: Collection[str]) -> DataError:
+def unknown_dataset_error(name: str, known: Collection[str]) -> DataError:
     """The error for a dataset name that nothing answers to."""
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return DataError(
@@ -111,7 +111,7 @@ def select_sources(name: str, topics: Collection[str] | None) -> tuple[TopicSour
     return tuple(sources[topic] for topic in sorted(wanted))
 
 
-def bounded(name: str, window: Window | None) -> Window:
+def bounded_window(name: str, window: Window | None) -> Window:
     """A window with both ends, inside the sequence.
 
     Raises:
@@ -135,7 +135,7 @@ def message_times_ns(source: TopicSource, window: Window) -> list[int]:
 
     Message k lies at k / rate, rounded down to whole ns.
     """
-    assert window.end_ns is not None  # noqa: S101 -- callers pass what `bounded` gave
+    assert window.end_ns is not None  # noqa: S101 -- callers pass what `bounded_window` gave
     first = -(-window.start_ns * source.rate_hz // 10**9)
     times = []
     for number in range(max(0, first - 1), window.end_ns * source.rate_hz // 10**9 + 2):
@@ -164,7 +164,7 @@ def describe(
         DataError: R2B307, R2B308 or R2B309.
     """
     sequence = find_sequence(name)
-    inside = bounded(name, window)
+    inside = bounded_window(name, window)
     infos = {}
     last_ns = inside.start_ns
     for source in select_sources(name, topics):

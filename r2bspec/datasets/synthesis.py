@@ -17,34 +17,45 @@ from r2bspec.bags.dataset_record import (
     RECORD_NAME,
     DatasetRecord,
     TopicRecord,
-    read_record,
-    write_record,
+    read_provenance,
+    write_provenance,
 )
 from r2bspec.bags.digest import ContentHash
 from r2bspec.bags.errors import TOPIC_NOT_IN_BAG, DataError
-from r2bspec.bags.recording import MadeDataset, Message, Window, WrittenStorage
-from r2bspec.datasets.dataset_cache import datasets_dir, locked, remove_leftovers, scratch, writing
+from r2bspec.bags.recording import Message, SyntheticDataset, Window, WritableStorage
+from r2bspec.datasets.dataset_cache import (
+    datasets_dir,
+    entry_lock,
+    new_entry,
+    remove_stale_entries,
+    write_errors,
+)
 from r2bspec.datasets.dataset_writer import write_bag
 from r2bspec.datasets.ground_truth import (
     DISPARITY_PARTS,
     GroundTruth,
-    tell_truth,
+    build_ground_truth,
     write_disparities,
     write_ground_truth,
 )
 from r2bspec.datasets.scene.messages import render_message
 from r2bspec.datasets.scene.render import camera_pose, render_depth
 from r2bspec.datasets.scene.rig import TopicSource
-from r2bspec.datasets.scene.scenes import Place, place
+from r2bspec.datasets.scene.scenes import Scene, find_scene
 from r2bspec.datasets.scene.sizes import message_bytes
-from r2bspec.datasets.sequences import bounded, find_sequence, message_times_ns, select_sources
+from r2bspec.datasets.sequences import (
+    bounded_window,
+    find_sequence,
+    message_times_ns,
+    select_sources,
+)
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
 # Raise it whenever the rendered bytes change: caches are keyed by it.
-GENERATOR = 2
+GENERATOR_VERSION = 2
 
 Progress = Callable[[int, int], None]
 
@@ -52,17 +63,17 @@ _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
 
 # Frames are large: more in flight than this would cost memory and gain nothing.
-_MOST_WORKERS = 4
+_MAX_WORKERS = 4
 
 
-class _Recipe(msgspec.Struct, frozen=True, kw_only=True):
+class _CacheKey(msgspec.Struct, frozen=True, kw_only=True):
     """All that decides a dataset's bytes; hashed, it is the cache key."""
 
     generator: int
     dataset: str
     topics: tuple[str, ...]
     window: Window
-    storage: WrittenStorage
+    storage: WritableStorage
 
     @property
     def name(self) -> str:
@@ -75,10 +86,10 @@ def make(
     topics: Collection[str] | None = None,
     window: Window | None = None,
     *,
-    storage: WrittenStorage = "sqlite3",
+    storage: WritableStorage = "sqlite3",
     cache_dir: Path | None = None,
     progress: Progress | None = None,
-) -> MadeDataset:
+) -> SyntheticDataset:
     """Make a synthetic dataset, or find it in the cache.
 
     Another process that makes the same dataset is waited for. A process that dies while making
@@ -103,30 +114,30 @@ def make(
             code=TOPIC_NOT_IN_BAG,
             hint="name at least one topic",
         )
-    recipe = _Recipe(
-        generator=GENERATOR,
+    cache_key = _CacheKey(
+        generator=GENERATOR_VERSION,
         dataset=dataset,
         topics=tuple(source.name for source in sources),
-        window=bounded(dataset, window),
+        window=bounded_window(dataset, window),
         storage=storage,
     )
     root = datasets_dir(cache_dir)
-    final = root / recipe.name
-    record = _intact(final)
+    final = root / cache_key.name
+    record = _cached_record(final)
     if record is None:
-        with locked(root, recipe.name):
-            remove_leftovers(root, recipe.name)
-            record = _intact(final)
+        with entry_lock(root, cache_key.name):
+            remove_stale_entries(root, cache_key.name)
+            record = _cached_record(final)
             if record is None:
-                with scratch(root, recipe.name) as folder, writing(root):
-                    record = _build(folder, recipe, sources, progress)
-                return MadeDataset(path=final, content_sha256=record.content_sha256, made=True)
-    return MadeDataset(path=final, content_sha256=record.content_sha256, made=False)
+                with new_entry(root, cache_key.name) as folder, write_errors(root):
+                    record = _build(folder, cache_key, sources, progress)
+                return SyntheticDataset(path=final, content_sha256=record.content_sha256, made=True)
+    return SyntheticDataset(path=final, content_sha256=record.content_sha256, made=False)
 
 
-def _intact(folder: Path) -> DatasetRecord | None:
+def _cached_record(folder: Path) -> DatasetRecord | None:
     """The record of a cached dataset whose files all have their sizes."""
-    record = read_record(folder)
+    record = read_provenance(folder)
     if record is None:
         return None
     sizes = {path.name: path.stat().st_size for path in folder.iterdir()}
@@ -135,24 +146,24 @@ def _intact(folder: Path) -> DatasetRecord | None:
 
 
 def _build(
-    folder: Path, recipe: _Recipe, sources: tuple[TopicSource, ...], progress: Progress | None
+    folder: Path, cache_key: _CacheKey, sources: tuple[TopicSource, ...], progress: Progress | None
 ) -> DatasetRecord:
     """Write bag, ground truth and record into a new folder."""
-    sequence, shown = find_sequence(recipe.dataset), place(recipe.dataset)
-    times_ns = {source: message_times_ns(source, recipe.window) for source in sources}
-    truth = tell_truth(recipe.dataset, shown, sequence.start_ns, times_ns)
+    sequence, scene = find_sequence(cache_key.dataset), find_scene(cache_key.dataset)
+    times_ns = {source: message_times_ns(source, cache_key.window) for source in sources}
+    truth = build_ground_truth(cache_key.dataset, scene, sequence.start_ns, times_ns)
     schedule = sorted(
         ((time_ns, source) for source, times in times_ns.items() for time_ns in times),
         key=lambda entry: (entry[0], entry[1].name),
     )
     pairs = [(name, stamp_ns) for name, pair in truth.stereo.items() for stamp_ns in pair.stamps_ns]
-    step = _Steps(len(schedule) + len(pairs), progress)
+    step = _StepCounter(len(schedule) + len(pairs), progress)
     types = {source.name: source.type for source in sources}
     content = ContentHash(types, sequence.start_ns)
 
     def render(entry: tuple[int, TopicSource]) -> Message:
         time_ns, source = entry
-        data = render_message(shown, source, sequence.start_ns, time_ns)
+        data = render_message(scene, source, sequence.start_ns, time_ns)
         return Message(topic=source.name, time_ns=sequence.start_ns + time_ns, data=data)
 
     def hashed(messages: Iterable[Message]) -> Iterator[Message]:
@@ -162,16 +173,16 @@ def _build(
             step()
 
     # Closed whatever happens: no thread may render on when the folder is gone.
-    with closing(_in_order(render, schedule)) as messages:
-        write_bag(folder, types, hashed(messages), recipe.storage)
+    with closing(_map_in_order(render, schedule)) as messages:
+        write_bag(folder, types, hashed(messages), cache_key.storage)
     if pairs:
-        write_disparities(folder, _disparities(shown, sequence.start_ns, truth, sources, step))
+        write_disparities(folder, _disparities(scene, sequence.start_ns, truth, sources, step))
     write_ground_truth(folder, truth)
     record = DatasetRecord(
-        generator=GENERATOR,
-        dataset=recipe.dataset,
-        window=recipe.window,
-        storage=recipe.storage,
+        generator=GENERATOR_VERSION,
+        dataset=cache_key.dataset,
+        window=cache_key.window,
+        storage=cache_key.storage,
         start_ns=sequence.start_ns,
         topics={
             source.name: TopicRecord(
@@ -185,12 +196,12 @@ def _build(
         content_sha256=content.hexdigest(),
         file_bytes={path.name: path.stat().st_size for path in sorted(folder.iterdir())},
     )
-    write_record(folder, record)
+    write_provenance(folder, record)
     return record
 
 
 def _disparities(
-    shown: Place,
+    scene: Scene,
     start_ns: int,
     truth: GroundTruth,
     sources: tuple[TopicSource, ...],
@@ -206,13 +217,13 @@ def _disparities(
             continue
         scale = np.float32(pair.focal_px * pair.baseline_m * DISPARITY_PARTS)
         for stamp_ns in pair.stamps_ns:
-            pose = camera_pose(shown.motion.pose((stamp_ns - start_ns) / 1e9), camera)
-            parts = scale / render_depth(shown.room, camera, pose) + np.float32(0.5)
+            pose = camera_pose(scene.motion.pose((stamp_ns - start_ns) / 1e9), camera)
+            parts = scale / render_depth(scene.room, camera, pose) + np.float32(0.5)
             yield name, stamp_ns, parts.astype(np.uint16)
             step()
 
 
-class _Steps:
+class _StepCounter:
     """Counts steps and tells who wants to know."""
 
     def __init__(self, total: int, progress: Progress | None) -> None:
@@ -224,13 +235,15 @@ class _Steps:
             self._progress(self._done, self._total)
 
 
-def _in_order(function: Callable[[_Task], _Result], tasks: Iterable[_Task]) -> Generator[_Result]:
+def _map_in_order(
+    function: Callable[[_Task], _Result], tasks: Iterable[_Task]
+) -> Generator[_Result]:
     """Apply a function in a few threads, yielding results in the tasks' order.
 
     Order, and not the threads, decides what is written: the result does not depend on how many
     processors there are. At most two tasks a thread are under way or waiting to be taken.
     """
-    workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
+    workers = min(_MAX_WORKERS, len(os.sched_getaffinity(0)))
     waiting: deque[Future[_Result]] = deque()
     pool = ThreadPoolExecutor(workers, thread_name_prefix="r2bspec-render")
     try:

@@ -12,31 +12,31 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from r2bspec.diagnostics.diagnostic import Diagnostic, Edit, Severity, Span
-from r2bspec.diagnostics.source_lines import BREAK
+from r2bspec.diagnostics.source_lines import LINE_BREAK
 
-MOST_ROUNDS = 20
+MAX_ROUNDS = 20
 """Rounds of editing and checking again. Each repairs at least one finding, so few are needed."""
 
 _LINE = re.compile(r"[^\n]*\n|[^\n]+")  # as patch breaks lines, which is not as YAML does
-_NOT_YAML = re.compile(r"R2B0(?:0[1-3]|1\d|2[0-2])$")
+_PARSE_ERROR_CODE = re.compile(r"R2B0(?:0[1-3]|1\d|2[0-2])$")
 
 
 @dataclass(frozen=True, slots=True)
-class Fixed:
+class FixResult:
     """A text after its repairs.
 
     Attributes:
         text: the repaired text; the original where nothing could be repaired.
         applied: the findings whose edits were applied, in the order of their rounds.
-        left: what is found in `text`.
+        remaining: what is found in `text`.
     """
 
     text: str
     applied: tuple[Diagnostic, ...]
-    left: tuple[Diagnostic, ...]
+    remaining: tuple[Diagnostic, ...]
 
 
-def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]) -> Fixed:
+def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]) -> FixResult:
     """Apply safe edits, look again, and go on until there is nothing left to apply.
 
     Args:
@@ -47,10 +47,10 @@ def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]
     found = findings_of(text)
     applied: list[Diagnostic] = []
     seen = {text}
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         offered = [one.edit for one in found if one.edit is not None]
-        chosen = _fitting(text, (edit for edit in offered if edit.span.file == file))
-        edited = _replaced(text, chosen)
+        chosen = _non_overlapping(text, (edit for edit in offered if edit.span.file == file))
+        edited = _spliced(text, chosen)
         if edited in seen:
             break
         after = findings_of(edited)
@@ -60,12 +60,12 @@ def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]
         applied += [one for one in found if one.edit in made]
         seen.add(edited)
         text, found = edited, after
-    return Fixed(text, tuple(applied), tuple(found))
+    return FixResult(text, tuple(applied), tuple(found))
 
 
 def apply_edits(text: str, edits: Iterable[Edit]) -> str:
     """The text with the edits made; of those that overlap or touch only the first is made."""
-    return _replaced(text, _fitting(text, edits))
+    return _spliced(text, _non_overlapping(text, edits))
 
 
 def unified_diff(before: str, after: str, file: str) -> str:
@@ -80,7 +80,7 @@ def unified_diff(before: str, after: str, file: str) -> str:
     return "".join(line if line.endswith("\n") else f"{line}\n{missing}" for line in lines)
 
 
-def _replaced(text: str, edits: Iterable[tuple[tuple[int, int], Edit]]) -> str:
+def _spliced(text: str, edits: Iterable[tuple[tuple[int, int], Edit]]) -> str:
     parts: list[str] = []
     done = 0
     for (start, end), edit in edits:
@@ -89,9 +89,9 @@ def _replaced(text: str, edits: Iterable[tuple[tuple[int, int], Edit]]) -> str:
     return "".join([*parts, text[done:]])
 
 
-def _fitting(text: str, edits: Iterable[Edit]) -> list[tuple[tuple[int, int], Edit]]:
+def _non_overlapping(text: str, edits: Iterable[Edit]) -> list[tuple[tuple[int, int], Edit]]:
     """The edits that can be made together, each with the offsets of what it replaces."""
-    starts = [0, *(match.end() for match in BREAK.finditer(text))]
+    starts = [0, *(match.end() for match in LINE_BREAK.finditer(text))]
     placed = [(place, one) for one in set(edits) if (place := _offsets(one.span, starts, text))]
     placed.sort(key=lambda each: (each[0], each[1].text))
     chosen: list[tuple[tuple[int, int], Edit]] = []
@@ -113,4 +113,6 @@ def _offsets(span: Span, starts: Sequence[int], text: str) -> tuple[int, int] | 
 
 
 def _unreadable(found: Iterable[Diagnostic]) -> bool:
-    return any(one.severity is Severity.ERROR and _NOT_YAML.match(one.code) for one in found)
+    return any(
+        one.severity is Severity.ERROR and _PARSE_ERROR_CODE.match(one.code) for one in found
+    )

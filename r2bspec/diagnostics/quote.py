@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-LONGEST = 60
+MAX_SHOWN_CHARS = 60
 """Characters of a value that a message shows at most."""
 
 
@@ -13,11 +13,11 @@ def printable(text: str) -> str:
     return "".join(char if char.isprintable() else "\ufffd" for char in text)
 
 
-def clip(text: str, longest: int = LONGEST) -> str:
-    """The text on one line, cut to `longest` characters."""
-    short = text[: longest + 1]
+def clip(text: str, max_length: int = MAX_SHOWN_CHARS) -> str:
+    """The text on one line, cut to `max_length` characters."""
+    short = text[: max_length + 1]
     line = printable(short.replace("\n", "⏎").replace("\t", " "))
-    return line if len(line) <= longest else line[: longest - 1] + "…"
+    return line if len(line) <= max_length else line[: max_length - 1] + "…"
 
 
 def quote(text: str) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
-BREAK = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
+LINE_BREAK = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
 
 
 def split_lines(text: str) -> list[str]:
     """The lines of a text, without their breaks."""
-    return BREAK.split(text)
+    return LINE_BREAK.split(text)

@@ -19,20 +19,20 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.diagnostics.source_lines import split_lines
 from r2bspec.diagnostics.suggest import did_you_mean
 
-WITHOUT_REASON = "R2B040"
+WAIVER_WITHOUT_REASON = "R2B040"
 UNKNOWN_CODE = "R2B041"
-UNUSED = "R2B042"
+UNUSED_WAIVER = "R2B042"
 NOT_WAIVABLE = "R2B043"
 
-MOST = 1000
+MAX_FINDINGS = 1000
 """Findings beyond which none about waivers are added: more help nobody."""
 
-_FORM = "# r2bspec: ignore[CODE] reason"
+_WAIVER_SYNTAX = "# r2bspec: ignore[CODE] reason"
 _COMMENT = re.compile(r"(?<![^\s\ufeff])#[ \t]*r2bspec[ \t]*:[ \t]*ignore\b")
-_REST = re.compile(r"\s*\[([^\]]*)\]:?\s*(.*)")
-_ELSEWHERE = re.compile(r"R2B(?:202|[36]\d\d)$")
+_CODES_AND_REASON = re.compile(r"\s*\[([^\]]*)\]:?\s*(.*)")
+_MACHINE_DEPENDENT = re.compile(r"R2B(?:202|[36]\d\d)$")
 """Findings that depend on the machine or its data: a waiver without one here may have one there."""
-_UNREADABLE = re.compile(r"R2B[01]\d\d$")
+_UNREADABLE_CODE = re.compile(r"R2B[01]\d\d$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,52 +81,52 @@ def apply_waivers(
             left.append(one)
             continue
         used.add(key)
-        if _waivable(one):
+        if _is_waivable(one):
             continue
         left += [one, _not_waivable(usable[key])]
     codes = known()
     for waiver in waivers:
-        if len(left) >= MOST:
+        if len(left) >= MAX_FINDINGS:
             break
         key = (waiver.span.file, waiver.line, waiver.code)
-        left += _judge(waiver, codes, unused=complete and key not in used)
+        left += _check_waiver(waiver, codes, unused=complete and key not in used)
     return left
 
 
-def may_waive(text: str) -> bool:
+def may_contain_waiver(text: str) -> bool:
     """Whether a text may hold a waiver; quick, and wrong where a value looks like a comment."""
     return _COMMENT.search(text) is not None
 
 
 def waivers_in(text: str, file: str) -> Iterator[Waiver]:
     """Every waiver in the comments of a text."""
-    if not may_waive(text):
+    if not may_contain_waiver(text):
         return
     lines = split_lines(text)
-    hidden = _inside_values(text)
-    below = _next_content(lines)
+    hidden = _value_spans(text)
+    below = _target_lines(lines)
     for number, line in enumerate(lines, start=1):
         comment = _COMMENT.search(line)
         if comment is None or (number, comment.start() + 1) in hidden:
             continue
         start, end = comment.start() + 1, len(line.rstrip()) + 1
         whole = Span(file, number, start, number, end)
-        meant = number if line[: comment.start()].strip() else below[number]
-        yield from _waivers(line, comment.end(), whole, meant)
+        target_line = number if line[: comment.start()].strip() else below[number]
+        yield from _waivers(line, comment.end(), whole, target_line)
 
 
-def _waivers(line: str, offset: int, whole: Span, meant: int) -> Iterator[Waiver]:
-    match = _REST.match(line, offset)
+def _waivers(line: str, offset: int, whole: Span, target_line: int) -> Iterator[Waiver]:
+    match = _CODES_AND_REASON.match(line, offset)
     if match is None or not match[1].strip():
-        yield Waiver("", "", whole, meant)
+        yield Waiver("", "", whole, target_line)
         return
     for word in re.finditer(r"[^,\s]+", match[1]):
         column = match.start(1) + word.start() + 1
         span = Span(whole.file, whole.line, column, whole.line, column + len(word[0]))
-        yield Waiver(word[0].upper(), match[2].strip(), span, meant)
+        yield Waiver(word[0].upper(), match[2].strip(), span, target_line)
 
 
-def _next_content(lines: list[str]) -> list[int]:
+def _target_lines(lines: list[str]) -> list[int]:
     """For the line of each number the line of which its comment speaks.
 
     That is the first line below that holds more than a comment, or the last line of all.
@@ -140,7 +140,7 @@ def _next_content(lines: list[str]) -> list[int]:
     return below
 
 
-class _Places:
+class _SpanSet:
     """A set of places in a text, given by the beginnings and ends of its stretches, in order."""
 
     def __init__(self) -> None:
@@ -157,12 +157,12 @@ class _Places:
         return before > 0 and place < self._ends[before - 1]
 
 
-def _inside_values(text: str) -> _Places:
+def _value_spans(text: str) -> _SpanSet:
     """Places that are part of a value, such as a line of a block of text with a '#' in it."""
     import yaml
 
     loader: Any = getattr(yaml, "CLoader", yaml.Loader)
-    places = _Places()
+    places = _SpanSet()
     # What cannot be scanned is reported where the document is read.
     with contextlib.suppress(yaml.YAMLError):
         for token in yaml.scan(text, Loader=loader):
@@ -171,17 +171,17 @@ def _inside_values(text: str) -> _Places:
     return places
 
 
-def _waivable(found: Diagnostic) -> bool:
-    return found.severity is not Severity.ERROR or not _UNREADABLE.match(found.code)
+def _is_waivable(found: Diagnostic) -> bool:
+    return found.severity is not Severity.ERROR or not _UNREADABLE_CODE.match(found.code)
 
 
-def _judge(waiver: Waiver, known: Collection[str], *, unused: bool) -> Iterator[Diagnostic]:
+def _check_waiver(waiver: Waiver, known: Collection[str], *, unused: bool) -> Iterator[Diagnostic]:
     if not waiver.code:
         yield _warning(
-            WITHOUT_REASON,
+            WAIVER_WITHOUT_REASON,
             "this waiver does not say which code it means",
             waiver,
-            f"write '{_FORM}'",
+            f"write '{_WAIVER_SYNTAX}'",
         )
     elif waiver.code not in known:
         close = did_you_mean(waiver.code, known)
@@ -193,14 +193,14 @@ def _judge(waiver: Waiver, known: Collection[str], *, unused: bool) -> Iterator[
         )
     elif not waiver.reason:
         yield _warning(
-            WITHOUT_REASON,
+            WAIVER_WITHOUT_REASON,
             f"the waiver of {waiver.code} gives no reason, so it waives nothing",
             waiver,
-            f"say why behind the brackets: '{_FORM}'",
+            f"say why behind the brackets: '{_WAIVER_SYNTAX}'",
         )
-    elif unused and not _ELSEWHERE.match(waiver.code):
+    elif unused and not _MACHINE_DEPENDENT.match(waiver.code):
         yield _warning(
-            UNUSED,
+            UNUSED_WAIVER,
             f"nothing is left for this waiver of {waiver.code} to waive",
             waiver,
             "remove it",

@@ -26,7 +26,7 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.interop.ros2_benchmark import Figures, ReferenceReport
+from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
 from r2bspec.judge.decision import Answer, Question, decide, verdict
 from r2bspec.judge.judge_requirement import limit_of
 from r2bspec.judge.methods.share_bound import share_test
@@ -55,11 +55,13 @@ _FIGURES: Final[dict[str, tuple[str, _Extreme]]] = {
 }
 """The figure that answers for a metric, and of which extreme the report has lost the utmost."""
 
-_SETTLE = "Run the benchmark with r2bspec, which keeps every message of every iteration."
-_ONE_FIGURE = (
+_SETTLE_HINT = "Run the benchmark with r2bspec, which keeps every message of every iteration."
+_SINGLE_VALUE_NOTE = (
     "One figure without its scatter: an observation of that report, no claim about the next run."
 )
-_ALONE = "The report does not say whether losses come in bursts; they were taken one by one."
+_BURSTS_UNKNOWN_NOTE = (
+    "The report does not say whether losses come in bursts; they were taken one by one."
+)
 
 
 def judge_report(report: ReferenceReport, objectives: Mapping[str, Objective]) -> Verdict:
@@ -78,7 +80,7 @@ def judge_report(report: ReferenceReport, objectives: Mapping[str, Objective]) -
         for name, objective in objectives.items()
         if objective.level != "off"
         for requirement in objective.require
-        for found in _judged(report, name, objective, requirement)
+        for found in _judge_requirement(report, name, objective, requirement)
     )
     outcome, reason = outcome_of(requirements)
     return Verdict(
@@ -90,18 +92,18 @@ def judge_report(report: ReferenceReport, objectives: Mapping[str, Objective]) -
     )
 
 
-def _judged(
+def _judge_requirement(
     report: ReferenceReport, name: str, objective: Objective, requirement: Requirement
 ) -> Iterator[RequirementVerdict]:
     """The verdicts on one requirement: one, or one for each monitor of the report."""
     at_hz = _rate_of(report, objective)
     figures = _figures_at(report, at_hz, at_peak=objective.at_peak)
-    named, info = _metric(requirement, figures)
+    named_monitor, info = _resolve_metric(requirement, figures)
     confidence = objective.confidence.fraction if objective.confidence else CONFIDENCE
-    wanted: list[str | None] = [*figures] if info.scope == "monitor" else []
-    if named is not None:
-        wanted = [named] if named in figures or len(figures) != 1 else [*figures]
-    for monitor in wanted or [None]:
+    monitors: list[str | None] = [*figures] if info.scope == "monitor" else []
+    if named_monitor is not None:
+        monitors = [named_monitor] if named_monitor in figures or len(figures) != 1 else [*figures]
+    for monitor in monitors or [None]:
         question = Question(
             objective=name,
             requirement=requirement,
@@ -116,14 +118,14 @@ def _judged(
         answer = _answer(question, report, found)
         notes: tuple[str, ...] = ()
         if answer.method == "exact binomial":
-            notes = (_ALONE,)
+            notes = (_BURSTS_UNKNOWN_NOTE,)
         elif answer.method == "observation" and answer.outcome == "pass":
-            notes = (_ONE_FIGURE,)
+            notes = (_SINGLE_VALUE_NOTE,)
         yield msgspec.structs.replace(verdict(question, answer), notes=notes)
 
 
-def _metric(
-    requirement: Requirement, figures: Mapping[str, Figures]
+def _resolve_metric(
+    requirement: Requirement, figures: Mapping[str, MonitorFigures]
 ) -> tuple[str | None, MetricInfo]:
     """The monitor that a requirement names, and its metric, known by name or not."""
     with contextlib.suppress(MetricError):
@@ -142,7 +144,7 @@ def _rate_of(report: ReferenceReport, objective: Objective) -> float | None:
 
 def _figures_at(
     report: ReferenceReport, at_hz: float | None, *, at_peak: bool
-) -> Mapping[str, Figures]:
+) -> Mapping[str, MonitorFigures]:
     if at_peak:
         return report.peak
     if at_hz is None:
@@ -151,31 +153,31 @@ def _figures_at(
     return next((found for rate, found in rates if math.isclose(float(rate), at_hz)), {})
 
 
-def _answer(question: Question, report: ReferenceReport, figures: Figures | None) -> Answer:
+def _answer(question: Question, report: ReferenceReport, figures: MonitorFigures | None) -> Answer:
     requirement, info = question.requirement, question.info
     if info.statistic == "search":
-        return _peak(question, report.peak_hz)
+        return _judge_peak(question, report.peak_hz)
     if requirement.bound is None:
-        return _nothing(f"The report has no {requirement.metric}.")
+        return _inconclusive(f"The report has no {requirement.metric}.")
     if info.quantile is not None or requirement.windows_share is not None:
-        return _nothing("The report has summaries only, and no single messages.")
+        return _inconclusive("The report has summaries only, and no single messages.")
     if math.isnan(question.limit):
-        return _nothing("This report has nothing to be compared with.")
+        return _inconclusive("This report has nothing to be compared with.")
     if figures is None:
         where = f" at {show(question.at_hz, 'Hz')}" if question.at_hz is not None else ""
-        return _nothing(f"The report has no figures{where}.")
+        return _inconclusive(f"The report has no figures{where}.")
     if info.name == "drop_rate":
-        return _share(question, figures)
+        return _judge_drop_rate(question, figures)
     if info.scope == "machine":
-        return _nothing("The report measures shares of all cores, and not how many there are.")
+        return _inconclusive("The report measures shares of all cores, and not how many there are.")
     field, extreme = _FIGURES.get(info.name, ("", ""))
     value = getattr(figures, field, None) if field else None
     if value is None:
-        return _nothing(f"The report has no {info.name}.")
-    return _observed(question, value, extreme)
+        return _inconclusive(f"The report has no {info.name}.")
+    return _judge_observation(question, value, extreme)
 
 
-def _observed(question: Question, value: float, extreme: _Extreme) -> Answer:
+def _judge_observation(question: Question, value: float, extreme: _Extreme) -> Answer:
     """Compare a figure as it is, as far as it shows anything."""
     holds = question.holds(value)
     text = show(value, question.info.unit)
@@ -188,7 +190,7 @@ def _observed(question: Question, value: float, extreme: _Extreme) -> Answer:
             outcome="inconclusive",
             method="none",
             reason=f"The report says {text}, but has dropped the iteration that did worst.",
-            settle=_SETTLE,
+            settle=_SETTLE_HINT,
             estimate=value,
         )
     return Answer(
@@ -200,10 +202,10 @@ def _observed(question: Question, value: float, extreme: _Extreme) -> Answer:
     )
 
 
-def _share(question: Question, figures: Figures) -> Answer:
+def _judge_drop_rate(question: Question, figures: MonitorFigures) -> Answer:
     """The binomial test on the messages of one iteration, which is what the figures are of."""
     if figures.sent is None or figures.missed is None or figures.sent < 1:
-        return _nothing("The report does not count messages.")
+        return _inconclusive("The report does not count messages.")
     sent, missed = round(figures.sent), math.ceil(figures.missed)
     counts = Effective(n=sent, bad=missed, bursts=missed, inflation=1.0, cause="")
     test = share_test(
@@ -217,7 +219,7 @@ def _share(question: Question, figures: Figures) -> Answer:
         reason=f"{missed} of {sent} messages were missed; at {question.confidence_text} "
         f"{show(test.lower, 'share')} to {show(test.upper, 'share')} of all are, and "
         f"{question.limit_text} is the limit.",
-        settle=_SETTLE if outcome == "inconclusive" else "",
+        settle=_SETTLE_HINT if outcome == "inconclusive" else "",
         estimate=test.share,
         lower=test.lower,
         upper=test.upper,
@@ -227,9 +229,9 @@ def _share(question: Question, figures: Figures) -> Answer:
     )
 
 
-def _peak(question: Question, peak_hz: float | None) -> Answer:
+def _judge_peak(question: Question, peak_hz: float | None) -> Answer:
     if peak_hz is None:
-        return _nothing("The report has no peak.")
+        return _inconclusive("The report has no peak.")
     holds = question.holds(peak_hz)
     text = show(peak_hz, "Hz")
     if holds == question.wants_less:
@@ -246,10 +248,10 @@ def _peak(question: Question, peak_hz: float | None) -> Answer:
         method="none",
         reason=f"The report's search came to {text}, but it accepts rates that a graph cannot "
         "sustain.",
-        settle=_SETTLE,
+        settle=_SETTLE_HINT,
         estimate=peak_hz,
     )
 
 
-def _nothing(reason: str) -> Answer:
-    return Answer(outcome="inconclusive", method="none", reason=reason, settle=_SETTLE)
+def _inconclusive(reason: str) -> Answer:
+    return Answer(outcome="inconclusive", method="none", reason=reason, settle=_SETTLE_HINT)

@@ -21,15 +21,15 @@ import msgspec
 
 from r2bspec.errors import R2bspecError
 
-BASIC: Final = "BasicPerformanceMetrics"
-RESOURCE: Final = "ResourceMetrics"
-METADATA: Final = "BenchmarkMetadata"
+BASIC_PREFIX: Final = "BasicPerformanceMetrics"
+RESOURCE_PREFIX: Final = "ResourceMetrics"
+METADATA_PREFIX: Final = "BenchmarkMetadata"
 
-MODES: Final = {"timeline": 0, "looping": 1, "sweeping": 2}
+PLAYBACK_MODES: Final = {"timeline": 0, "looping": 1, "sweeping": 2}
 """The numbers that a report writes for the modes of playback."""
 
 _RATE_KEY = re.compile(r"(\d+(?:\.\d+)?)fps")
-_KNOWN_PREFIXES = (BASIC, RESOURCE, "CPUProfilingMetrics")
+_KNOWN_PREFIXES = (BASIC_PREFIX, RESOURCE_PREFIX, "CPUProfilingMetrics")
 
 
 class NotAReportError(R2bspecError):
@@ -39,7 +39,7 @@ class NotAReportError(R2bspecError):
     exit_code = 2
 
 
-class Figures(msgspec.Struct, frozen=True, kw_only=True):
+class MonitorFigures(msgspec.Struct, frozen=True, kw_only=True):
     """The figures of one monitor at one rate, in SI units; None where the report has none.
 
     Attributes:
@@ -90,8 +90,8 @@ class ReferenceReport(msgspec.Struct, frozen=True, kw_only=True):
     r2bspec_reference: Literal[1] = 1
     name: str
     peak_hz: float | None
-    peak: dict[str, Figures]
-    rates: dict[str, dict[str, Figures]]
+    peak: dict[str, MonitorFigures]
+    rates: dict[str, dict[str, MonitorFigures]]
     metadata: dict[str, Any]
     custom: dict[str, Any]
 
@@ -125,9 +125,9 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
         except msgspec.ValidationError as error:
             raise NotAReportError(f"{file} is damaged: {error}") from error
     metadata = report.get("metadata") if isinstance(report, dict) else None
-    if not isinstance(report, dict) or not _looks_right(report):
+    if not isinstance(report, dict) or not _is_ros2_benchmark_report(report):
         raise NotAReportError(
-            f"{file} is no report of ros2_benchmark: no {BASIC} is in it",
+            f"{file} is no report of ros2_benchmark: no {BASIC_PREFIX} is in it",
             hint="Name the JSON file that the tool wrote at the end of a benchmark.",
         )
     plain = _without_prefix(metadata) if isinstance(metadata, dict) else {}
@@ -136,7 +136,7 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
     custom = report.get("custom")
     return ReferenceReport(
         name=str(plain.get("NAME", "")),
-        peak_hz=_number(plain.get("PEAK_THROUGHPUT_PREDICTION")),
+        peak_hz=_finite_number(plain.get("PEAK_THROUGHPUT_PREDICTION")),
         peak=_by_monitor(report, exact=exact),
         rates={
             found[1]: _by_monitor(value, exact=exact)
@@ -153,47 +153,47 @@ def to_json(report: ReferenceReport) -> bytes:
     return msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
 
 
-def _looks_right(report: dict[str, Any]) -> bool:
+def _is_ros2_benchmark_report(report: dict[str, Any]) -> bool:
     levels = [report, *(value for value in report.values() if isinstance(value, dict))]
-    return any(str(key).startswith(f"{BASIC}.") for level in levels for key in level)
+    return any(str(key).startswith(f"{BASIC_PREFIX}.") for level in levels for key in level)
 
 
 def _without_prefix(metadata: dict[str, Any]) -> dict[str, Any]:
-    return {key.removeprefix(f"{METADATA}."): value for key, value in metadata.items()}
+    return {key.removeprefix(f"{METADATA_PREFIX}."): value for key, value in metadata.items()}
 
 
-def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, Figures]:
+def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, MonitorFigures]:
     """The figures of one level: those without a prefix, and one object for each prefix."""
-    found: dict[str, Figures] = {}
-    if any(key.startswith(f"{BASIC}.") for key in level):
+    found: dict[str, MonitorFigures] = {}
+    if any(key.startswith(f"{BASIC_PREFIX}.") for key in level):
         found[""] = _figures(level, exact=exact)
     for key, value in level.items():
         if isinstance(value, dict) and not _RATE_KEY.fullmatch(key):
             # The processor time is the machine's, not a monitor's: it stands one level up.
             shared = {each: level[each] for each in level if each.startswith(_KNOWN_PREFIXES[1:])}
-            if any(str(each).startswith(f"{BASIC}.") for each in value):
+            if any(str(each).startswith(f"{BASIC_PREFIX}.") for each in value):
                 found[key] = _figures({**shared, **value}, exact=exact)
     return found
 
 
-def _figures(level: dict[str, Any], *, exact: bool) -> Figures:
+def _figures(level: dict[str, Any], *, exact: bool) -> MonitorFigures:
     def milliseconds(key: str) -> float | None:
-        value = _number(level.get(f"{BASIC}.{key}"))
+        value = _finite_number(level.get(f"{BASIC_PREFIX}.{key}"))
         return None if value is None else value / 1e3
 
     def plain(key: str) -> float | None:
-        return _number(level.get(f"{BASIC}.{key}"))
+        return _finite_number(level.get(f"{BASIC_PREFIX}.{key}"))
 
     def percent(key: str) -> float | None:
-        value = _number(level.get(f"{RESOURCE}.{key}_OVERALL_CPU_UTILIZATION"))
+        value = _finite_number(level.get(f"{RESOURCE_PREFIX}.{key}_OVERALL_CPU_UTILIZATION"))
         if value is None:  # reports before version 3 of the tool
-            value = _number(level.get(f"CPUProfilingMetrics.{key}_CPU_UTIL"))
+            value = _finite_number(level.get(f"CPUProfilingMetrics.{key}_CPU_UTIL"))
         return None if value is None else value / 100
 
     duration = milliseconds("RECEIVED_DURATION")
     sent, missed = plain("NUM_FRAMES_SENT"), plain("NUM_MISSED_FRAMES")
     reported = plain("MEAN_FRAME_RATE")
-    return Figures(
+    return MonitorFigures(
         received_duration=duration,
         playback_hz=plain("MEAN_PLAYBACK_FRAME_RATE"),
         throughput_hz=reported if exact else _throughput(reported, duration),
@@ -221,7 +221,7 @@ def _throughput(reported_hz: float | None, duration_s: float | None) -> float | 
     return max(reported_hz - 1 / duration_s, 0.0)
 
 
-def _number(value: object) -> float | None:
+def _finite_number(value: object) -> float | None:
     """A finite number; anything else says nothing."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None

@@ -29,7 +29,7 @@ from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.wiring.build_wiring import build_wiring
-from r2bspec.wiring.companion_files import read_beside
+from r2bspec.wiring.companion_files import read_companion_files
 from r2bspec.wiring.wiring import NodeWiring
 
 NAMESPACE = "/r2bspec_interfaces"
@@ -76,9 +76,9 @@ def record_interfaces(
         InterruptedRunError: a signal asked for an end.
         RunError: all ROS domains are in use.
     """
-    beside = read_beside(spec, base_dir)
-    plan = compile_plan(spec, None, beside=beside)
-    wiring = build_wiring(spec, beside=beside)
+    companion_files = read_companion_files(spec, base_dir)
+    plan = compile_plan(spec, None, companion_files=companion_files)
+    wiring = build_wiring(spec, companion_files=companion_files)
     nodes = [node for phase in wiring.phases for node in phase.nodes]
     for node in nodes:
         if node.node.kind in {"launch", "external"} or (only and node.key not in only):
@@ -176,7 +176,7 @@ def _alone(wired: NodeWiring) -> ProcessPlan:
         namespace=NAMESPACE,
         name=f"{NAMESPACE}/{_NAME}",
         node=msgspec.structs.replace(node, remappings={}, container="", namespace=NAMESPACE),
-        names_known=True,
+        is_ros_process=True,
     )
     if node.kind == "python":
         plan = NodePlan(

@@ -228,7 +228,7 @@ def _decide(asked: Comparison, found: RatioInterval) -> Outcome:
     towards, against = (
         (found.upper, found.lower) if asked.wants_less else (found.lower, found.upper)
     )
-    holds = asked.requirement.holds
+    holds = asked.requirement.is_met
     return decide(passes=holds(towards, asked.limit), fails=not holds(against, asked.limit))
 
 

@@ -72,7 +72,7 @@ class Question:
 
     def holds(self, value: float) -> bool:
         """Compare a value with the limit."""
-        return self.requirement.holds(value, self.limit)
+        return self.requirement.is_met(value, self.limit)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Span
-from r2bspec.language.loaded_spec import Loaded
+from r2bspec.language.loaded_spec import LoadedSpec
 
-_MOST_NAMED = 5
+_MAX_NAMED_CASES = 5
 
 
-def findings_of_cases(
-    cases: Sequence[Loaded], findings: Sequence[Iterable[Diagnostic]]
+def merge_case_findings(
+    cases: Sequence[LoadedSpec], findings: Sequence[Iterable[Diagnostic]]
 ) -> list[Diagnostic]:
     """The findings of all cases, sorted by place.
 
@@ -23,25 +23,25 @@ def findings_of_cases(
         cases: the cases of one document, as `load_cases` gave them.
         findings: what was found in each, in the same order.
     """
-    concerned: dict[tuple[str, Span, str], list[tuple[str, Diagnostic]]] = {}
+    groups: dict[tuple[str, Span, str], list[tuple[str, Diagnostic]]] = {}
     for case, found in zip(cases, findings, strict=True):
-        for one in dict.fromkeys(case.routes.told(found)):
+        for one in dict.fromkeys(case.origins.with_origins(found)):
             key = (one.code, one.span, one.message)
-            concerned.setdefault(key, []).append((case.case, one))
-    told = [_told(group, cases) for group in concerned.values()]
-    return sorted(told, key=lambda one: one.sort_key)
+            groups.setdefault(key, []).append((case.case, one))
+    merged_findings = [_merge_group(group, cases) for group in groups.values()]
+    return sorted(merged_findings, key=lambda one: one.sort_key)
 
 
-def _told(group: list[tuple[str, Diagnostic]], cases: Sequence[Loaded]) -> Diagnostic:
+def _merge_group(group: list[tuple[str, Diagnostic]], cases: Sequence[LoadedSpec]) -> Diagnostic:
     names = list(dict.fromkeys(name for name, _ in group))
     first = group[0][1]
     if len(names) == len(cases):
         return first
-    choice = next(case.choice for case in cases if case.case == names[0])
-    if choice is None:
+    matrix_case = next(case.matrix_case for case in cases if case.case == names[0])
+    if matrix_case is None:
         return first
-    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-    listed = ", ".join(names[:_MOST_NAMED]) + more
+    more = f" and {len(names) - _MAX_NAMED_CASES} more" if len(names) > _MAX_NAMED_CASES else ""
+    listed = ", ".join(names[:_MAX_NAMED_CASES]) + more
     noun = "case" if len(names) == 1 else "cases"
-    related = Related(f"in the {noun} {listed}", choice.span)
+    related = Related(f"in the {noun} {listed}", matrix_case.span)
     return replace(first, related=(*first.related, related))

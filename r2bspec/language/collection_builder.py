@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from r2bspec.diagnostics import Edit, Related, Span
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -15,13 +15,13 @@ from r2bspec.language.located_tree import (
     TreeNode,
     UnknownNode,
 )
-from r2bspec.language.merge_key import Merge, merged
+from r2bspec.language.merge_key import Merge, merge_entries
 
-_KINDS_OF_KEY = {bool: "a truth value", int: "a number", float: "a number"}
+_TYPE_NAMES = {bool: "a truth value", int: "a number", float: "a number"}
 
 
 @dataclass(slots=True)
-class Frame:
+class CollectionBuilder:
     """A list or a map whose end has not come yet.
 
     Attributes:
@@ -32,7 +32,7 @@ class Frame:
     start: Span
     anchor: str | None
     is_map: bool
-    problems: Problems
+    problems: DiagnosticCollector
     size: int = 1
     items: list[TreeNode] = field(default_factory=list)
     entries: dict[str, Entry] = field(default_factory=dict)
@@ -54,7 +54,7 @@ class Frame:
             self.key = node
         else:
             key, self.key = self.key, None
-            self._pair(key, node, span)
+            self._add_entry(key, node, span)
 
     def last(self) -> TreeNode | None:
         """The value that stands last."""
@@ -66,21 +66,23 @@ class Frame:
         """The finished collection."""
         if not self.is_map:
             return ListNode(tuple(self.items), span)
-        return MapNode(merged(self.merges, self.entries) if self.merges else self.entries, span)
+        return MapNode(
+            merge_entries(self.merges, self.entries) if self.merges else self.entries, span
+        )
 
-    def _pair(self, key: TreeNode, value: TreeNode, span: Span) -> None:
+    def _add_entry(self, key: TreeNode, value: TreeNode, span: Span) -> None:
         if not isinstance(key, ScalarNode):
             if not isinstance(key, UnknownNode):
                 message = "a key must be a word, not a list or a map"
                 self.problems.error("R2B024", message, key.span)
             return
         if key.text == "<<" and not key.style:
-            self._merge(key, value, span)
+            self._add_merge(key, value, span)
             return
         name = key.value
         if not isinstance(name, str):
-            self._refuse_key(key)
-            self.entries.setdefault(key.text, Entry(key.span, value, known=False))
+            self._reject_key(key)
+            self.entries.setdefault(key.text, Entry(key.span, value, key_resolved=False))
             return
         earlier = self.entries.get(name)
         if earlier is not None:
@@ -94,7 +96,7 @@ class Frame:
             return
         self.entries[name] = Entry(key.span, value)
 
-    def _merge(self, key: ScalarNode, value: TreeNode, span: Span) -> None:
+    def _add_merge(self, key: ScalarNode, value: TreeNode, span: Span) -> None:
         if self.merges:
             self.problems.error(
                 "R2B028",
@@ -114,8 +116,8 @@ class Frame:
                     "write '<<: *name', where '&name' marks a map",
                 )
 
-    def _refuse_key(self, key: ScalarNode) -> None:
-        what = _KINDS_OF_KEY.get(type(key.value), "no value")
+    def _reject_key(self, key: ScalarNode) -> None:
+        what = _TYPE_NAMES.get(type(key.value), "no value")
         text = f'"{key.text}"'
         self.problems.error(
             "R2B024",

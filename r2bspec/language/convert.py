@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from r2bspec.language.shorthand import write_out
+from r2bspec.language.shorthand import expand_shorthands
 from r2bspec.language.spec import Spec
 from r2bspec.language.value_codec import decode
 
@@ -17,4 +17,4 @@ def to_spec(plain: dict[str, Any]) -> Spec:
     Raises:
         msgspec.ValidationError: the schema accepted what the types do not; a bug here.
     """
-    return msgspec.convert(write_out(plain), Spec, dec_hook=decode)
+    return msgspec.convert(expand_shorthands(plain), Spec, dec_hook=decode)

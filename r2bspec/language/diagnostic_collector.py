@@ -6,7 +6,7 @@ from typing import NoReturn
 
 from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Related, Severity, Span
 
-MOST = 1000
+MAX_PROBLEMS = 1000
 """Problems that one step reports at most: the first hundreds help nobody more than the first."""
 
 
@@ -14,16 +14,16 @@ class StopReadingError(Exception):
     """The rest of the document is not worth reading; why has been reported."""
 
 
-class Problems:
+class DiagnosticCollector:
     """Collects the diagnostics of one step."""
 
     def __init__(self) -> None:
-        self.found: list[Diagnostic] = []
+        self.diagnostics: list[Diagnostic] = []
 
     @property
     def full(self) -> bool:
         """Whether further errors would be dropped."""
-        return len(self.found) >= MOST
+        return len(self.diagnostics) >= MAX_PROBLEMS
 
     def error(
         self,
@@ -36,10 +36,10 @@ class Problems:
         edit: Edit | None = None,
         certainty: Certainty = Certainty.CERTAIN,
     ) -> None:
-        """Add an error, unless there are `MOST` already."""
+        """Add an error, unless there are `MAX_PROBLEMS` already."""
         if self.full:
             return
-        self.found.append(
+        self.diagnostics.append(
             Diagnostic(
                 code,
                 Severity.ERROR,
@@ -58,5 +58,5 @@ class Problems:
         Raises:
             StopReadingError: always.
         """
-        self.found.append(Diagnostic(code, Severity.ERROR, message, span, help=help_text))
+        self.diagnostics.append(Diagnostic(code, Severity.ERROR, message, span, help=help_text))
         raise StopReadingError

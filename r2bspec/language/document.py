@@ -12,14 +12,14 @@ from r2bspec.language.extension_keys import without_extensions
 from r2bspec.language.located_tree import TreeNode
 from r2bspec.language.overrides import apply_overrides
 from r2bspec.language.schema_validator import schema
-from r2bspec.language.source_text import Read, Source, accept, decode, read_file
+from r2bspec.language.source_text import ReadResult, Source, decode, read_file, read_text
 from r2bspec.language.yaml_composer import compose
 
 Variables = Mapping[str, bool | int | float | str]
 
 
 @dataclass(slots=True)
-class Opened:
+class ParsedDocument:
     """What all cases of a document have in common.
 
     Attributes:
@@ -31,7 +31,7 @@ class Opened:
 
     file: str
     tree: TreeNode | None
-    found: list[Diagnostic]
+    diagnostics: list[Diagnostic]
     sources: dict[str, Source]
     files: dict[str, tuple[Related, ...]] = field(default_factory=dict)
     entries: dict[Path, tuple[Related, ...]] = field(default_factory=dict)
@@ -49,31 +49,33 @@ def open_document(
     sets: Sequence[str],
     variables: Variables,
     allow_paths: Iterable[FilePath],
-) -> Opened:
+) -> ParsedDocument:
     """Read a document up to the point at which its matrix is looked at."""
     read = _read(source, file)
-    opened = Opened(read.source.file, None, list(read.diagnostics), {read.source.file: read.source})
+    document = ParsedDocument(
+        read.source.file, None, list(read.diagnostics), {read.source.file: read.source}
+    )
     if read.usable:
         composed = compose(read.source)
-        opened.found += composed.diagnostics
-        opened.tree = composed.tree
-    if opened.tree is None:
-        return opened
-    extended = extend(opened.tree, opened.file, schema(), allow_paths)
+        document.diagnostics += composed.diagnostics
+        document.tree = composed.tree
+    if document.tree is None:
+        return document
+    extended = extend(document.tree, document.file, schema(), allow_paths)
     siblings = extend_siblings(extended.tree)
     overridden = apply_overrides(siblings.tree, sets, variables)
     for problems in (extended.problems, siblings.problems, overridden.problems):
-        opened.found += problems.found
-    opened.sources |= extended.sources | overridden.sources
-    opened.files, opened.entries = extended.ways, siblings.ways
-    opened.incomplete = siblings.incomplete | (set() if extended.complete else {()})
-    opened.tree = without_extensions(overridden.tree, schema())
-    return opened
+        document.diagnostics += problems.diagnostics
+    document.sources |= extended.sources | overridden.sources
+    document.files, document.entries = extended.origins, siblings.origins
+    document.incomplete = siblings.incomplete | (set() if extended.complete else {()})
+    document.tree = without_extensions(overridden.tree, schema())
+    return document
 
 
-def _read(source: FilePath | str | bytes, file: str) -> Read:
+def _read(source: FilePath | str | bytes, file: str) -> ReadResult:
     if isinstance(source, FilePath):
         return read_file(source)
     if isinstance(source, bytes):
         return decode(source, file)
-    return accept(source, file)
+    return read_text(source, file)

@@ -37,7 +37,7 @@ def without_extensions(root: TreeNode, schema: dict[str, Any]) -> TreeNode:
             value = strip(entry.value, known.get(key) if known is not None else below)
             if value is not entry.value:
                 changed = True
-                entry = Entry(entry.key_span, value, entry.known)
+                entry = Entry(entry.key_span, value, entry.key_resolved)
             entries[key] = entry
         return MapNode(entries, node.span) if changed else node
 

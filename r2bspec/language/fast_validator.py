@@ -14,19 +14,19 @@ from collections.abc import Callable
 from typing import Any
 
 from r2bspec.language.schema.schema_builder import (
-    ALONE,
+    ALLOWED_WORDS,
     KIND,
-    LOADER,
+    LOADER_ONLY,
     NOUN,
     PATH,
     POSITIVE,
+    SINGLE_ITEM,
     TOPIC_KEYS,
     UNLESS_LIVE,
-    WORDS,
 )
-from r2bspec.language.value_kinds import judge
+from r2bspec.language.value_kinds import check_value
 
-Judge = Callable[[Any], bool]
+Predicate = Callable[[Any], bool]
 
 _TYPES: dict[str, tuple[type, ...]] = {
     "string": (str,),
@@ -36,16 +36,16 @@ _TYPES: dict[str, tuple[type, ...]] = {
     "array": (list,),
     "object": (dict,),
 }
-_SAY_NOTHING = frozenset(
+_IGNORED_KEYWORDS = frozenset(
     {
         "additionalProperties",
-        ALONE,
+        SINGLE_ITEM,
         "default",
         "defaultSnippets",
         "description",
         "examples",
         "patternErrorMessage",
-        LOADER,
+        LOADER_ONLY,
         NOUN,
         PATH,
         POSITIVE,
@@ -55,11 +55,11 @@ _SAY_NOTHING = frozenset(
 )
 
 
-def judge_of(schema: dict[str, Any]) -> Judge:
+def compile_predicate(schema: dict[str, Any]) -> Predicate:
     """A function that tells whether a value obeys the schema."""
-    made: dict[int, Judge] = {}
+    made: dict[int, Predicate] = {}
 
-    def build(part: dict[str, Any]) -> Judge:
+    def build(part: dict[str, Any]) -> Predicate:
         if id(part) not in made:
             made[id(part)] = _build(part, build)
         return made[id(part)]
@@ -67,23 +67,23 @@ def judge_of(schema: dict[str, Any]) -> Judge:
     return build(schema)
 
 
-def _build(schema: dict[str, Any], build: Callable[[dict[str, Any]], Judge]) -> Judge:
-    strings = build(schema["items"]) if ALONE in schema else _strings(schema)
+def _build(schema: dict[str, Any], build: Callable[[dict[str, Any]], Predicate]) -> Predicate:
+    strings = build(schema["items"]) if SINGLE_ITEM in schema else _strings(schema)
     arrays, objects = _arrays(schema, build), _objects(schema, build)
-    by_type: dict[type, Judge] = {
+    by_type: dict[type, Predicate] = {
         str: strings,
         list: arrays,
         dict: objects,
         int: _numbers(schema),
         float: _numbers(schema),
-        bool: _always,
-        type(None): _always,
+        bool: _always_true,
+        type(None): _always_true,
     }
     if "const" in schema:
         return lambda value: type(value) is int and value == schema["const"]
     if KIND in schema:
-        return lambda value: judge(value, schema) is None
-    unknown = schema.keys() - _SAY_NOTHING - _KNOWN
+        return lambda value: check_value(value, schema) is None
+    unknown = schema.keys() - _IGNORED_KEYWORDS - _SUPPORTED_KEYWORDS
     if unknown:
         raise AssertionError(f"no function for the keywords {sorted(unknown)}")
     types = schema.get("type")
@@ -94,14 +94,14 @@ def _build(schema: dict[str, Any], build: Callable[[dict[str, Any]], Judge]) -> 
     if by_type == {str: strings}:
         return lambda value: type(value) is str and strings(value)
 
-    def judged(value: Any) -> bool:
+    def predicate(value: Any) -> bool:
         check = by_type.get(type(value))
         return check is not None and check(value)
 
-    return judged
+    return predicate
 
 
-_KNOWN = frozenset(
+_SUPPORTED_KEYWORDS = frozenset(
     {
         "type",
         "enum",
@@ -115,49 +115,49 @@ _KNOWN = frozenset(
         "propertyNames",
         "required",
         "minProperties",
-        WORDS,
+        ALLOWED_WORDS,
     }
 )
 
 
-def _always(_: Any) -> bool:
+def _always_true(_: Any) -> bool:
     return True
 
 
-def _strings(schema: dict[str, Any]) -> Judge:
-    words = schema.get("enum", schema.get(WORDS))
+def _strings(schema: dict[str, Any]) -> Predicate:
+    words = schema.get("enum", schema.get(ALLOWED_WORDS))
     if words is not None:
         return frozenset(words).__contains__
     if "pattern" in schema:
         search = re.compile(schema["pattern"]).search
         return lambda value: search(value) is not None
-    least = schema.get("minLength", 0)
-    return (lambda value: len(value) >= least) if least else _always
+    lower = schema.get("minLength", 0)
+    return (lambda value: len(value) >= lower) if lower else _always_true
 
 
-def _numbers(schema: dict[str, Any]) -> Judge:
-    least, most = schema.get("minimum"), schema.get("maximum")
-    if least is None and most is None:
-        return _always
-    return lambda value: (least is None or value >= least) and (most is None or value <= most)
+def _numbers(schema: dict[str, Any]) -> Predicate:
+    lower, upper = schema.get("minimum"), schema.get("maximum")
+    if lower is None and upper is None:
+        return _always_true
+    return lambda value: (lower is None or value >= lower) and (upper is None or value <= upper)
 
 
-def _arrays(schema: dict[str, Any], build: Callable[[dict[str, Any]], Judge]) -> Judge:
-    least = schema.get("minItems", 0)
-    item = build(schema["items"]) if "items" in schema else _always
-    return lambda value: len(value) >= least and all(map(item, value))
+def _arrays(schema: dict[str, Any], build: Callable[[dict[str, Any]], Predicate]) -> Predicate:
+    lower = schema.get("minItems", 0)
+    item = build(schema["items"]) if "items" in schema else _always_true
+    return lambda value: len(value) >= lower and all(map(item, value))
 
 
-def _objects(schema: dict[str, Any], build: Callable[[dict[str, Any]], Judge]) -> Judge:
+def _objects(schema: dict[str, Any], build: Callable[[dict[str, Any]], Predicate]) -> Predicate:
     known = {key: build(part) for key, part in schema.get("properties", {}).items()}
     others = schema.get("additionalProperties", True)
     other = build(others) if isinstance(others, dict) else None
     names = build(schema["propertyNames"]) if "propertyNames" in schema else None
     required = tuple(schema.get("required", ()))
-    least = schema.get("minProperties", 0)
+    lower = schema.get("minProperties", 0)
 
-    def judged(value: Any) -> bool:
-        if len(value) < least or any(key not in value for key in required):
+    def predicate(value: Any) -> bool:
+        if len(value) < lower or any(key not in value for key in required):
             return False
         for key, inner in value.items():
             if names is not None and not names(key):
@@ -170,4 +170,4 @@ def _objects(schema: dict[str, Any], build: Callable[[dict[str, Any]], Judge]) -
                 return False
         return True
 
-    return judged
+    return predicate

@@ -15,24 +15,33 @@ from typing import Any
 from r2bspec.diagnostics import Diagnostic, Path, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.convert import to_spec
-from r2bspec.language.diagnostic_collector import MOST
-from r2bspec.language.document import Opened, Variables, open_document
-from r2bspec.language.gc_pause import collector_paused
-from r2bspec.language.key_constraints.entry_keys import exclusive_errors
-from r2bspec.language.loaded_spec import Loaded
+from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
+from r2bspec.language.document import ParsedDocument, Variables, open_document
+from r2bspec.language.gc_pause import gc_paused
+from r2bspec.language.key_constraints.entry_keys import key_constraint_errors
+from r2bspec.language.loaded_spec import LoadedSpec
 from r2bspec.language.located_tree import MapNode, TreeNode, UnknownNode, child, to_plain, without
 from r2bspec.language.matrix import KEY as MATRIX
-from r2bspec.language.matrix import Choice, Matrix, chosen, matrix_of
-from r2bspec.language.schema_validator import obeys, schema
+from r2bspec.language.matrix import Matrix, MatrixCase, matrix_of, with_case_values
+from r2bspec.language.schema_validator import is_valid, schema
 from r2bspec.language.source_text import Source
 from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
-from r2bspec.language.value_origins import Routes
+from r2bspec.language.value_origins import ValueOrigins
 
-_MISSING = ("R2B102", "R2B113")
-_MISSING_FILE = (*_MISSING, "R2B114", "R2B118", "R2B119", "R2B120", "R2B121", "R2B136", "R2B137")
+_MISSING_VALUE_CODES = ("R2B102", "R2B113")
+_MISSING_FILE_CODES = (
+    *_MISSING_VALUE_CODES,
+    "R2B114",
+    "R2B118",
+    "R2B119",
+    "R2B120",
+    "R2B121",
+    "R2B136",
+    "R2B137",
+)
 
-__all__ = ["Loaded", "load_cases", "load_spec"]
+__all__ = ["LoadedSpec", "load_cases", "load_spec"]
 
 
 def load_spec(
@@ -44,7 +53,7 @@ def load_spec(
     environ: Mapping[str, str] | None = None,
     case: str = "",
     allow_paths: Iterable[FilePath] = (),
-) -> Loaded:
+) -> LoadedSpec:
     """Load one spec. Never raises for any content: whatever is wrong is in `diagnostics`.
 
     Of a document with a matrix, this is one case; if there are several, it is an error not to say
@@ -59,24 +68,24 @@ def load_spec(
         case: the case that is meant, as ``threads=2`` or as ``name[threads=2]``.
         allow_paths: folders beside that of the file, from which files may be extended.
     """
-    with collector_paused():
+    with gc_paused():
         return _load_one(
             open_document(source, file, sets, variables or {}, allow_paths), case, environ
         )
 
 
-def _load_one(opened: Opened, case: str, environ: Mapping[str, str] | None) -> Loaded:
-    matrix = matrix_of(opened.tree) if opened.tree is not None else None
-    choices = _chosen(opened, matrix, case)
-    if len(choices) > 1 and matrix is not None:
-        known = ", ".join(each.name for each in choices[:12])
-        message = f"the matrix has {len(choices)} cases"
+def _load_one(document: ParsedDocument, case: str, environ: Mapping[str, str] | None) -> LoadedSpec:
+    matrix = matrix_of(document.tree) if document.tree is not None else None
+    matrix_cases = _select_cases(document, matrix, case)
+    if len(matrix_cases) > 1 and matrix is not None:
+        known = ", ".join(each.name for each in matrix_cases[:12])
+        message = f"the matrix has {len(matrix_cases)} cases"
         help_text = f"choose one with --case, of {known}"
-        opened.found.append(
+        document.diagnostics.append(
             Diagnostic("R2B140", Severity.ERROR, message, matrix.span, help=help_text)
         )
-        choices = ()
-    return _finish(opened, choices[0] if choices else None, environ)
+        matrix_cases = ()
+    return _load_case(document, matrix_cases[0] if matrix_cases else None, environ)
 
 
 def load_cases(
@@ -88,101 +97,105 @@ def load_cases(
     environ: Mapping[str, str] | None = None,
     case: str = "",
     allow_paths: Iterable[FilePath] = (),
-) -> tuple[Loaded, ...]:
+) -> tuple[LoadedSpec, ...]:
     """Load every case of a spec, or the one that is named; without a matrix, the spec itself.
 
     The arguments are those of `load_spec`. There is always at least one result; where the matrix
     itself is wrong, it is the document without any case.
     """
-    with collector_paused():
-        opened = open_document(source, file, sets, variables or {}, allow_paths)
-        matrix = matrix_of(opened.tree) if opened.tree is not None else None
-        choices = _chosen(opened, matrix, case)
-        return tuple(_finish(opened, each, environ) for each in choices or (None,))
+    with gc_paused():
+        document = open_document(source, file, sets, variables or {}, allow_paths)
+        matrix = matrix_of(document.tree) if document.tree is not None else None
+        matrix_cases = _select_cases(document, matrix, case)
+        return tuple(_load_case(document, each, environ) for each in matrix_cases or (None,))
 
 
-def _chosen(opened: Opened, matrix: Matrix | None, case: str) -> tuple[Choice, ...]:
+def _select_cases(
+    document: ParsedDocument, matrix: Matrix | None, case: str
+) -> tuple[MatrixCase, ...]:
     """The cases that are meant; what is wrong with the matrix is added to the findings."""
     if matrix is not None:
-        opened.found += matrix.problems.found
-        if any(one.severity is Severity.ERROR for one in matrix.problems.found):
+        document.diagnostics += matrix.problems.diagnostics
+        if any(one.severity is Severity.ERROR for one in matrix.problems.diagnostics):
             return ()
     wanted = case.partition("[")[2].removesuffix("]") if case.endswith("]") else case
-    choices = matrix.choices if matrix is not None else ()
-    if not wanted or opened.tree is None or (matrix is not None and not choices):
-        return choices
-    found = tuple(each for each in choices if each.name == wanted)
+    matrix_cases = matrix.matrix_cases if matrix is not None else ()
+    if not wanted or document.tree is None or (matrix is not None and not matrix_cases):
+        return matrix_cases
+    found = tuple(each for each in matrix_cases if each.name == wanted)
     if not found:
-        names = [each.name for each in choices]
+        names = [each.name for each in matrix_cases]
         close = did_you_mean(wanted, names)
         known = "there are " + ", ".join(names[:12]) if names else "it has no matrix"
-        opened.found.append(
+        document.diagnostics.append(
             Diagnostic(
                 "R2B140",
                 Severity.ERROR,
                 f"the document has no case {quote(wanted)}",
-                matrix.span if matrix is not None else Span.of_file(opened.file),
+                matrix.span if matrix is not None else Span.of_file(document.file),
                 help=f"did you mean '{close}'? {known}" if close else known,
             )
         )
     return found
 
 
-def _finish(opened: Opened, choice: Choice | None, environ: Mapping[str, str] | None) -> Loaded:
+def _load_case(
+    document: ParsedDocument, matrix_case: MatrixCase | None, environ: Mapping[str, str] | None
+) -> LoadedSpec:
     """One case of a document, from its values to its types."""
-    found, tree = list(opened.found), opened.tree
-    entries = dict(opened.entries)
+    found, tree = list(document.diagnostics), document.tree
+    entries = dict(document.entries)
     used: frozenset[str] = frozenset()
     spec: Spec | None = None
-    if tree is not None and choice is not None:
-        tree = chosen(tree, choice)
+    if tree is not None and matrix_case is not None:
+        tree = with_case_values(tree, matrix_case)
     if isinstance(tree, MapNode):
         environment = os.environ if environ is None else environ
-        substituted = substitute(tree, schema(), opened.sources, environment)
+        substituted = substitute(tree, schema(), document.sources, environment)
         found += substituted.diagnostics
         tree = substituted.tree
-        used = substituted.used | _named_in_conditions(tree)
-        entries |= substituted.ways
+        used = substituted.used | _condition_variables(tree)
+        entries |= substituted.origins
     if tree is not None and not isinstance(tree, UnknownNode):
         plain = to_plain(tree)
-        violations = _violations(tree, plain, opened.sources)
-        found += [*violations, *exclusive_errors(tree, violations)]
+        violations = _violations(tree, plain, document.sources)
+        found += [*violations, *key_constraint_errors(tree, violations)]
         if isinstance(tree, MapNode) and MATRIX in tree.entries:
             tree = without(tree, MATRIX)
         if all(one.severity is not Severity.ERROR for one in found):
             spec = to_spec(plain)
-    if opened.incomplete:
-        found = [one for one in found if not _follows(one, opened.incomplete)]
-    routes = Routes(opened.files, entries)
-    return Loaded(
-        opened.file,
-        opened.base_dir,
+    if document.incomplete:
+        found = [one for one in found if not _is_consequence(one, document.incomplete)]
+    origins = ValueOrigins(document.files, entries)
+    return LoadedSpec(
+        document.file,
+        document.base_dir,
         spec,
         tree,
-        _sorted(routes.told(found)),
-        opened.sources,
+        _sorted_unique(origins.with_origins(found)),
+        document.sources,
         used,
-        choice=choice,
-        routes=routes,
+        matrix_case=matrix_case,
+        origins=origins,
     )
 
 
 def _violations(tree: TreeNode, plain: Any, sources: Mapping[str, Source]) -> list[Diagnostic]:
-    if obeys(plain):
+    if is_valid(plain):
         return []
     from r2bspec.language.violations import explain_violations
 
     return explain_violations(tree, plain, sources)
 
 
-def _follows(one: Diagnostic, incomplete: set[Path]) -> bool:
+def _is_consequence(one: Diagnostic, incomplete: set[Path]) -> bool:
     """Whether a finding may only say that what is missing was to come from elsewhere."""
     if () in incomplete:
-        return one.code in _MISSING_FILE
-    return one.code in _MISSING and one.path in incomplete
+        return one.code in _MISSING_FILE_CODES
+    return one.code in _MISSING_VALUE_CODES and one.path in incomplete
 
 
-def _named_in_conditions(root: TreeNode) -> frozenset[str]:
+def _condition_variables(root: TreeNode) -> frozenset[str]:
     """The variables on which an objective depends by its `when`."""
     slos = child(root, "slos")
     conditions = (
@@ -194,12 +207,12 @@ def _named_in_conditions(root: TreeNode) -> frozenset[str]:
     )
 
 
-def _sorted(found: list[Diagnostic]) -> tuple[Diagnostic, ...]:
+def _sorted_unique(found: list[Diagnostic]) -> tuple[Diagnostic, ...]:
     """By place; the same finding at the same place, as aliases bring it, is told once."""
     unique = {(one.code, one.span, one.message): one for one in reversed(found)}
     ordered = sorted(unique.values(), key=lambda one: one.sort_key)
-    if len(ordered) > MOST:
-        place = ordered[MOST].span
-        message = f"after {MOST:,} problems, further ones are not shown"
-        ordered[MOST:] = [Diagnostic("R2B005", Severity.INFO, message, place)]
+    if len(ordered) > MAX_PROBLEMS:
+        place = ordered[MAX_PROBLEMS].span
+        message = f"after {MAX_PROBLEMS:,} problems, further ones are not shown"
+        ordered[MAX_PROBLEMS:] = [Diagnostic("R2B005", Severity.INFO, message, place)]
     return tuple(ordered)

@@ -8,15 +8,15 @@ from pathlib import Path as FilePath
 
 from r2bspec.diagnostics import Diagnostic, Path, Span
 from r2bspec.language.located_tree import ScalarNode, TreeNode, lookup, span_at, to_plain
-from r2bspec.language.matrix import Choice
+from r2bspec.language.matrix import MatrixCase
 from r2bspec.language.source_columns import inner_span
 from r2bspec.language.source_text import Source
 from r2bspec.language.spec import Spec
-from r2bspec.language.value_origins import Routes
+from r2bspec.language.value_origins import ValueOrigins
 
 
 @dataclass(frozen=True, slots=True)
-class Loaded:
+class LoadedSpec:
     """A document, or one case of it, as far as it could be understood.
 
     Attributes:
@@ -28,8 +28,8 @@ class Loaded:
         sources: the texts that spans point into, by file name: the file, what it extends, and
             options.
         used_variables: names of the variables that were substituted somewhere.
-        choice: which case of the matrix this is; None without a matrix.
-        routes: how values got here that were written elsewhere.
+        matrix_case: which case of the matrix this is; None without a matrix.
+        origins: how values got here that were written elsewhere.
     """
 
     file: str
@@ -39,13 +39,13 @@ class Loaded:
     diagnostics: tuple[Diagnostic, ...]
     sources: Mapping[str, Source] = field(repr=False)
     used_variables: frozenset[str] = frozenset()
-    choice: Choice | None = field(default=None, repr=False)
-    routes: Routes = field(default=Routes(), repr=False)
+    matrix_case: MatrixCase | None = field(default=None, repr=False)
+    origins: ValueOrigins = field(default=ValueOrigins(), repr=False)
 
     @property
     def case(self) -> str:
         """Which case of the matrix this is, such as ``threads=2``; empty without a matrix."""
-        return self.choice.name if self.choice is not None else ""
+        return self.matrix_case.name if self.matrix_case is not None else ""
 
     @property
     def id(self) -> str:

@@ -49,11 +49,11 @@ class UnknownNode:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A key with its value. `known` is False where substitution in the key failed."""
+    """A key with its value. `key_resolved` is False where substitution in the key failed."""
 
     key_span: Span
     value: TreeNode
-    known: bool = True
+    key_resolved: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,19 +85,19 @@ def lookup(root: TreeNode, path: Path) -> TreeNode | None:
     return node
 
 
-def replaced(root: TreeNode, path: Path, value: TreeNode) -> TreeNode:
+def replace_at(root: TreeNode, path: Path, value: TreeNode) -> TreeNode:
     """The tree with the value at an existing path replaced; everything else is shared."""
     if not path:
         return value
     part, rest = path[0], path[1:]
     if isinstance(root, MapNode):
         old = root.entries[str(part)]
-        new = Entry(old.key_span, replaced(old.value, rest, value), old.known)
+        new = Entry(old.key_span, replace_at(old.value, rest, value), old.key_resolved)
         return MapNode({**root.entries, str(part): new}, root.span)
     if isinstance(root, ListNode):
         index = int(part)
         items = list(root.items)
-        items[index] = replaced(items[index], rest, value)
+        items[index] = replace_at(items[index], rest, value)
         return ListNode(tuple(items), root.span)
     return root
 
@@ -115,7 +115,7 @@ def span_at(root: TreeNode, path: Path, *, key: bool = False) -> Span:
     document itself that is its first key.
     """
     node = root
-    key_span = _head(root)
+    key_span = _first_key_span(root)
     for part in path:
         below = child(node, part)
         if below is None:
@@ -125,7 +125,7 @@ def span_at(root: TreeNode, path: Path, *, key: bool = False) -> Span:
     return key_span if key or node is root else node.span
 
 
-def _head(root: TreeNode) -> Span:
+def _first_key_span(root: TreeNode) -> Span:
     if isinstance(root, MapNode) and root.entries:
         return next(iter(root.entries.values())).key_span
     return root.span

@@ -17,19 +17,19 @@ from dataclasses import dataclass, field
 
 from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.located_tree import Entry, ListNode, MapNode, ScalarNode, TreeNode, child
-from r2bspec.language.variable_declarations import assigned, same
+from r2bspec.language.variable_declarations import equal_values, with_variable
 
 KEY = "matrix"
-MOST_CASES = 1000
+MAX_CASES = 1000
 """Cases of one document."""
 
 Values = Mapping[str, ScalarNode]
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class MatrixCase:
     """One case: what it is called, its values, and where it is asked for."""
 
     name: str
@@ -43,12 +43,12 @@ class Matrix:
 
     Attributes:
         span: where the matrix stands.
-        choices: the cases in their order; empty where the matrix is not usable.
+        matrix_cases: the cases in their order; empty where the matrix is not usable.
     """
 
     span: Span
-    choices: tuple[Choice, ...] = ()
-    problems: Problems = field(default_factory=Problems)
+    matrix_cases: tuple[MatrixCase, ...] = ()
+    problems: DiagnosticCollector = field(default_factory=DiagnosticCollector)
 
 
 def matrix_of(root: TreeNode) -> Matrix | None:
@@ -67,34 +67,34 @@ def matrix_of(root: TreeNode) -> Matrix | None:
         return found
     declared = child(root, "variables")
     known = declared.entries if isinstance(declared, MapNode) else {}
-    if _names_are_right(found.problems, known, axes, cases, excluded):
-        found.choices = _choices(found, axes, cases, excluded)
+    if _check_names(found.problems, known, axes, cases, excluded):
+        found.matrix_cases = _expand_cases(found, axes, cases, excluded)
     return found
 
 
-def chosen(root: TreeNode, choice: Choice) -> TreeNode:
+def with_case_values(root: TreeNode, matrix_case: MatrixCase) -> TreeNode:
     """The document with the values of a case."""
-    for name, value in choice.values.items():
-        root = assigned(root, name, value)
+    for name, value in matrix_case.values.items():
+        root = with_variable(root, name, value)
     return root
 
 
-def _choices(
+def _expand_cases(
     found: Matrix,
     axes: Mapping[str, Entry],
     cases: Mapping[str, tuple[Span, Values]],
     excluded: list[tuple[Span, Values]],
-) -> tuple[Choice, ...]:
+) -> tuple[MatrixCase, ...]:
     problems = found.problems
     lists = {name: _scalars(entry.value) for name, entry in axes.items()}
     number = len(cases) + (math.prod(map(len, lists.values())) if lists else 0)
-    if number > MOST_CASES:
-        message = f"the matrix has {number:,} cases; {MOST_CASES:,} are the most"
+    if number > MAX_CASES:
+        message = f"the matrix has {number:,} cases; {MAX_CASES:,} are the most"
         problems.error("R2B139", message, found.span, "leave out values, or make several specs")
         return ()
     for name, listed in lists.items():
-        _no_value_twice(problems, name, listed)
-    made: list[Choice] = []
+        _check_duplicate_values(problems, name, listed)
+    made: list[MatrixCase] = []
     used: set[int] = set()
     for combination in itertools.product(*lists.values()) if lists else ():
         values: Values = dict(zip(lists, combination, strict=True))
@@ -103,10 +103,10 @@ def _choices(
         if not matching:
             name = ",".join(f"{key}={value.text}" for key, value in values.items())
             span = combination[-1].span
-            made.append(Choice(name, values, span))
+            made.append(MatrixCase(name, values, span))
     for index, (span, _) in enumerate(excluded):
         if index not in used:
-            problems.found.append(
+            problems.diagnostics.append(
                 Diagnostic(
                     "R2B138",
                     Severity.WARNING,
@@ -116,7 +116,7 @@ def _choices(
                     help='remove it, or put it right; 2 and "2" are different values',
                 )
             )
-    made += [Choice(name, given, span) for name, (span, given) in cases.items()]
+    made += [MatrixCase(name, given, span) for name, (span, given) in cases.items()]
     if not made:
         message = "the matrix has no case" + (": all combinations are excluded" if lists else "")
         problems.error("R2B139", message, found.span, "for example: axes: {threads: [1, 2]}")
@@ -124,10 +124,12 @@ def _choices(
 
 
 def _matches(rule: Values, values: Values) -> bool:
-    return all(same(values[name].value, wanted.value) for name, wanted in rule.items())
+    return all(equal_values(values[name].value, wanted.value) for name, wanted in rule.items())
 
 
-def _no_value_twice(problems: Problems, name: str, values: tuple[ScalarNode, ...]) -> None:
+def _check_duplicate_values(
+    problems: DiagnosticCollector, name: str, values: tuple[ScalarNode, ...]
+) -> None:
     seen: dict[str, ScalarNode] = {}
     for value in values:
         first = seen.setdefault(value.text, value)
@@ -141,32 +143,32 @@ def _no_value_twice(problems: Problems, name: str, values: tuple[ScalarNode, ...
             )
 
 
-def _names_are_right(
-    problems: Problems,
+def _check_names(
+    problems: DiagnosticCollector,
     known: Mapping[str, Entry],
     axes: Mapping[str, Entry],
     cases: Mapping[str, tuple[Span, Values]],
     excluded: list[tuple[Span, Values]],
 ) -> bool:
-    before = len(problems.found)
+    before = len(problems.diagnostics)
     declare = "declare it under 'variables' with the value that it has without a case"
     for name, entry in axes.items():
         if name not in known:
-            _unknown(problems, name, entry.key_span, known, "there is no variable", declare)
+            _report_unknown(problems, name, entry.key_span, known, "there is no variable", declare)
     for _, values in cases.values():
         for name, value in values.items():
             if name not in known:
-                _unknown(problems, name, value.span, known, "there is no variable", declare)
+                _report_unknown(problems, name, value.span, known, "there is no variable", declare)
     for _, values in excluded:
         for name, value in values.items():
             if name not in axes:
                 help_text = "exclude names axes of the matrix"
-                _unknown(problems, name, value.span, axes, "there is no axis", help_text)
-    return len(problems.found) == before
+                _report_unknown(problems, name, value.span, axes, "there is no axis", help_text)
+    return len(problems.diagnostics) == before
 
 
-def _unknown(
-    problems: Problems,
+def _report_unknown(
+    problems: DiagnosticCollector,
     name: str,
     span: Span,
     known: Mapping[str, object],

@@ -17,7 +17,7 @@ class Merge:
     source: MapNode
 
 
-def merged(merges: Iterable[Merge], own: dict[str, Entry]) -> dict[str, Entry]:
+def merge_entries(merges: Iterable[Merge], own: dict[str, Entry]) -> dict[str, Entry]:
     """The entries of a map with `merges`; its own win, then those of the earlier merge.
 
     Merged entries come first and keep the place where they were written.

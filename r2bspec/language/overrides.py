@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
@@ -22,22 +22,22 @@ from r2bspec.language.located_tree import (
     UnknownNode,
     child,
     lookup,
-    replaced,
+    replace_at,
 )
-from r2bspec.language.source_text import Source, accept
-from r2bspec.language.substitution import as_unquoted
-from r2bspec.language.variable_declarations import assigned, is_declared_text
+from r2bspec.language.source_text import Source, read_text
+from r2bspec.language.substitution import parse_unquoted
+from r2bspec.language.variable_declarations import is_declared_text, with_variable
 from r2bspec.language.yaml_composer import compose
 
 _PART = re.compile(r"\[(\d{1,9})\]|\['([^']*)'\]|(?:^|\.)([^.\[\]'=]+)")
 
 
 @dataclass(slots=True)
-class Overridden:
+class OverrideResult:
     """The tree with the options applied, what was wrong, and the options as sources."""
 
     tree: TreeNode
-    problems: Problems = field(default_factory=Problems)
+    problems: DiagnosticCollector = field(default_factory=DiagnosticCollector)
     sources: dict[str, Source] = field(default_factory=dict)
 
 
@@ -56,9 +56,9 @@ class _Option:
 
 def apply_overrides(
     root: TreeNode, sets: Sequence[str], variables: Mapping[str, bool | int | float | str]
-) -> Overridden:
+) -> OverrideResult:
     """Apply `sets`, each ``path=value``, in their order; then `variables`."""
-    result = Overridden(root)
+    result = OverrideResult(root)
     for text in sets:
         _apply_set(result, text)
     for name, given in variables.items():
@@ -72,7 +72,7 @@ def parse_path(text: str) -> Path:
     return _parse(f"{text}=").path
 
 
-def _apply_set(result: Overridden, text: str) -> None:
+def _apply_set(result: OverrideResult, text: str) -> None:
     option = _parse(text)
     result.sources[option.source.file] = option.source
     if not option.path:
@@ -91,14 +91,14 @@ def _apply_set(result: Overridden, text: str) -> None:
             wrong = format_path(option.path[: depth + 1])
             span = option.span(start, start + len(str(part)))
             message = f"there is no '{wrong}' in the document to replace"
-            result.problems.error("R2B127", message, span, _alternatives(node, part))
+            result.problems.error("R2B127", message, span, _path_suggestion(node, part))
             return
         node = below
     value = _value(result, option)
-    result.tree = replaced(result.tree, option.path, value)
+    result.tree = replace_at(result.tree, option.path, value)
 
 
-def _apply_variable(result: Overridden, name: str, text: str) -> None:
+def _apply_variable(result: OverrideResult, name: str, text: str) -> None:
     source = Source(f"--var {name}", f"{name}={text}")
     option = _Option(source, ("variables", name), (0, 0), len(name) + 1)
     result.sources[source.file] = source
@@ -126,7 +126,7 @@ def _apply_variable(result: Overridden, name: str, text: str) -> None:
     value = _value(result, option)
     if is_declared_text(known[name].value) and isinstance(value, ScalarNode):
         value = ScalarNode(text, text, value.span, '"')
-    result.tree = assigned(result.tree, name, value)
+    result.tree = with_variable(result.tree, name, value)
 
 
 def _parse(text: str) -> _Option:
@@ -147,26 +147,26 @@ def _parse(text: str) -> _Option:
     return _Option(source, tuple(path), tuple(offsets), at + 1)
 
 
-def _value(result: Overridden, option: _Option) -> TreeNode:
+def _value(result: OverrideResult, option: _Option) -> TreeNode:
     text = option.source.text[option.value_offset :]
     span = option.span(option.value_offset, len(option.source.text))
     if text[:1] not in ("[", "{", "'", '"'):
-        read = accept(text, option.source.file)
+        read = read_text(text, option.source.file)
         if not read.usable:
-            result.problems.found += [replace(found, span=span) for found in read.diagnostics]
+            result.problems.diagnostics += [replace(found, span=span) for found in read.diagnostics]
             return UnknownNode(span)
-        return ScalarNode(as_unquoted(text), text, span)
+        return ScalarNode(parse_unquoted(text), text, span)
     # Blanks in place of the path keep the columns right.
-    padded = accept(" " * option.value_offset + text, option.source.file)
+    padded = read_text(" " * option.value_offset + text, option.source.file)
     if not padded.usable:
-        result.problems.found += padded.diagnostics
+        result.problems.diagnostics += padded.diagnostics
         return UnknownNode(span)
     composed = compose(padded.source)
-    result.problems.found += composed.diagnostics
+    result.problems.diagnostics += composed.diagnostics
     return composed.tree or UnknownNode(span)
 
 
-def _alternatives(node: TreeNode, part: str | int) -> str:
+def _path_suggestion(node: TreeNode, part: str | int) -> str:
     if isinstance(node, MapNode) and node.entries:
         close = did_you_mean(str(part), node.entries)
         known = "there are " + ", ".join(list(node.entries)[:12])

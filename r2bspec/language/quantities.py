@@ -20,9 +20,9 @@ from r2bspec.diagnostics.quote import quote
 
 _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"(?P<number>{_NUMBER})\s*(?P<unit>[A-Za-zµμ%/]+)", re.ASCII)
-_BARE = re.compile(_NUMBER, re.ASCII)
-_LONGEST = 40
-_OTHER_NAMES = {
+_UNITLESS = re.compile(_NUMBER, re.ASCII)
+_MAX_TEXT_LENGTH = 40
+_UNIT_ALIASES = {
     "sec": "s",
     "secs": "s",
     "second": "s",
@@ -50,13 +50,13 @@ class QuantityError(ValueError):
 
     Attributes:
         suggestion: a text that would have been accepted, or empty.
-        same: whether the suggestion means what was written, and is not a mere example.
+        is_equivalent: whether the suggestion means what was written, and is not a mere example.
     """
 
-    def __init__(self, message: str, suggestion: str = "", *, same: bool = False) -> None:
+    def __init__(self, message: str, suggestion: str = "", *, is_equivalent: bool = False) -> None:
         super().__init__(message)
         self.suggestion = suggestion
-        self.same = same
+        self.is_equivalent = is_equivalent
 
 
 class Quantity:
@@ -110,12 +110,12 @@ class Quantity:
     @classmethod
     @lru_cache(maxsize=4096)
     def _scaled(cls, text: str) -> Decimal:
-        if len(text) > _LONGEST:
+        if len(text) > _MAX_TEXT_LENGTH:
             raise QuantityError(f"this is too long for a {cls.kind}", suggestion=cls.example)
         match = _QUANTITY.fullmatch(text.strip())
         known = ", ".join(cls.units)
         if match is None:
-            if _BARE.fullmatch(text.strip()):
+            if _UNITLESS.fullmatch(text.strip()):
                 default = next(iter(cls.units))
                 raise QuantityError(
                     f"{quote(text)} has no unit; a {cls.kind} needs one of {known}",
@@ -133,7 +133,7 @@ class Quantity:
             raise QuantityError(
                 f"{quote(match['unit'])} is not a unit of {cls.kind}; known are {known}",
                 suggestion=f"{match['number']} {meant}" if meant else cls.example,
-                same=bool(meant),
+                is_equivalent=bool(meant),
             )
         # Beyond this exponent, Decimal itself gives up.
         if re.search(r"[eE][+-]?\d{4}", match["number"]):
@@ -149,7 +149,7 @@ class Quantity:
         """The unit that a word certainly means, or an empty string."""
         folded = unit.casefold()
         by_fold = {name.casefold(): name for name in reversed(cls.units)}
-        meant = by_fold.get(folded) or _OTHER_NAMES.get(folded, "")
+        meant = by_fold.get(folded) or _UNIT_ALIASES.get(folded, "")
         # MHz is not mHz: where a capital makes a prefix, nothing is guessed.
         ambiguous = unit.startswith("M") and meant.startswith("m")
         return meant if meant in cls.units and not ambiguous else ""
@@ -193,7 +193,7 @@ class Duration(Quantity):
         for unit in ("s", "ms", "us"):
             scale = int(self.units[unit])
             if self.ns >= scale:
-                return f"{_plain(Decimal(self.ns) / scale)} {unit}"
+                return f"{_format_decimal(Decimal(self.ns) / scale)} {unit}"
         return f"{self.ns} ns" if self.ns else "0 s"
 
 
@@ -224,7 +224,7 @@ class Rate(Quantity):
         return cls(float(cls._scaled(text)))
 
     def __str__(self) -> str:
-        return f"{_plain(Decimal(repr(self.hz)))} Hz"
+        return f"{_format_decimal(Decimal(repr(self.hz)))} Hz"
 
 
 class Size(Quantity):
@@ -260,7 +260,7 @@ class Size(Quantity):
         for unit in ("GiB", "MiB", "KiB"):
             scale = int(self.units[unit])
             if self.bytes >= scale and self.bytes * 10 % scale == 0:
-                return f"{_plain(Decimal(self.bytes) / scale)} {unit}"
+                return f"{_format_decimal(Decimal(self.bytes) / scale)} {unit}"
         return f"{self.bytes} B"
 
 
@@ -286,10 +286,10 @@ class Share(Quantity):
         return cls(float(cls._scaled(text)))
 
     def __str__(self) -> str:
-        return f"{_plain(Decimal(repr(self.fraction)) * 100)} %"
+        return f"{_format_decimal(Decimal(repr(self.fraction)) * 100)} %"
 
 
-def _plain(number: Decimal) -> str:
+def _format_decimal(number: Decimal) -> str:
     """Write a decimal without exponent and without trailing zeros."""
     text = format(number.normalize(), "f")
     return text.rstrip("0").rstrip(".") if "." in text else text

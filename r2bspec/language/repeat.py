@@ -15,7 +15,7 @@ _VARIABLE = re.compile(VARIABLE.pattern)
 
 
 @dataclass(frozen=True, slots=True)
-class Repeated:
+class RepeatedEntry:
     """An entry that is repeated: what is left of it, and its instances."""
 
     entry: MapNode
@@ -30,18 +30,18 @@ class Instance:
     variables: dict[str, ScalarNode]
 
 
-def repeated(node: MapNode) -> Repeated | None:
+def parse_repeat(node: MapNode) -> RepeatedEntry | None:
     """What an entry is repeated as; None where nothing is, or where the schema will complain."""
     named = child(node, KEY)
     if not isinstance(named, MapNode) or not named.entries:
         return None
     found = {name: _instance(name, entry) for name, entry in named.entries.items()}
     instances = {name: each for name, each in found.items() if each is not None}
-    return Repeated(without(node, KEY), instances) if len(instances) == len(found) else None
+    return RepeatedEntry(without(node, KEY), instances) if len(instances) == len(found) else None
 
 
 def _instance(name: str, entry: Entry) -> Instance | None:
-    if not _INSTANCE.search(name) or not entry.known or not isinstance(entry.value, MapNode):
+    if not _INSTANCE.search(name) or not entry.key_resolved or not isinstance(entry.value, MapNode):
         return None
     values: dict[str, ScalarNode] = {}
     for variable, inner in entry.value.entries.items():

@@ -32,11 +32,11 @@ Operator = Literal["<", "<=", ">", ">=", "==", "!="]
 _WORD = "[A-Za-z][A-Za-z0-9_]*"
 _METRIC = re.compile(rf"\s*(?P<metric>{_WORD}(?:\.{_WORD})*)")
 _OPERATOR = re.compile(r"\s*(?P<op><=|>=|==|!=|<|>)")
-_LONGEST = 300
-_MISTAKEN = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}
-_OF = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
+_MAX_LENGTH = 300
+_OPERATOR_TYPOS = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}
+_RELATIVE_BOUND = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
 _REFERENCES = ("offered", "baseline")
-_IN = re.compile(r"\sin(?:\s+|$)")
+_WINDOWS_START = re.compile(r"\sin(?:\s+|$)")
 _WINDOWS_EXAMPLE = "in 99 % of 1 s windows"
 
 
@@ -126,7 +126,7 @@ class Requirement:
     def __str__(self) -> str:
         return self.text
 
-    def holds(self, value: float, limit: float) -> bool:
+    def is_met(self, value: float, limit: float) -> bool:
         """Compare one value with a limit, both in the bound's SI unit."""
         match self.op:
             case "<":
@@ -151,31 +151,33 @@ def parse_requirement(text: str) -> Requirement:
     Raises:
         RequirementError: with the offset at which the text stops making sense.
     """
-    if len(text) > _LONGEST:
-        raise RequirementError(f"a requirement has at most {_LONGEST} characters", 0)
+    if len(text) > _MAX_LENGTH:
+        raise RequirementError(f"a requirement has at most {_MAX_LENGTH} characters", 0)
     found = _METRIC.match(text)
     if found is None:
         raise RequirementError(
             "a requirement begins with a metric, such as latency.p99",
-            _first(text),
+            _next_token_column(text),
             "latency.p99 < 50 ms",
         )
     metric = found["metric"]
     metric_column = found.start("metric")
     if metric == "sustained":
         if text[found.end() :].strip():
-            column = _first(text, found.end())
+            column = _next_token_column(text, found.end())
             raise RequirementError("nothing may follow 'sustained'", column)
         return Requirement(text=text, metric=metric, metric_column=metric_column)
     compared = _OPERATOR.match(text, found.end())
     if compared is None:
-        column = _first(text, found.end())
-        meant = next((op for other, op in _MISTAKEN.items() if text.startswith(other, column)), "<")
+        column = _next_token_column(text, found.end())
+        meant = next(
+            (op for other, op in _OPERATOR_TYPOS.items() if text.startswith(other, column)), "<"
+        )
         raise RequirementError(
             f"after {quote(metric)} comes one of < <= > >= == !=", column, f"{metric} {meant} ..."
         )
-    column = _first(text, compared.end())
-    windows = _IN.search(text, compared.end())
+    column = _next_token_column(text, compared.end())
+    windows = _WINDOWS_START.search(text, compared.end())
     end = windows.start() if windows is not None else len(text)
     bound = _parse_bound(text[column:end].rstrip(), min(column, end))
     share, window_ns = _parse_windows(text, windows.end()) if windows is not None else (None, 0)
@@ -197,8 +199,8 @@ def _parse_windows(text: str, column: int) -> tuple[float, int]:
     found = re.match(r"(?P<share>[^%]*%)\s*", text[column:])
     if found is None:
         message = "after 'in' comes a share of windows, such as 99 %"
-        raise RequirementError(message, _first(text, column), _WINDOWS_EXAMPLE)
-    share = _inside(Share, found["share"], column)
+        raise RequirementError(message, _next_token_column(text, column), _WINDOWS_EXAMPLE)
+    share = _parse_quantity(Share, found["share"], column)
     if not 0 < share.fraction <= 1:
         message = "the share of windows must be more than 0 % and at most 100 %"
         raise RequirementError(message, column, _WINDOWS_EXAMPLE)
@@ -206,19 +208,19 @@ def _parse_windows(text: str, column: int) -> tuple[float, int]:
     of = re.match(r"of\s+(?P<duration>.*?)\s*(?P<word>[A-Za-z_]*)\s*\Z", text[at:], re.DOTALL)
     if of is None:
         message = "after the share comes 'of' and the length of a window"
-        raise RequirementError(message, _first(text, at), _WINDOWS_EXAMPLE)
+        raise RequirementError(message, _next_token_column(text, at), _WINDOWS_EXAMPLE)
     start = at + of.start("duration")
     if of["word"] not in ("window", "windows"):
         duration = text[start:].rstrip()
         message = "the sentence ends with 'windows'"
         raise RequirementError(message, start + len(duration), f"of {duration or '1 s'} windows")
-    length = _inside(Duration, of["duration"], start)
+    length = _parse_quantity(Duration, of["duration"], start)
     if length.ns <= 0:
         raise RequirementError("a window must be longer than nothing", start, _WINDOWS_EXAMPLE)
     return share.fraction, length.ns
 
 
-def _inside(kind: type[_Q], text: str, column: int) -> _Q:
+def _parse_quantity(kind: type[_Q], text: str, column: int) -> _Q:
     try:
         return kind.parse(text)
     except QuantityError as error:
@@ -228,7 +230,7 @@ def _inside(kind: type[_Q], text: str, column: int) -> _Q:
 def _parse_bound(text: str, column: int) -> Bound:
     if not text:
         raise RequirementError("the bound is missing", column, "50 ms")
-    relative = _OF.fullmatch(text)
+    relative = _RELATIVE_BOUND.fullmatch(text)
     if relative is not None:
         return _relative_bound(relative, column)
     if re.fullmatch(r"[0-9]{1,15}", text):
@@ -236,7 +238,7 @@ def _parse_bound(text: str, column: int) -> Bound:
     for kind in (Duration, Rate, Size, Share):
         with contextlib.suppress(QuantityError):
             return _absolute_bound(kind.parse(text))
-    raise _bad_bound(text, column)
+    raise _bound_error(text, column)
 
 
 def _absolute_bound(quantity: Quantity) -> Bound:
@@ -251,7 +253,7 @@ def _absolute_bound(quantity: Quantity) -> Bound:
     raise AssertionError(f"{type(quantity).__name__} has no dimension")
 
 
-def _bad_bound(text: str, column: int) -> RequirementError:
+def _bound_error(text: str, column: int) -> RequirementError:
     unit = re.fullmatch(r"([0-9.]+)\s*([^\s0-9.]\S*)", text)
     units = [name for kind in (Duration, Rate, Size, Share) for name in kind.units]
     if unit is not None and unit[2] not in units:
@@ -290,6 +292,6 @@ def _relative_bound(found: re.Match[str], column: int) -> Bound:
     )
 
 
-def _first(text: str, start: int = 0) -> int:
+def _next_token_column(text: str, start: int = 0) -> int:
     """The offset of the first character that is not white space, from `start` on."""
     return len(text) - len(text[start:].lstrip()) if text[start:].strip() else len(text)

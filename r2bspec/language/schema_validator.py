@@ -7,10 +7,10 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.language.fast_validator import Judge, judge_of
+from r2bspec.language.fast_validator import Predicate, compile_predicate
 from r2bspec.language.schema import strict_schema
-from r2bspec.language.schema.schema_builder import ALONE, KIND, WORDS
-from r2bspec.language.value_kinds import judge
+from r2bspec.language.schema.schema_builder import ALLOWED_WORDS, KIND, SINGLE_ITEM
+from r2bspec.language.value_kinds import check_value
 
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
@@ -23,9 +23,9 @@ def schema(*, live: bool = False) -> dict[str, Any]:
     return strict_schema(live=live)
 
 
-def obeys(plain: Any) -> bool:
+def is_valid(plain: Any) -> bool:
     """Whether the document violates nothing."""
-    return _judge(live=is_live(plain))(plain)
+    return _predicate(live=is_live(plain))(plain)
 
 
 def is_live(plain: Any) -> bool:
@@ -54,8 +54,8 @@ def schema_errors(plain: Any) -> Iterator[ValidationError]:
 
 
 @cache
-def _judge(*, live: bool) -> Judge:
-    return judge_of(schema(live=live))
+def _predicate(*, live: bool) -> Predicate:
+    return compile_predicate(schema(live=live))
 
 
 @cache
@@ -67,7 +67,7 @@ def _validator(*, live: bool) -> Validator:
         validator: Any, kind: str, instance: object, schema: dict[str, Any]
     ) -> Iterator[ValidationError]:
         del validator, kind
-        problem = judge(instance, schema)
+        problem = check_value(instance, schema)
         if problem is not None:
             yield ValidationError(problem.message)
 
@@ -104,9 +104,9 @@ def _validator(*, live: bool) -> Validator:
     )
     # jsonschema's own additionalProperties goes through a set: another order in each process.
     changed = {
-        ALONE: check_alone,
+        SINGLE_ITEM: check_alone,
         KIND: check_kind,
-        WORDS: check_words,
+        ALLOWED_WORDS: check_words,
         "additionalProperties": check_other_keys,
     }
     extend: Any = validators.extend

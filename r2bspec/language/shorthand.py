@@ -22,16 +22,16 @@ from r2bspec.language.quantities import Rate
 
 Plain = dict[str, Any]
 
-MOST_RATES = 1000
+MAX_RANGE_RATES = 1000
 """Rates that a range may stand for at most."""
 
-USED_UP = ("extends", "matrix")
+LOADER_KEYS = ("extends", "matrix")
 """Keys at the top of a document that no typed value has."""
 
 
-def write_out(document: Plain) -> Plain:
+def expand_shorthands(document: Plain) -> Plain:
     """The document without shorthands; what it is made of is shared, not changed."""
-    done = {key: value for key, value in document.items() if key not in USED_UP}
+    done = {key: value for key, value in document.items() if key not in LOADER_KEYS}
     for key, change in _SECTIONS.items():
         if key in done:
             done[key] = change(done[key])
@@ -60,11 +60,11 @@ def qos(written: str | Plain) -> Plain:
     return PROFILES[written["profile"]] | own
 
 
-def rates_of(between: Mapping[str, Any]) -> list[str]:
+def expand_rate_range(between: Mapping[str, Any]) -> list[str]:
     """The rates of a range, in exact arithmetic; the last is `to` only where a step leads there.
 
-    More than `MOST_RATES` are not written out, and a step that leads nowhere gives none: what is
-    odd about a range has been said before (`r2bspec.language.key_constraints.entry_keys`).
+    More than `MAX_RANGE_RATES` are not written out, and a step that leads nowhere gives none: what
+    is odd about a range has been said before (`r2bspec.language.key_constraints.entry_keys`).
     """
     first, last = (Decimal(repr(Rate.parse(between[key]).hz)) for key in ("from", "to"))
     if "step" in between:
@@ -73,21 +73,21 @@ def rates_of(between: Mapping[str, Any]) -> list[str]:
     else:
         count = between.get("count", 2)
         step = (last - first) / (count - 1)
-    return [str(Rate(float(first + step * index))) for index in range(min(count, MOST_RATES))]
+    return [str(Rate(float(first + step * index))) for index in range(min(count, MAX_RANGE_RATES))]
 
 
-def value_of(declared: Any) -> Any:
+def variable_value(declared: Any) -> Any:
     """The value of a declared variable, however it is declared; None if there is none."""
     if isinstance(declared, dict):
         return declared.get("value", declared.get("default"))
     return declared
 
 
-def _each(change: Callable[[Any], Any]) -> Callable[[Plain], Plain]:
+def _map_values(change: Callable[[Any], Any]) -> Callable[[Plain], Plain]:
     return lambda entries: {name: change(each) for name, each in entries.items()}
 
 
-def _changed(entry: Plain, key: str, change: Callable[[Any], Any]) -> Plain:
+def _with_changed(entry: Plain, key: str, change: Callable[[Any], Any]) -> Plain:
     return {**entry, key: change(entry[key])} if key in entry else entry
 
 
@@ -95,7 +95,7 @@ def _data_loader(loader: Plain) -> Plain:
     bags = [bag_source(each) for each in loader.get("bags", ())]
     if bags:
         return {**loader, "bag": bags[0], "bags": bags}
-    return _changed(loader, "bag", bag_source)
+    return _with_changed(loader, "bag", bag_source)
 
 
 def _harness(written: str | Plain) -> Plain:
@@ -118,16 +118,18 @@ def _node(node: Plain) -> Plain:
 
 
 def _playback(playback: Plain) -> Plain:
-    return _changed(playback, "inputs", _each(lambda each: _changed(each, "qos", qos)))
+    return _with_changed(
+        playback, "inputs", _map_values(lambda each: _with_changed(each, "qos", qos))
+    )
 
 
 def _benchmark(benchmark: Plain) -> Plain:
     if isinstance(benchmark.get("rates"), dict):
-        benchmark = {**benchmark, "rates": rates_of(benchmark["rates"])}
-    return _changed(
+        benchmark = {**benchmark, "rates": expand_rate_range(benchmark["rates"])}
+    return _with_changed(
         benchmark,
         "search",
-        lambda search: _changed(search, "holds", lambda h: [h] if isinstance(h, str) else h),
+        lambda search: _with_changed(search, "holds", lambda h: [h] if isinstance(h, str) else h),
     )
 
 
@@ -138,13 +140,13 @@ def _objective(objective: Plain) -> Plain:
 
 
 _SECTIONS: dict[str, Callable[[Any], Any]] = {
-    "variables": _each(value_of),
+    "variables": _map_values(variable_value),
     "harness": _harness,
     "data_loader": _data_loader,
-    "preprocessors": _each(_node),
+    "preprocessors": _map_values(_node),
     "playback": _playback,
-    "graph": lambda graph: _changed(graph, "nodes", _each(_node)),
-    "monitors": _each(lambda each: _changed(each, "qos", qos)),
+    "graph": lambda graph: _with_changed(graph, "nodes", _map_values(_node)),
+    "monitors": _map_values(lambda each: _with_changed(each, "qos", qos)),
     "benchmark": _benchmark,
-    "slos": _each(_objective),
+    "slos": _map_values(_objective),
 }

@@ -15,22 +15,22 @@ def inner_span(source: Source | None, span: Span, text: str, offset: int, length
     """
     if source is None:
         return span
-    raw = _raw(source, span)
+    raw = _source_text(source, span)
     piece = text[offset : offset + length]
     if not piece:
         end = len(raw.rstrip())
         end -= 1 if raw[:1] in ("'", '"') and end > 1 else 0
-        return _place(span, raw, end, 1)
+        return _span_at_offset(span, raw, end, 1)
     rank = text.count(piece, 0, offset)
     found = -1
     for _ in range(rank + 1):
         found = raw.find(piece, found + 1)
         if found < 0:
             return span
-    return _place(span, raw, found, len(piece))
+    return _span_at_offset(span, raw, found, len(piece))
 
 
-def _raw(source: Source, span: Span) -> str:
+def _source_text(source: Source, span: Span) -> str:
     lines = source.lines[span.line - 1 : span.end_line]
     if not lines:
         return ""
@@ -42,7 +42,7 @@ def _raw(source: Source, span: Span) -> str:
     return "\n".join(lines)
 
 
-def _place(span: Span, raw: str, start: int, length: int) -> Span:
+def _span_at_offset(span: Span, raw: str, start: int, length: int) -> Span:
     before = raw[:start]
     line = span.line + before.count("\n")
     column = start + span.column if line == span.line else start - before.rfind("\n")

@@ -15,13 +15,13 @@ from pathlib import Path
 from r2bspec.diagnostics import Diagnostic, Edit, Severity, Span
 from r2bspec.diagnostics.source_lines import split_lines
 
-LARGEST_BYTES = 10_000_000
+MAX_DOCUMENT_BYTES = 10_000_000
 """Size of the largest document that is read; specs have a few thousand bytes."""
 
 _FORBIDDEN = re.compile(
     "[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"  # YAML's c-printable
 )
-_WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff", b"\x00\x00\xfe\xff")
+_UTF16_AND_UTF32_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\x00\x00\xfe\xff")
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Source:
         """The line of that number, counted from 1; empty where there is none."""
         return self.lines[number - 1] if 0 < number <= len(self.lines) else ""
 
-    def place(self, offset: int) -> Span:
+    def span_at(self, offset: int) -> Span:
         """The span of the one character at an offset into the text."""
         before = split_lines(self.text[:offset])
         line, column = len(before), len(before[-1]) + 1
@@ -48,7 +48,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Read:
+class ReadResult:
     """A source and what was wrong with it; with an error it is good for carets only."""
 
     source: Source
@@ -60,57 +60,57 @@ class Read:
         return all(found.severity is not Severity.ERROR for found in self.diagnostics)
 
 
-def read_file(path: Path) -> Read:
+def read_file(path: Path) -> ReadResult:
     """Read and decode one file; ``-`` is standard input. Every problem becomes a diagnostic."""
     file = "<stdin>" if str(path) == "-" else str(path)
     try:
         if str(path) == "-":
-            data = sys.stdin.buffer.read(LARGEST_BYTES + 1)
+            data = sys.stdin.buffer.read(MAX_DOCUMENT_BYTES + 1)
         else:
             with path.open("rb") as stream:
-                data = stream.read(LARGEST_BYTES + 1)
+                data = stream.read(MAX_DOCUMENT_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         found = _error("R2B001", f"cannot read the file: {reason}", Span.of_file(file))
-        return Read(Source(file, ""), (found,))
+        return ReadResult(Source(file, ""), (found,))
     return decode(data, file)
 
 
-def decode(data: bytes, file: str) -> Read:
+def decode(data: bytes, file: str) -> ReadResult:
     """Decode the bytes of a document, whose name for the user is `file`."""
-    if len(data) > LARGEST_BYTES:
-        limit = LARGEST_BYTES // 1_000_000
+    if len(data) > MAX_DOCUMENT_BYTES:
+        limit = MAX_DOCUMENT_BYTES // 1_000_000
         found = _error(
             "R2B002",
             f"the file is larger than {limit} MB, the most that is read",
             Span.of_file(file),
             "is this the right file? a spec names its data, it does not hold it",
         )
-        return Read(Source(file, ""), (found,))
-    if data.startswith(_WIDE_MARKS):
+        return ReadResult(Source(file, ""), (found,))
+    if data.startswith(_UTF16_AND_UTF32_BOMS):
         found = _error(
             "R2B003",
             "the file is not UTF-8: it begins as UTF-16 or UTF-32 does",
             Span.of_file(file),
             "save it as UTF-8",
         )
-        return Read(Source(file, ""), (found,))
+        return ReadResult(Source(file, ""), (found,))
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
         source = Source(file, data.decode("utf-8", errors="replace"))
-        place = source.place(len(data[: error.start].decode("utf-8")))
+        place = source.span_at(len(data[: error.start].decode("utf-8")))
         found = _error(
             "R2B003",
             f"the file is not UTF-8: byte 0x{data[error.start]:02x} makes no character here",
             place,
             "save it as UTF-8",
         )
-        return Read(source, (found,))
-    return accept(text, file)
+        return ReadResult(source, (found,))
+    return read_text(text, file)
 
 
-def accept(text: str, file: str) -> Read:
+def read_text(text: str, file: str) -> ReadResult:
     """Check text that is decoded already."""
     found: list[Diagnostic] = []
     if text.startswith("\ufeff"):
@@ -129,7 +129,7 @@ def accept(text: str, file: str) -> Read:
     source = Source(file, text)
     wrong = _FORBIDDEN.search(text)
     if wrong is not None:
-        place = source.place(wrong.start())
+        place = source.span_at(wrong.start())
         name = "a NUL byte" if wrong[0] == "\0" else f"the character U+{ord(wrong[0]):04X}"
         found.append(
             _error(
@@ -140,9 +140,9 @@ def accept(text: str, file: str) -> Read:
                 None if wrong[0] == "\0" else Edit(place, ""),
             )
         )
-    if len(text) > LARGEST_BYTES:
-        return decode(b" " * (LARGEST_BYTES + 1), file)
-    return Read(source, tuple(found))
+    if len(text) > MAX_DOCUMENT_BYTES:
+        return decode(b" " * (MAX_DOCUMENT_BYTES + 1), file)
+    return ReadResult(source, tuple(found))
 
 
 def _error(

@@ -2,8 +2,8 @@
 
 These classes and the JSON Schema (`r2bspec.language.schema`) describe the same language; a test
 holds them together. Two kinds of things differ, and both are marked: keys that the loader uses up
-(``extends``, ``matrix``, ``repeat``) are in the schema only, and the few fields in `MADE` are here
-only: shorthands are written out into them (`r2bspec.language.shorthand`).
+(``extends``, ``matrix``, ``repeat``) are in the schema only, and the few fields in `DERIVED_FIELDS`
+are here only: shorthands are written out into them (`r2bspec.language.shorthand`).
 
 Names are kept as the user wrote them: resolving `image` to `/r2b/image` is the plan's business.
 Quantities are exact (`r2bspec.language.quantities`).
@@ -18,7 +18,7 @@ import msgspec
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
 
-MADE = {
+DERIVED_FIELDS = {
     "Node": ("parameter_sources",),
     "Objective": ("at_peak",),
     "Spec": ("segment",),
@@ -29,11 +29,11 @@ Scalar = bool | int | float | str
 ParameterValue = Scalar | list[Any]
 
 
-class _Value(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _SpecStruct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all language values: immutable and closed."""
 
 
-class BagSource(_Value, frozen=True, kw_only=True):
+class BagSource(_SpecStruct, frozen=True, kw_only=True):
     """Where the recorded messages come from: exactly one of `dataset` and `path`."""
 
     dataset: str = ""
@@ -41,14 +41,14 @@ class BagSource(_Value, frozen=True, kw_only=True):
     sha256: str = ""
 
 
-class Window(_Value, frozen=True, kw_only=True):
+class Window(_SpecStruct, frozen=True, kw_only=True):
     """The part of the recording that is used, counted from its first message."""
 
     start: Duration = Duration(0)
     end: Duration | None = None
 
 
-class DataLoader(_Value, frozen=True, kw_only=True):
+class DataLoader(_SpecStruct, frozen=True, kw_only=True):
     """The recording, the window, and which recorded topic becomes which topic in the graph.
 
     Attributes:
@@ -74,7 +74,7 @@ class DataLoader(_Value, frozen=True, kw_only=True):
         return self.bags or ((self.bag,) if self.bag != BagSource() else ())
 
 
-class QoS(_Value, frozen=True, kw_only=True):
+class QoS(_SpecStruct, frozen=True, kw_only=True):
     """A quality-of-service profile; the default is the one that rclpy uses for `depth=10`."""
 
     reliability: Literal["reliable", "best_effort"] = "reliable"
@@ -83,7 +83,7 @@ class QoS(_Value, frozen=True, kw_only=True):
     depth: int = 10
 
 
-class Plugin(_Value, frozen=True, kw_only=True):
+class Plugin(_SpecStruct, frozen=True, kw_only=True):
     """A C++ component that stands in for a part of the harness."""
 
     package: str
@@ -91,7 +91,7 @@ class Plugin(_Value, frozen=True, kw_only=True):
     parameters: dict[str, ParameterValue] = {}
 
 
-class Harness(_Value, frozen=True, kw_only=True):
+class Harness(_SpecStruct, frozen=True, kw_only=True):
     """Who plays and watches.
 
     Attributes:
@@ -106,7 +106,7 @@ class Harness(_Value, frozen=True, kw_only=True):
     monitor: Plugin | None = None
 
 
-class Container(_Value, frozen=True, kw_only=True):
+class Container(_SpecStruct, frozen=True, kw_only=True):
     """A process that holds several nodes; `threads` 0 leaves the number to the executor."""
 
     executable: Literal[
@@ -124,7 +124,7 @@ class Container(_Value, frozen=True, kw_only=True):
     memory_limit: Size | None = None
 
 
-class Launch(_Value, frozen=True, kw_only=True):
+class Launch(_SpecStruct, frozen=True, kw_only=True):
     """A launch file: `package` and `file`, or `path` relative to the document."""
 
     package: str = ""
@@ -133,7 +133,7 @@ class Launch(_Value, frozen=True, kw_only=True):
     arguments: dict[str, Scalar] = {}
 
 
-class ParameterSource(_Value, frozen=True, kw_only=True):
+class ParameterSource(_SpecStruct, frozen=True, kw_only=True):
     """One part of a node's parameters: a parameters file, or values."""
 
     file: str = ""
@@ -143,7 +143,7 @@ class ParameterSource(_Value, frozen=True, kw_only=True):
 NodeKind = Literal["python", "plugin", "executable", "command", "launch", "external"]
 
 
-class Node(_Value, frozen=True, kw_only=True):
+class Node(_SpecStruct, frozen=True, kw_only=True):
     """A node of the graph or of the preprocessors.
 
     Exactly one kind is given: `python`, `package` with `plugin`, `package` with `executable`,
@@ -197,7 +197,7 @@ class Node(_Value, frozen=True, kw_only=True):
         return tuple(each.file for each in self.parameter_sources if each.file)
 
 
-class PlaybackInput(_Value, frozen=True, kw_only=True):
+class PlaybackInput(_SpecStruct, frozen=True, kw_only=True):
     """A topic that the graph reads: where its messages were buffered, and their type.
 
     `timestamp` is `none` for messages whose header must stay as it was recorded.
@@ -209,7 +209,7 @@ class PlaybackInput(_Value, frozen=True, kw_only=True):
     timestamp: Literal["header", "none"] = "header"
 
 
-class Timeline(_Value, frozen=True, kw_only=True):
+class Timeline(_SpecStruct, frozen=True, kw_only=True):
     """How recorded time becomes time of play.
 
     Attributes:
@@ -221,7 +221,7 @@ class Timeline(_Value, frozen=True, kw_only=True):
     translations: dict[str, Duration] = {}
 
 
-class Playback(_Value, frozen=True, kw_only=True):
+class Playback(_SpecStruct, frozen=True, kw_only=True):
     """How the buffered messages are played. `buffer` is messages per input; 0 means all.
 
     A `live` benchmark plays nothing: its `inputs` are empty.
@@ -240,7 +240,7 @@ class Playback(_Value, frozen=True, kw_only=True):
     tf: Literal["shift", "keep"] = "shift"
 
 
-class SetupStep(_Value, frozen=True, kw_only=True):
+class SetupStep(_SpecStruct, frozen=True, kw_only=True):
     """A command that runs before anything starts, unless the file `creates` is there."""
 
     command: tuple[str, ...]
@@ -250,14 +250,14 @@ class SetupStep(_Value, frozen=True, kw_only=True):
     env: dict[str, str] = {}
 
 
-class LogLine(_Value, frozen=True, kw_only=True):
+class LogLine(_SpecStruct, frozen=True, kw_only=True):
     """A line in the output of a process, as a regular expression."""
 
     process: str
     pattern: str
 
 
-class ReadyProbe(_Value, frozen=True, kw_only=True):
+class ReadyProbe(_SpecStruct, frozen=True, kw_only=True):
     """Something that must be so before the graph counts as ready: exactly one of the four."""
 
     file: str = ""
@@ -267,7 +267,7 @@ class ReadyProbe(_Value, frozen=True, kw_only=True):
     timeout: Duration = Duration(30 * 10**9)
 
 
-class ServiceCall(_Value, frozen=True, kw_only=True):
+class ServiceCall(_SpecStruct, frozen=True, kw_only=True):
     """A call of a service, with the fields of its request."""
 
     name: str
@@ -275,7 +275,7 @@ class ServiceCall(_Value, frozen=True, kw_only=True):
     request: dict[str, Any] = {}
 
 
-class AfterReadyStep(_Value, frozen=True, kw_only=True):
+class AfterReadyStep(_SpecStruct, frozen=True, kw_only=True):
     """What is done once the graph stands: exactly one of a command and a service call."""
 
     command: tuple[str, ...] = ()
@@ -283,7 +283,7 @@ class AfterReadyStep(_Value, frozen=True, kw_only=True):
     timeout: Duration = Duration(30 * 10**9)
 
 
-class Graph(_Value, frozen=True, kw_only=True):
+class Graph(_SpecStruct, frozen=True, kw_only=True):
     """The nodes under test, and where those run that name no container.
 
     `separate` is a process each, `shared` one process for all, `harness` beside the harness.
@@ -293,14 +293,14 @@ class Graph(_Value, frozen=True, kw_only=True):
     nodes: dict[str, Node]
 
 
-class Ratio(_Value, frozen=True, kw_only=True):
+class Ratio(_SpecStruct, frozen=True, kw_only=True):
     """How many outputs answer how many inputs."""
 
     inputs: int = 1
     outputs: int = 1
 
 
-class Monitor(_Value, frozen=True, kw_only=True):
+class Monitor(_SpecStruct, frozen=True, kw_only=True):
     """A topic that is watched. `match` says how its messages find the input they answer.
 
     Attributes:
@@ -321,7 +321,7 @@ class Monitor(_Value, frozen=True, kw_only=True):
     parameters: dict[str, ParameterValue] = {}
 
 
-class Search(_Value, frozen=True, kw_only=True):
+class Search(_SpecStruct, frozen=True, kw_only=True):
     """The search for the highest rate that holds.
 
     `holds` are conditions on one probe beyond the one that always applies: the backlog of
@@ -336,7 +336,7 @@ class Search(_Value, frozen=True, kw_only=True):
     confidence: Share = Share(0.95)
 
 
-class Gate(_Value, frozen=True, kw_only=True):
+class Gate(_SpecStruct, frozen=True, kw_only=True):
     """How verdicts are reached, and what they lead to.
 
     Attributes:
@@ -352,7 +352,7 @@ class Gate(_Value, frozen=True, kw_only=True):
     time_budget: Duration | None = None
 
 
-class Benchmark(_Value, frozen=True, kw_only=True):
+class Benchmark(_SpecStruct, frozen=True, kw_only=True):
     """What is played: `iterations` times `duration` at each of `rates`, and an optional search.
 
     `max_iterations` is how many there may be where fewer decide nothing; 0 means `iterations`.
@@ -369,7 +369,7 @@ class Benchmark(_Value, frozen=True, kw_only=True):
     gate: Gate = Gate()
 
 
-class Objective(_Value, frozen=True, kw_only=True):
+class Objective(_SpecStruct, frozen=True, kw_only=True):
     """One service-level objective: requirements that must hold at one offered rate.
 
     Attributes:
@@ -388,7 +388,7 @@ class Objective(_Value, frozen=True, kw_only=True):
     at_peak: bool = False
 
 
-class Spec(_Value, frozen=True, kw_only=True):
+class Spec(_SpecStruct, frozen=True, kw_only=True):
     """One benchmark, complete. `segment` is the size of the transport's shared memory."""
 
     r2bspec: Literal[1]

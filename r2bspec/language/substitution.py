@@ -22,7 +22,7 @@ from typing import Any
 from r2bspec.diagnostics import Certainty, Diagnostic, Related, Span, did_you_mean
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -32,30 +32,30 @@ from r2bspec.language.located_tree import (
     UnknownNode,
     child,
 )
-from r2bspec.language.repeat import repeated
+from r2bspec.language.repeat import parse_repeat
 from r2bspec.language.schema.schema_builder import TOPIC_KEYS
 from r2bspec.language.source_columns import inner_span
-from r2bspec.language.source_text import LARGEST_BYTES, Source
-from r2bspec.language.variable_declarations import declared_value, judge_declared, with_value
-from r2bspec.language.variable_references import OPENING, Malformed, Reference, references
-from r2bspec.language.yaml_composer import MOST_SHARED
+from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source
+from r2bspec.language.variable_declarations import check_declaration, declared_value, with_value
+from r2bspec.language.variable_references import OPENING, MalformedReference, Reference, references
+from r2bspec.language.yaml_composer import MAX_EXPANDED_VALUES
 from r2bspec.language.yaml_scalars import ScalarError, ScalarValue, resolve
 
 _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
 
 
 @dataclass(frozen=True, slots=True)
-class Substituted:
+class SubstitutionResult:
     """The tree after substitution, what was wrong, and which variables were used.
 
     Attributes:
-        ways: for each entry that `repeat` made, the place that names the instance.
+        origins: for each entry that `repeat` made, the place that names the instance.
     """
 
     tree: TreeNode
     diagnostics: tuple[Diagnostic, ...]
     used: frozenset[str]
-    ways: Mapping[TreePath, tuple[Related, ...]]
+    origins: Mapping[TreePath, tuple[Related, ...]]
 
 
 def substitute(
@@ -63,7 +63,7 @@ def substitute(
     schema: dict[str, Any],
     sources: Mapping[str, Source],
     environ: Mapping[str, str],
-) -> Substituted:
+) -> SubstitutionResult:
     """Replace every reference in a document; `schema` tells which keys are known."""
     known = schema["properties"]
     work = _Substitution(root, sources, environ, _sections(known))
@@ -74,7 +74,9 @@ def substitute(
         if key not in _DECLARATIONS:
             entries[key] = replace(entry, value=work.walk(entry.value, known.get(key)))
     tree = MapNode(entries, root.span)
-    return Substituted(tree, tuple(work.problems.found), frozenset(work.used), work.ways)
+    return SubstitutionResult(
+        tree, tuple(work.problems.diagnostics), frozenset(work.used), work.origins
+    )
 
 
 def _sections(known: dict[str, Any]) -> dict[int, TreePath]:
@@ -94,22 +96,22 @@ class _Substitution:
         environ: Mapping[str, str],
         sections: Mapping[int, TreePath],
     ) -> None:
-        self.problems = Problems()
+        self.problems = DiagnosticCollector()
         self.used: set[str] = set()
         self.variables: MapNode | None = None
         self._sources = sources
         self._environ = environ
-        self._allowed = _listed(root)
-        self.ways: dict[TreePath, tuple[Related, ...]] = {}
+        self._allowed = _allowed_environment(root)
+        self.origins: dict[TreePath, tuple[Related, ...]] = {}
         self._sections = sections
         self._local: Mapping[str, TreeNode] = {}
         self._scope: object = None
-        self._here: tuple[Related, ...] = ()
+        self._instance_origin: tuple[Related, ...] = ()
         self._repeated = 0
         self._done: dict[tuple[int, int, int], TreeNode] = {}
-        self._alive: list[object] = []  # so that no id is used twice
+        self._keep_alive: list[object] = []  # so that no id is used twice
         self._inserted = 0
-        self._overflown = False
+        self._size_exceeded = False
         self._in_declarations = True
         declared = child(root, "variables")
         if isinstance(declared, MapNode):
@@ -128,7 +130,7 @@ class _Substitution:
         if isinstance(value, ScalarNode):
             node = with_value(node, self._scalar(value)) if OPENING in value.text else node
         if isinstance(node, MapNode):
-            sound = judge_declared(name, node, entry.key_span, self.problems)
+            sound = check_declaration(name, node, entry.key_span, self.problems)
             if value is not None and not sound:  # said here, and not again wherever it is used
                 return with_value(node, UnknownNode(value.span))
         return node
@@ -165,7 +167,7 @@ class _Substitution:
             if made is not None:
                 for name, instance in made.items():
                     if name in entries:
-                        self._clash(name, instance.key_span, entries[name].key_span)
+                        self._report_clash(name, instance.key_span, entries[name].key_span)
                     entries.setdefault(name, instance)
                 continue
             value = self.walk(entry.value, known.get(key) if known is not None else below)
@@ -173,30 +175,30 @@ class _Substitution:
             if OPENING in key:
                 new, sure = self._key(key, entry.key_span, topics=TOPIC_KEYS in rule)
             if new in entries:
-                self._clash(new, entry.key_span, entries[new].key_span)
+                self._report_clash(new, entry.key_span, entries[new].key_span)
                 continue
-            entries[new] = Entry(entry.key_span, value, known=sure and entry.known)
+            entries[new] = Entry(entry.key_span, value, key_resolved=sure and entry.key_resolved)
         return MapNode(entries, node.span)
 
     def _instances(
         self, section: TreePath, key: str, entry: Entry, rule: Any
     ) -> dict[str, Entry] | None:
         """The entries that `repeat` makes of one, or None if it does not."""
-        found = repeated(entry.value) if isinstance(entry.value, MapNode) else None
+        found = parse_repeat(entry.value) if isinstance(entry.value, MapNode) else None
         if found is None:
             return None
         made: dict[str, Entry] = {}
-        self._alive.append(found)
+        self._keep_alive.append(found)
         for name, instance in found.instances.items():
-            if self._repeated > MOST_SHARED:
+            if self._repeated > MAX_EXPANDED_VALUES:
                 break
             local = {name: self._scalar(value) for name, value in instance.variables.items()}
             self._local, self._scope = local, instance
             whole = f"{key}_{name}"
-            self._here = (Related(f"the instance '{name}' of '{key}'", instance.span),)
-            self.ways[(*section, whole)] = self._here
-            made[whole] = Entry(instance.span, self.walk(found.entry, rule), entry.known)
-            self._local, self._scope, self._here = {}, None, ()
+            self._instance_origin = (Related(f"the instance '{name}' of '{key}'", instance.span),)
+            self.origins[(*section, whole)] = self._instance_origin
+            made[whole] = Entry(instance.span, self.walk(found.entry, rule), entry.key_resolved)
+            self._local, self._scope, self._instance_origin = {}, None, ()
         return made
 
     def _count(self, node: TreeNode) -> None:
@@ -204,8 +206,8 @@ class _Substitution:
         before = self._repeated
         if isinstance(node, MapNode | ListNode):
             self._repeated += 1 + len(node.entries if isinstance(node, MapNode) else node.items)
-        if before <= MOST_SHARED < self._repeated:
-            message = f"written out, 'repeat' makes more than {MOST_SHARED:,} values"
+        if before <= MAX_EXPANDED_VALUES < self._repeated:
+            message = f"written out, 'repeat' makes more than {MAX_EXPANDED_VALUES:,} values"
             self.problems.error("R2B129", message, node.span, "use fewer instances")
 
     def _key(self, key: str, span: Span, *, topics: bool) -> tuple[str, bool]:
@@ -220,7 +222,7 @@ class _Substitution:
         found = self._scalar(ScalarNode(key, key, span))
         return (found.text, True) if isinstance(found, ScalarNode) else (key, False)
 
-    def _clash(self, key: str, span: Span, first: Span) -> None:
+    def _report_clash(self, key: str, span: Span, first: Span) -> None:
         self.problems.error(
             "R2B126",
             f"with variables replaced, two keys are {quote(key)}",
@@ -249,7 +251,7 @@ class _Substitution:
             at = found.end
             origin = origin or value.origin
             self._inserted += len(value.text)
-            if self._inserted > LARGEST_BYTES:
+            if self._inserted > MAX_DOCUMENT_BYTES:
                 self._too_long(node.span)
                 failed = True
                 break
@@ -260,15 +262,15 @@ class _Substitution:
         return ScalarNode(joined, joined, node.span, '"', origin)
 
     def _too_long(self, span: Span) -> None:
-        if not self._overflown:
-            limit = LARGEST_BYTES // 1_000_000
+        if not self._size_exceeded:
+            limit = MAX_DOCUMENT_BYTES // 1_000_000
             message = f"with variables replaced, the document has more than {limit} MB"
             self.problems.error("R2B129", message, span, "use shorter values")
-        self._overflown = True
+        self._size_exceeded = True
 
-    def _value(self, found: Reference | Malformed, node: ScalarNode) -> ScalarNode | None:
+    def _value(self, found: Reference | MalformedReference, node: ScalarNode) -> ScalarNode | None:
         """What one reference stands for, with its origin; None if that is not known."""
-        if isinstance(found, Malformed):
+        if isinstance(found, MalformedReference):
             span = self._inner(node, found.start, found.end - found.start)
             self.problems.error("R2B123", found.message, span, found.help)
             return None
@@ -302,7 +304,7 @@ class _Substitution:
                     f"there is no variable '{name}'",
                     span,
                     way_out,
-                    related=(*self._here, *_declared_at(close, declared)),
+                    related=(*self._instance_origin, *_declared_at(close, declared)),
                 )
             return None
         self.used.add(name)
@@ -337,7 +339,7 @@ class _Substitution:
             )
             return None
         origin = Related(f"{name} is {quote(text)} in the environment", self._allowed[name])
-        return ScalarNode(as_unquoted(text), text, node.span, origin=origin)
+        return ScalarNode(parse_unquoted(text), text, node.span, origin=origin)
 
     def _inner(self, node: ScalarNode, offset: int, length: int) -> Span:
         if self.problems.full:
@@ -351,7 +353,7 @@ def _as_text(node: ScalarNode | UnknownNode) -> ScalarNode | UnknownNode:
     return replace(node, value=node.text) if isinstance(node, ScalarNode) else node
 
 
-def as_unquoted(text: str) -> ScalarValue:
+def parse_unquoted(text: str) -> ScalarValue:
     """What a text from outside means: as if it stood unquoted in the document."""
     if not text:
         return text
@@ -361,7 +363,7 @@ def as_unquoted(text: str) -> ScalarValue:
         return text
 
 
-def _listed(root: MapNode) -> dict[str, Span]:
+def _allowed_environment(root: MapNode) -> dict[str, Span]:
     """The names under `environment:` and where each stands."""
     listed = child(root, "environment")
     items = listed.items if isinstance(listed, ListNode) else ()

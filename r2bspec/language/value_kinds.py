@@ -8,11 +8,11 @@ from typing import Any
 
 from r2bspec.language.quantities import Quantity, QuantityError, Share
 from r2bspec.language.requirement_grammar import RequirementError, parse_requirement
-from r2bspec.language.schema.schema_builder import KIND, POSITIVE, QUANTITIES, WORDS
+from r2bspec.language.schema.schema_builder import ALLOWED_WORDS, KIND, POSITIVE, QUANTITIES
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class ValueProblem:
     """Why a value is not of its kind.
 
     Attributes:
@@ -27,59 +27,65 @@ class Problem:
     repair: str = ""
 
 
-def judge(value: object, schema: dict[str, Any]) -> Problem | None:
+def check_value(value: object, schema: dict[str, Any]) -> ValueProblem | None:
     """Check a value against the annotations of `schema.schema_builder`; None if it is right."""
     kind = schema[KIND]
     if kind == "requirement":
         return _requirement(value)
-    if value in schema.get(WORDS, ()):
+    if value in schema.get(ALLOWED_WORDS, ()):
         return None
     return _quantity(value, QUANTITIES[kind], positive=schema.get(POSITIVE, False))
 
 
-def _quantity(value: object, kind: type[Quantity], *, positive: bool) -> Problem | None:
+def _quantity(value: object, kind: type[Quantity], *, positive: bool) -> ValueProblem | None:
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return _bare(str(value), kind)
+        return _missing_unit(str(value), kind)
     if not isinstance(value, str):
-        return Problem("R2B103", f"expected a {kind.kind}, such as {kind.example}")
+        return ValueProblem("R2B103", f"expected a {kind.kind}, such as {kind.example}")
     try:
         parsed = kind.parse(value)
     except QuantityError as error:
         if re.fullmatch(r"[+-]?\s*\d+(?:\.\d+)?", value.strip()):
-            return _bare(value.strip(), kind)
-        repair = error.suggestion if error.same else ""
-        return Problem("R2B110", str(error), _suggested(error.suggestion, repair), repair=repair)
+            return _missing_unit(value.strip(), kind)
+        repair = error.suggestion if error.is_equivalent else ""
+        return ValueProblem(
+            "R2B110", str(error), _suggestion_help(error.suggestion, repair), repair=repair
+        )
     if positive and not parsed > type(parsed).parse(f"0 {next(iter(kind.units))}"):
-        return Problem(
-            "R2B111", f"this {kind.kind} must be more than zero", _suggested(kind.example)
+        return ValueProblem(
+            "R2B111", f"this {kind.kind} must be more than zero", _suggestion_help(kind.example)
         )
     return None
 
 
-def _bare(number: str, kind: type[Quantity]) -> Problem:
+def _missing_unit(number: str, kind: type[Quantity]) -> ValueProblem:
     unit = next(iter(kind.units))
     if number.startswith("-"):
-        return Problem("R2B110", f"a {kind.kind} cannot be negative", _suggested(kind.example))
+        return ValueProblem(
+            "R2B110", f"a {kind.kind} cannot be negative", _suggestion_help(kind.example)
+        )
     message = f"{number} has no unit; a {kind.kind} needs one of {', '.join(kind.units)}"
     # 0.02 may well mean 2 %, so that a share has no repair that is safe.
     if kind is Share:
-        return Problem("R2B109", message, f"write {number} {unit}, if that is what is meant")
-    return Problem("R2B109", message, f"write {number} {unit}", repair=f"{number} {unit}")
+        return ValueProblem("R2B109", message, f"write {number} {unit}, if that is what is meant")
+    return ValueProblem("R2B109", message, f"write {number} {unit}", repair=f"{number} {unit}")
 
 
-def _requirement(value: object) -> Problem | None:
+def _requirement(value: object) -> ValueProblem | None:
     if not isinstance(value, str):
-        return Problem(
+        return ValueProblem(
             "R2B103", "expected a requirement, as text", "for example: latency.p99 < 50 ms"
         )
     try:
         parse_requirement(value)
     except RequirementError as error:
-        return Problem("R2B112", str(error), _suggested(error.suggestion), column=error.column)
+        return ValueProblem(
+            "R2B112", str(error), _suggestion_help(error.suggestion), column=error.column
+        )
     return None
 
 
-def _suggested(text: str, repair: str = "") -> str:
+def _suggestion_help(text: str, repair: str = "") -> str:
     if not text:
         return ""
     return f"write {text}" if text == repair else f"for example {text}"

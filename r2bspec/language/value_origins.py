@@ -13,7 +13,7 @@ from r2bspec.diagnostics import Diagnostic, Path, Related, Span
 
 
 @dataclass(frozen=True, slots=True)
-class Routes:
+class ValueOrigins:
     """The ways of one document.
 
     Attributes:
@@ -24,19 +24,19 @@ class Routes:
     files: Mapping[str, tuple[Related, ...]] = field(default_factory=dict)
     entries: Mapping[Path, tuple[Related, ...]] = field(default_factory=dict)
 
-    def to(self, path: Path, span: Span) -> tuple[Related, ...]:
+    def origins_of(self, path: Path, span: Span) -> tuple[Related, ...]:
         """What led to the value at a path, which was written at `span`."""
         found: list[Related] = []
         for length in range(1, len(path) + 1) if self.entries else ():
             found += self.entries.get(path[:length], ())
         return (*found, *self.files.get(span.file, ()))
 
-    def told(self, diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
+    def with_origins(self, diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
         """The diagnostics, each with what led to its place."""
         if not self.files and not self.entries:
             return list(diagnostics)
-        return [self._told(one) for one in diagnostics]
+        return [self._with_origins_of_one(one) for one in diagnostics]
 
-    def _told(self, one: Diagnostic) -> Diagnostic:
-        new = tuple(each for each in self.to(one.path, one.span) if each not in one.related)
+    def _with_origins_of_one(self, one: Diagnostic) -> Diagnostic:
+        new = tuple(each for each in self.origins_of(one.path, one.span) if each not in one.related)
         return replace(one, related=(*one.related, *new)) if new else one

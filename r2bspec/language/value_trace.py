@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, quote
-from r2bspec.language.loaded_spec import Loaded
+from r2bspec.language.loaded_spec import LoadedSpec
 from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
@@ -19,9 +19,9 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.overrides import parse_path
 from r2bspec.language.schema_validator import schema_at
-from r2bspec.language.violations.schema_words import flow
+from r2bspec.language.violations.schema_words import to_flow_yaml
 
-_LONGEST = 200
+_MAX_VALUE_CHARS = 200
 
 
 class UnknownPathError(ValueError):
@@ -37,7 +37,7 @@ class UnknownPathError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class ProvenanceStep:
     """One place on the way of a value; `span` is None where nothing is written."""
 
     message: str
@@ -50,18 +50,18 @@ class Provenance:
 
     path: Path
     value: str
-    steps: tuple[Step, ...]
+    steps: tuple[ProvenanceStep, ...]
 
     def text(self) -> str:
         """The value and its way, one step a line."""
-        lines = [f"{format_path(self.path)} = {clip(self.value, _LONGEST)}"]
+        lines = [f"{format_path(self.path)} = {clip(self.value, _MAX_VALUE_CHARS)}"]
         for step in self.steps:
             place = f"{step.span.file}:{step.span.line}:{step.span.column}: " if step.span else ""
             lines.append(f"  {place}{step.message}")
         return "\n".join(lines) + "\n"
 
 
-def provenance(loaded: Loaded, text: str) -> Provenance:
+def provenance(loaded: LoadedSpec, text: str) -> Provenance:
     """Where the value at a path came from.
 
     Raises:
@@ -72,17 +72,17 @@ def provenance(loaded: Loaded, text: str) -> Provenance:
         raise UnknownPathError(f"{quote(text)} is no path", "for example: benchmark.duration")
     node = lookup(loaded.tree, path)
     if node is None:
-        return _default(loaded.tree, path, text)
-    routes = loaded.routes.to(path, node.span)
-    told = {each.span for each in routes}
-    steps = list(_written(loaded, node))
-    steps += [step for step in _taken_over(loaded.tree, path) if step.span not in told]
+        return _default_provenance(loaded.tree, path, text)
+    origins = loaded.origins.origins_of(path, node.span)
+    told = {each.span for each in origins}
+    steps = list(_source_steps(loaded, node))
+    steps += [step for step in _alias_steps(loaded.tree, path) if step.span not in told]
     known = {step.span for step in steps}
-    steps += [Step(each.message, each.span) for each in routes if each.span not in known]
-    return Provenance(path, flow(to_plain(node)), tuple(steps))
+    steps += [ProvenanceStep(each.message, each.span) for each in origins if each.span not in known]
+    return Provenance(path, to_flow_yaml(to_plain(node)), tuple(steps))
 
 
-def _written(loaded: Loaded, node: TreeNode) -> Iterator[Step]:
+def _source_steps(loaded: LoadedSpec, node: TreeNode) -> Iterator[ProvenanceStep]:
     """Where the value itself stands, and the variable that it refers to."""
     source = loaded.sources.get(node.span.file)
     option = node.span.file.startswith("--")
@@ -91,15 +91,15 @@ def _written(loaded: Loaded, node: TreeNode) -> Iterator[Step]:
         raw = source.line(node.span.line)[node.span.column - 1 : node.span.end_column - 1]
         if isinstance(node, ScalarNode) and node.origin is not None:
             here += f", as {clip(raw)}"
-    yield Step(here, node.span)
+    yield ProvenanceStep(here, node.span)
     if isinstance(node, ScalarNode) and node.origin is not None:
-        yield Step(node.origin.message, node.origin.span)
-        choice, brought = loaded.choice, node.origin.span
-        if choice is not None and any(v.span == brought for v in choice.values.values()):
-            yield Step(f"in the case {choice.name} of the matrix", choice.span)
+        yield ProvenanceStep(node.origin.message, node.origin.span)
+        matrix_case, brought = loaded.matrix_case, node.origin.span
+        if matrix_case is not None and any(v.span == brought for v in matrix_case.values.values()):
+            yield ProvenanceStep(f"in the case {matrix_case.name} of the matrix", matrix_case.span)
 
 
-def _taken_over(root: TreeNode, path: Path) -> Iterator[Step]:
+def _alias_steps(root: TreeNode, path: Path) -> Iterator[ProvenanceStep]:
     """Aliases and merge keys on the way: what they bring stands outside of what holds it."""
     node: TreeNode | None = root
     for part in path:
@@ -108,25 +108,27 @@ def _taken_over(root: TreeNode, path: Path) -> Iterator[Step]:
             return
         if isinstance(owner, MapNode):
             key = owner.entries[str(part)].key_span
-            if _before(node.span, key):
-                yield Step(f"an alias stands here as the value of {quote(str(part))}", key)
-            elif key.file == owner.span.file and not _inside(key, owner.span):
-                yield Step(f"{quote(str(part))} is taken over from here", key)
-        elif isinstance(owner, ListNode) and not _inside(node.span, owner.span):
-            yield Step("an alias stands in this list", owner.span)
+            if _precedes(node.span, key):
+                yield ProvenanceStep(
+                    f"an alias stands here as the value of {quote(str(part))}", key
+                )
+            elif key.file == owner.span.file and not _is_inside(key, owner.span):
+                yield ProvenanceStep(f"{quote(str(part))} is taken over from here", key)
+        elif isinstance(owner, ListNode) and not _is_inside(node.span, owner.span):
+            yield ProvenanceStep("an alias stands in this list", owner.span)
 
 
-def _before(span: Span, other: Span) -> bool:
+def _precedes(span: Span, other: Span) -> bool:
     return span.file == other.file and (span.line, span.column) < (other.line, other.column)
 
 
-def _inside(span: Span, outer: Span) -> bool:
+def _is_inside(span: Span, outer: Span) -> bool:
     start = (outer.line, outer.column)
     end = (outer.end_line, outer.end_column)
     return span.file == outer.file and start <= (span.line, span.column) <= end
 
 
-def _default(root: TreeNode, path: Path, text: str) -> Provenance:
+def _default_provenance(root: TreeNode, path: Path, text: str) -> Provenance:
     """The default of something that the document does not have."""
     for length in range(1, len(path) + 1):
         known = schema_at(path[:length])
@@ -144,5 +146,11 @@ def _default(root: TreeNode, path: Path, text: str) -> Provenance:
             raise UnknownPathError(f"the document has no {quote(format_path(path[:length]))}")
     found = schema_at(path) or {}
     if "default" in found:
-        return Provenance(path, flow(found["default"]), (Step("the default: nothing is written"),))
-    return Provenance(path, "nothing", (Step(f"{quote(text)} is not written, and has no default"),))
+        return Provenance(
+            path,
+            to_flow_yaml(found["default"]),
+            (ProvenanceStep("the default: nothing is written"),),
+        )
+    return Provenance(
+        path, "nothing", (ProvenanceStep(f"{quote(text)} is not written, and has no default"),)
+    )

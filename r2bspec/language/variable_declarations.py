@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from r2bspec.diagnostics import Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -22,7 +22,7 @@ from r2bspec.language.located_tree import (
     ScalarNode,
     TreeNode,
     child,
-    replaced,
+    replace_at,
 )
 from r2bspec.language.quantities import QuantityError
 from r2bspec.language.schema.schema_builder import QUANTITIES
@@ -55,12 +55,12 @@ def with_value(declared: TreeNode, value: TreeNode) -> TreeNode:
     return MapNode({**entries, "value": Entry(value.span, value)}, declared.span)
 
 
-def assigned(root: TreeNode, name: str, value: TreeNode) -> TreeNode:
+def with_variable(root: TreeNode, name: str, value: TreeNode) -> TreeNode:
     """The document with another value for a variable that it declares."""
     declared = child(root, "variables")
     if not isinstance(declared, MapNode) or name not in declared.entries:
         return root
-    return replaced(root, ("variables", name), with_value(declared.entries[name].value, value))
+    return replace_at(root, ("variables", name), with_value(declared.entries[name].value, value))
 
 
 def is_declared_text(declared: TreeNode) -> bool:
@@ -69,7 +69,9 @@ def is_declared_text(declared: TreeNode) -> bool:
     return isinstance(kind, ScalarNode) and kind.value == "string"
 
 
-def judge_declared(name: str, declared: MapNode, span: Span, problems: Problems) -> bool:
+def check_declaration(
+    name: str, declared: MapNode, span: Span, problems: DiagnosticCollector
+) -> bool:
     """Report what is wrong with the value of a declared variable; `span` is that of its name.
 
     Values of types that no variable can have are left to the schema.
@@ -97,22 +99,22 @@ def judge_declared(name: str, declared: MapNode, span: Span, problems: Problems)
     known = kind.value if isinstance(kind, ScalarNode) else None
     choices = child(declared, "choices")
     items = choices.items if isinstance(choices, ListNode) else ()
-    sound = [one for one in items if isinstance(one, ScalarNode) and _scalar(one)]
+    valid_choices = [one for one in items if isinstance(one, ScalarNode) and _has_value(one)]
     ok = True
-    for one in (value, *sound):
-        if isinstance(one, ScalarNode) and _scalar(one) and isinstance(known, str):
-            ok &= _judge_type(name, one, known, kind, problems)
-    if ok and sound and isinstance(value, ScalarNode) and _scalar(value):
-        _judge_choice(name, value, sound, problems)
+    for one in (value, *valid_choices):
+        if isinstance(one, ScalarNode) and _has_value(one) and isinstance(known, str):
+            ok &= _check_type(name, one, known, kind, problems)
+    if ok and valid_choices and isinstance(value, ScalarNode) and _has_value(value):
+        _check_choice(name, value, valid_choices, problems)
     return ok
 
 
-def _scalar(node: ScalarNode) -> bool:
+def _has_value(node: ScalarNode) -> bool:
     return node.value is not None
 
 
-def _judge_type(
-    name: str, node: ScalarNode, kind: str, declared: TreeNode | None, problems: Problems
+def _check_type(
+    name: str, node: ScalarNode, kind: str, declared: TreeNode | None, problems: DiagnosticCollector
 ) -> bool:
     message, help_text = _mismatch(node, kind)
     if message and declared is not None:
@@ -143,10 +145,10 @@ def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
     return "", ""
 
 
-def _judge_choice(
-    name: str, value: ScalarNode, choices: list[ScalarNode], problems: Problems
+def _check_choice(
+    name: str, value: ScalarNode, choices: list[ScalarNode], problems: DiagnosticCollector
 ) -> None:
-    if any(same(value.value, one.value) for one in choices):
+    if any(equal_values(value.value, one.value) for one in choices):
         return
     texts = [one.text for one in choices]
     close = did_you_mean(value.text, texts)
@@ -156,15 +158,15 @@ def _judge_choice(
         f"the variable {quote(name)} cannot be {quote(value.text)}",
         value.span,
         f"did you mean {close}? {known}" if close else known,
-        related=(Related("the choices", _around(choices)),),
+        related=(Related("the choices", _enclosing_span(choices)),),
     )
 
 
-def same(one: ScalarValue, other: ScalarValue) -> bool:
+def equal_values(one: ScalarValue, other: ScalarValue) -> bool:
     """Whether two values are the same: true is not 1, though Python says so."""
     return one == other and isinstance(one, bool) == isinstance(other, bool)
 
 
-def _around(nodes: list[ScalarNode]) -> Span:
+def _enclosing_span(nodes: list[ScalarNode]) -> Span:
     first, last = nodes[0].span, nodes[-1].span
     return replace(first, end_line=last.end_line, end_column=last.end_column)

@@ -10,7 +10,7 @@ from typing import Literal
 OPENING = "$("
 
 _REFERENCE = re.compile(r"\$\(\s*(var|env)\s+([A-Za-z_][A-Za-z0-9_]*)\s*\)")
-_UP_TO_CLOSING = re.compile(r"\$\([^()\s]*(?:\s+[^()]*)?\)?")
+_UNPARSED_REFERENCE = re.compile(r"\$\([^()\s]*(?:\s+[^()]*)?\)?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True)
-class Malformed:
+class MalformedReference:
     """Something at ``text[start:end]`` that begins like a reference and is none."""
 
     start: int
@@ -34,7 +34,7 @@ class Malformed:
     help: str
 
 
-def references(text: str) -> Iterator[Reference | Malformed]:
+def references(text: str) -> Iterator[Reference | MalformedReference]:
     """Everything in `text` that begins with ``$(``, from left to right."""
     at = text.find(OPENING)
     while at >= 0:
@@ -49,25 +49,29 @@ def references(text: str) -> Iterator[Reference | Malformed]:
             at = text.find(OPENING, max(broken.end, at + 2))
 
 
-def _malformed(text: str, at: int) -> Malformed:
-    rough = _UP_TO_CLOSING.match(text, at)
+def _malformed(text: str, at: int) -> MalformedReference:
+    rough = _UNPARSED_REFERENCE.match(text, at)
     end = rough.end() if rough is not None else at + 2
     inside = text[at + 2 : end].removesuffix(")")
     word, _, rest = inside.strip().partition(" ")
     if not text[at:end].endswith(")"):
-        return Malformed(at, end, "'$(' is never closed", "close it with ')'")
+        return MalformedReference(at, end, "'$(' is never closed", "close it with ')'")
     if word in ("var", "env"):
-        return Malformed(
+        return MalformedReference(
             at,
             end,
             f"$({word} ...) takes one name of letters, digits and underscores",
             f"for example $({word} rate)" if word == "var" else "for example $(env HOME)",
         )
     if word in ("arg", "param") and rest:
-        return Malformed(at, end, f"'$({word} ...)' is not known", f"write $(var {rest.strip()})")
+        return MalformedReference(
+            at, end, f"'$({word} ...)' is not known", f"write $(var {rest.strip()})"
+        )
     if word == "optenv" and rest:
-        return Malformed(at, end, "'$(optenv ...)' is not known", f"write $(env {rest.split()[0]})")
-    return Malformed(
+        return MalformedReference(
+            at, end, "'$(optenv ...)' is not known", f"write $(env {rest.split()[0]})"
+        )
+    return MalformedReference(
         at,
         end,
         "only $(var name) and $(env NAME) are replaced; there are no expressions",

@@ -4,9 +4,9 @@ PyYAML's own composer recurses once per level and expands aliases without limit,
 constructor drops positions; this one does neither. No object is ever constructed from a tag. Its
 limits are stated here, each with a diagnostic:
 
-- `DEEPEST` levels of nesting,
-- `MOST_VALUES` keys and values in the document,
-- `MOST_SHARED` keys and values more, once every alias is written out.
+- `MAX_DEPTH` levels of nesting,
+- `MAX_VALUES` keys and values in the document,
+- `MAX_EXPANDED_VALUES` keys and values more, once every alias is written out.
 """
 
 from __future__ import annotations
@@ -20,48 +20,48 @@ from yaml import events as ev
 
 from r2bspec.diagnostics import Diagnostic, Span
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.collection_builder import Frame
-from r2bspec.language.diagnostic_collector import Problems, StopReadingError
+from r2bspec.language.collection_builder import CollectionBuilder
+from r2bspec.language.diagnostic_collector import DiagnosticCollector, StopReadingError
 from r2bspec.language.located_tree import ScalarNode, TreeNode, UnknownNode
 from r2bspec.language.source_text import Source
 from r2bspec.language.syntax import explain_syntax_error
 from r2bspec.language.yaml_scalars import ScalarError, resolve
 
-DEEPEST = 100
-MOST_VALUES = 400_000
-MOST_SHARED = 200_000
+MAX_DEPTH = 100
+MAX_VALUES = 400_000
+MAX_EXPANDED_VALUES = 200_000
 
 _Loader: Any = getattr(yaml, "CLoader", yaml.Loader)
 
 
 @dataclass(frozen=True, slots=True)
-class Composed:
+class ComposeResult:
     """The tree, or None where the text is no document; and what was wrong with it."""
 
     tree: TreeNode | None
     diagnostics: tuple[Diagnostic, ...]
 
 
-def compose(source: Source) -> Composed:
+def compose(source: Source) -> ComposeResult:
     """Compose the one document of `source`. Never raises for any text."""
     composer = _Composer(source)
-    found = composer.problems.found
+    found = composer.problems.diagnostics
     try:
         composer.run(yaml.parse(source.text, Loader=_Loader))
     except StopReadingError:
-        return Composed(None, tuple(found))
+        return ComposeResult(None, tuple(found))
     except yaml.YAMLError as error:
         found.append(explain_syntax_error(error, source))
-        return Composed(None, tuple(found))
-    return Composed(composer.root, tuple(found))
+        return ComposeResult(None, tuple(found))
+    return ComposeResult(composer.root, tuple(found))
 
 
 class _Composer:
     def __init__(self, source: Source) -> None:
-        self.problems = Problems()
+        self.problems = DiagnosticCollector()
         self.root: TreeNode | None = None
         self._source = source
-        self._open: list[Frame] = []
+        self._open: list[CollectionBuilder] = []
         self._anchors: dict[str, tuple[TreeNode, int]] = {}
         self._values = 0
         self._shared = 0
@@ -74,10 +74,10 @@ class _Composer:
                 self._count(event)
                 self._add(self._scalar(event), 1, event.anchor)
             elif kind is ev.MappingStartEvent or kind is ev.SequenceStartEvent:
-                self._begin(event, is_map=kind is ev.MappingStartEvent)
+                self._start_collection(event, is_map=kind is ev.MappingStartEvent)
             elif kind is ev.MappingEndEvent or kind is ev.SequenceEndEvent:
                 done = self._open.pop()
-                self._add(done.node(_extent(done, event)), done.size, done.anchor)
+                self._add(done.node(_collection_span(done, event)), done.size, done.anchor)
             elif kind is ev.AliasEvent:
                 self._alias(event)
             elif kind is ev.DocumentStartEvent:
@@ -102,10 +102,10 @@ class _Composer:
 
     def _count(self, event: Any) -> None:
         self._values += 1
-        if self._values > MOST_VALUES:
+        if self._values > MAX_VALUES:
             self.problems.stop(
                 "R2B002",
-                f"the document has more than {MOST_VALUES:,} keys and values",
+                f"the document has more than {MAX_VALUES:,} keys and values",
                 self._span(event),
                 "is this the right file?",
             )
@@ -113,7 +113,7 @@ class _Composer:
     def _scalar(self, event: Any) -> TreeNode:
         span = self._span(event)
         if event.tag is not None:
-            self._refuse_tag(event, span)
+            self._reject_tag(event, span)
             return UnknownNode(span)
         text: str = event.value
         style: str = event.style or ""
@@ -126,19 +126,19 @@ class _Composer:
             self.problems.error("R2B029", message, span, "quote it if it is meant as text")
             return UnknownNode(span)
 
-    def _begin(self, event: Any, *, is_map: bool) -> None:
+    def _start_collection(self, event: Any, *, is_map: bool) -> None:
         self._count(event)
         span = self._span(event)
         if event.tag is not None:
-            self._refuse_tag(event, span)
-        if len(self._open) >= DEEPEST:
+            self._reject_tag(event, span)
+        if len(self._open) >= MAX_DEPTH:
             self.problems.stop(
                 "R2B025",
-                f"values are nested more than {DEEPEST} levels deep",
+                f"values are nested more than {MAX_DEPTH} levels deep",
                 span,
                 "is a bracket or a brace left open?",
             )
-        self._open.append(Frame(span, event.anchor, is_map, self.problems))
+        self._open.append(CollectionBuilder(span, event.anchor, is_map, self.problems))
 
     def _alias(self, event: Any) -> None:
         name, span = event.anchor, self._span(event)
@@ -163,11 +163,11 @@ class _Composer:
             return
         node, size = self._anchors[name]
         self._shared += size
-        if self._shared > MOST_SHARED:
+        if self._shared > MAX_EXPANDED_VALUES:
             self.problems.stop(
                 "R2B027",
                 f"written out, the aliases of this document stand for more than "
-                f"{MOST_SHARED:,} values",
+                f"{MAX_EXPANDED_VALUES:,} values",
                 span,
                 "refer to smaller parts",
             )
@@ -183,7 +183,7 @@ class _Composer:
         else:
             self.root = node
 
-    def _refuse_tag(self, event: Any, span: Span) -> None:
+    def _reject_tag(self, event: Any, span: Span) -> None:
         written = self._source.line(span.line)[span.column - 1 :].split()
         self.problems.error(
             "R2B022",
@@ -200,7 +200,7 @@ class _Composer:
         )
 
 
-def _extent(done: Frame, event: Any) -> Span:
+def _collection_span(done: CollectionBuilder, event: Any) -> Span:
     """From the first to the last character of a collection.
 
     One in block style has no closing mark: it ends where its last value does, unless that is an

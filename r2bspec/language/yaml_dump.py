@@ -17,7 +17,7 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-def _text(dumper: _Dumper, data: str) -> yaml.ScalarNode:
+def _represent_text(dumper: _Dumper, data: str) -> yaml.ScalarNode:
     return dumper.represent_scalar("tag:yaml.org,2002:str", data, style=_style(data))
 
 
@@ -28,7 +28,7 @@ def _style(data: str) -> str | None:
         return "'"
 
 
-_Dumper.add_representer(str, _text)
+_Dumper.add_representer(str, _represent_text)
 
 
 def to_yaml(plain: Any) -> str:

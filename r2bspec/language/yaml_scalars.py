@@ -12,7 +12,7 @@ import re
 
 ScalarValue = bool | int | float | str | None
 
-_WORDS: dict[str, ScalarValue] = {
+_CONSTANTS: dict[str, ScalarValue] = {
     "": None,
     "~": None,
     **dict.fromkeys(("null", "Null", "NULL"), None),
@@ -21,12 +21,12 @@ _WORDS: dict[str, ScalarValue] = {
 }
 _MAYBE_NUMBER = frozenset("+-.0123456789")
 _DECIMAL = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
-_BASED = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
+_PREFIXED_INT = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|(?:0|[1-9][0-9]*)(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
-_LARGEST_INT = 2**63 - 1
-_LONGEST_INT = 25  # characters, prefix and sign included, of any integer within 64 bits
+_MAX_INT = 2**63 - 1
+_MAX_INT_CHARS = 25  # characters, prefix and sign included, of any integer within 64 bits
 
 
 class ScalarError(ValueError):
@@ -40,10 +40,10 @@ def resolve(text: str) -> ScalarValue:
         ScalarError: a whole number beyond 64 bits, or a number that is not finite.
     """
     if text[:1] not in _MAYBE_NUMBER:
-        return _WORDS.get(text, text)
+        return _CONSTANTS.get(text, text)
     if _DECIMAL.fullmatch(text):
         return _integer(text, 10)
-    if _BASED.fullmatch(text):
+    if _PREFIXED_INT.fullmatch(text):
         return _integer(text, 0)
     if _FLOAT.fullmatch(text):
         return _finite(float(text))
@@ -54,9 +54,9 @@ def resolve(text: str) -> ScalarValue:
 
 def _integer(text: str, base: int) -> int:
     # The length is looked at first: Python needs quadratic time for long digit strings.
-    if len(text) <= _LONGEST_INT:
+    if len(text) <= _MAX_INT_CHARS:
         value = int(text, base)
-        if -_LARGEST_INT - 1 <= value <= _LARGEST_INT:
+        if -_MAX_INT - 1 <= value <= _MAX_INT:
             return value
     raise ScalarError("a whole number beyond 64 bits")
 

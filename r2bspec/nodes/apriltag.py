@@ -9,7 +9,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
 from r2bspec.nodes import camera, images, paired, tag_poses
-from r2bspec.nodes.declared_parameters import above, declare, destroyed_if_refused, one_of
+from r2bspec.nodes.declared_parameters import declare, destroy_on_value_error, greater_than, one_of
 
 
 class AprilTagNode(Node):
@@ -26,7 +26,7 @@ class AprilTagNode(Node):
 
     def __init__(self, node_name: str = "apriltag", **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
-        with destroyed_if_refused(self):
+        with destroy_on_value_error(self):
             self._start()
 
     def _start(self) -> None:
@@ -34,7 +34,7 @@ class AprilTagNode(Node):
             self, "family", "36h11", "family of the tags", one_of(*tag_poses.FAMILIES)
         )
         self._size_m = declare(
-            self, "size", 0.162, "edge of a tag's black square in metres", above(0)
+            self, "size", 0.162, "edge of a tag's black square in metres", greater_than(0)
         )
         self._refinement = declare(
             self,
@@ -43,8 +43,8 @@ class AprilTagNode(Node):
             "how corners are brought below one pixel",
             one_of(*tag_poses.REFINEMENTS),
         )
-        self._out = self.create_publisher(PoseArray, "detections", paired.QOS_DEPTH)
-        paired.subscribe(self, "image", "camera_info", self._on_pair)
+        self._publisher = self.create_publisher(PoseArray, "detections", paired.QOS_DEPTH)
+        paired.subscribe_pair(self, "image", "camera_info", self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
         found = tag_poses.detect(
@@ -55,7 +55,7 @@ class AprilTagNode(Node):
             self._size_m,
             refinement=self._refinement,
         )
-        self._out.publish(PoseArray(header=image.header, poses=[_pose(tag) for tag in found]))
+        self._publisher.publish(PoseArray(header=image.header, poses=[_pose(tag) for tag in found]))
 
 
 def _pose(tag: tag_poses.Detection) -> Pose:

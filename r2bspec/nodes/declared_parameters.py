@@ -18,35 +18,35 @@ _TYPES = {bool: "a bool", int: "an integer", float: "a double", str: "a string"}
 
 
 @dataclass(frozen=True, slots=True)
-class Allowed:
+class Constraint:
     """Which values a parameter may have: a test, and the same in words."""
 
-    words: str
-    holds: Callable[[Any], bool]
+    text: str
+    is_met_by: Callable[[Any], bool]
 
 
-def one_of(*values: object) -> Allowed:
+def one_of(*values: object) -> Constraint:
     """Allow the values listed."""
-    return Allowed(f"one of {', '.join(map(str, values))}", lambda value: value in values)
+    return Constraint(f"one of {', '.join(map(str, values))}", lambda value: value in values)
 
 
-def above(limit: float) -> Allowed:
+def greater_than(limit: float) -> Constraint:
     """Allow finite numbers greater than `limit`."""
-    return Allowed(f"above {limit:g}", lambda value: math.isfinite(value) and value > limit)
+    return Constraint(f"above {limit:g}", lambda value: math.isfinite(value) and value > limit)
 
 
-def at_least(limit: float) -> Allowed:
+def at_least(limit: float) -> Constraint:
     """Allow finite numbers that are `limit` or more."""
-    return Allowed(f"{limit:g} or more", lambda value: math.isfinite(value) and value >= limit)
+    return Constraint(f"{limit:g} or more", lambda value: math.isfinite(value) and value >= limit)
 
 
-def either() -> Allowed:
+def any_bool() -> Constraint:
     """Allow both truth values."""
-    return Allowed("true or false", lambda _: True)
+    return Constraint("true or false", lambda _: True)
 
 
 @contextmanager
-def destroyed_if_refused(node: Any) -> Iterator[None]:
+def destroy_on_value_error(node: Any) -> Iterator[None]:
     """Leave no half-made node in the graph where its parameters are refused."""
     try:
         yield
@@ -55,7 +55,7 @@ def destroyed_if_refused(node: Any) -> Iterator[None]:
         raise
 
 
-def declare(node: Node, name: str, default: T, meaning: str, allowed: Allowed) -> T:
+def declare(node: Node, name: str, default: T, meaning: str, constraint: Constraint) -> T:
     """Declare a parameter that is fixed when the node starts, and return its value.
 
     The parameter's type is that of `default`; as everywhere in ROS, 5 is no double.
@@ -63,7 +63,7 @@ def declare(node: Node, name: str, default: T, meaning: str, allowed: Allowed) -
     Raises:
         ValueError: the value given is of another type, or not an allowed one.
     """
-    words = f"{_TYPES[type(default)]}, {allowed.words}"
+    words = f"{_TYPES[type(default)]}, {constraint.text}"
     descriptor = ParameterDescriptor(
         description=meaning, additional_constraints=words, read_only=True
     )
@@ -72,6 +72,6 @@ def declare(node: Node, name: str, default: T, meaning: str, allowed: Allowed) -
     except InvalidParameterTypeException as refused:
         why = str(refused.args[0]).removesuffix(f": {name}")
         raise ValueError(f"parameter '{name}' must be {words} ({why})") from refused
-    if not allowed.holds(value):
+    if not constraint.is_met_by(value):
         raise ValueError(f"parameter '{name}' must be {words}; it is {value!r}")
     return value

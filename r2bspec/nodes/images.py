@@ -44,7 +44,7 @@ class PixelFormat:
         return (height, width) if self.channels == 1 else (height, width, self.channels)
 
 
-FORMATS = MappingProxyType(
+PIXEL_FORMATS = MappingProxyType(
     {
         "mono8": PixelFormat(np.dtype(np.uint8), 1),
         "rgb8": PixelFormat(np.dtype(np.uint8), 3),
@@ -84,11 +84,11 @@ def pixel_format(encoding: str) -> PixelFormat:
     """Look an encoding up.
 
     Raises:
-        ValueError: the encoding is none of `FORMATS`.
+        ValueError: the encoding is none of `PIXEL_FORMATS`.
     """
-    if encoding not in FORMATS:
-        raise ValueError(f"image encoding {encoding!r} is none of {', '.join(FORMATS)}")
-    return FORMATS[encoding]
+    if encoding not in PIXEL_FORMATS:
+        raise ValueError(f"image encoding {encoding!r} is none of {', '.join(PIXEL_FORMATS)}")
+    return PIXEL_FORMATS[encoding]
 
 
 def view(image: ImageFields) -> Pixels:
@@ -116,9 +116,9 @@ def view(image: ImageFields) -> Pixels:
         )
     # The last row may end without the padding of the others.
     needed = step * (height - 1) + row_bytes
-    held = memoryview(image.data).nbytes
-    if held < needed:
-        raise ValueError(f"image data holds {held} bytes; its size and step need {needed}")
+    data_bytes = memoryview(image.data).nbytes
+    if data_bytes < needed:
+        raise ValueError(f"image data holds {data_bytes} bytes; its size and step need {needed}")
 
     foreign = bool(image.is_bigendian) != (sys.byteorder == "big") and form.dtype.itemsize > 1
     dtype = form.dtype.newbyteorder() if foreign else form.dtype

@@ -14,7 +14,7 @@ QOS_DEPTH = 10
 _LOG_INTERVAL_S = 5.0
 
 
-def subscribe(
+def subscribe_pair(
     node: Node, image_topic: str, info_topic: str, on_pair: Callable[[Any, Any], None]
 ) -> None:
     """Call `on_pair(image, camera_info)` for each two messages with the same stamp.

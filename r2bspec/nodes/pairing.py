@@ -30,17 +30,17 @@ class StampPairs(Generic[A, B]):
         """Take a message of the first topic; return the pair that it completes, if any."""
         if stamp_ns in self._seconds:
             return message, self._seconds.pop(stamp_ns)
-        self._keep(self._firsts, stamp_ns, message)
+        self._add(self._firsts, stamp_ns, message)
         return None
 
     def add_second(self, stamp_ns: int, message: B) -> tuple[A, B] | None:
         """Take a message of the second topic; return the pair that it completes, if any."""
         if stamp_ns in self._firsts:
             return self._firsts.pop(stamp_ns), message
-        self._keep(self._seconds, stamp_ns, message)
+        self._add(self._seconds, stamp_ns, message)
         return None
 
-    def _keep(self, waiting: dict[int, T], stamp_ns: int, message: T) -> None:
+    def _add(self, waiting: dict[int, T], stamp_ns: int, message: T) -> None:
         if waiting.pop(stamp_ns, None) is not None:
             self.discarded += 1
         waiting[stamp_ns] = message

@@ -8,11 +8,11 @@ from typing import Any
 from rclpy.node import Node
 
 from r2bspec.nodes.declared_parameters import (
-    Allowed,
+    Constraint,
+    any_bool,
     at_least,
     declare,
-    destroyed_if_refused,
-    either,
+    destroy_on_value_error,
     one_of,
 )
 from r2bspec.nodes.format_classes import message_type
@@ -34,7 +34,7 @@ class RelayNode(Node):
 
     def __init__(self, node_name: str = "relay", **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
-        with destroyed_if_refused(self):
+        with destroy_on_value_error(self):
             self._start()
 
     def _start(self) -> None:
@@ -43,7 +43,7 @@ class RelayNode(Node):
             "format",
             "sensor_msgs/msg/Image",
             "type of the messages",
-            Allowed("a message type such as sensor_msgs/msg/Image", lambda _: True),
+            Constraint("a message type such as sensor_msgs/msg/Image", lambda _: True),
         )
         mean_ms = declare(
             self, "service_time_ms", 0.0, "how long a message takes, in milliseconds", at_least(0)
@@ -51,7 +51,9 @@ class RelayNode(Node):
         jitter = declare(
             self, "jitter", "none", "distribution of the service times", one_of(*JITTERS)
         )
-        self._spin = declare(self, "spin", True, "whether a core is kept busy meanwhile", either())
+        self._spin = declare(
+            self, "spin", True, "whether a core is kept busy meanwhile", any_bool()
+        )
         seed = declare(self, "seed", 0, "seed of random service times", at_least(0))
         depth = declare(
             self, "queue_depth", 10, "messages that either topic keeps at most", at_least(1)
@@ -61,7 +63,7 @@ class RelayNode(Node):
         except ValueError as unknown:
             raise ValueError(f"parameter 'format': {unknown}") from unknown
         self._service_times_ns = service_times_ns(mean_ms, jitter, seed)
-        self._out = self.create_publisher(kind, "output", depth)
+        self._publisher = self.create_publisher(kind, "output", depth)
         self.create_subscription(kind, "input", self._on_message, depth, raw=True)
 
     def _on_message(self, serialized: bytes) -> None:
@@ -71,4 +73,4 @@ class RelayNode(Node):
             sleep(max(0, end_ns - perf_counter_ns()) / 1e9)
         while perf_counter_ns() < end_ns:
             pass
-        self._out.publish(serialized)
+        self._publisher.publish(serialized)

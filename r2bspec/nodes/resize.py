@@ -9,15 +9,15 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from r2bspec.nodes import camera, images, paired
 from r2bspec.nodes.declared_parameters import (
-    Allowed,
-    above,
+    Constraint,
+    any_bool,
     declare,
-    destroyed_if_refused,
-    either,
+    destroy_on_value_error,
+    greater_than,
     one_of,
 )
 
-_PIXELS = Allowed("1 or more, or -1 for the input's", lambda value: value == -1 or value >= 1)
+_PIXELS = Constraint("1 or more, or -1 for the input's", lambda value: value == -1 or value >= 1)
 
 
 class ResizeNode(Node):
@@ -34,18 +34,26 @@ class ResizeNode(Node):
 
     def __init__(self, node_name: str = "resize", **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
-        with destroyed_if_refused(self):
+        with destroy_on_value_error(self):
             self._start()
 
     def _start(self) -> None:
         self._use_scale = declare(
-            self, "use_scale", False, "scale the input instead of using width and height", either()
+            self,
+            "use_scale",
+            False,
+            "scale the input instead of using width and height",
+            any_bool(),
         )
         self._scale_width = declare(
-            self, "scale_width", 1.0, "width of the output over that of the input", above(0)
+            self, "scale_width", 1.0, "width of the output over that of the input", greater_than(0)
         )
         self._scale_height = declare(
-            self, "scale_height", 1.0, "height of the output over that of the input", above(0)
+            self,
+            "scale_height",
+            1.0,
+            "height of the output over that of the input",
+            greater_than(0),
         )
         self._width = declare(self, "width", -1, "width of the output in pixels", _PIXELS)
         self._height = declare(self, "height", -1, "height of the output in pixels", _PIXELS)
@@ -56,9 +64,11 @@ class ResizeNode(Node):
             "0 nearest, 1 linear, 2 cubic, 3 area, 4 Lanczos over 8x8 pixels",
             one_of(0, 1, 2, 3, 4),
         )
-        self._image_out = self.create_publisher(Image, "resize/image_raw", paired.QOS_DEPTH)
-        self._info_out = self.create_publisher(CameraInfo, "resize/camera_info", paired.QOS_DEPTH)
-        paired.subscribe(self, "image/image_raw", "image/camera_info", self._on_pair)
+        self._image_publisher = self.create_publisher(Image, "resize/image_raw", paired.QOS_DEPTH)
+        self._info_publisher = self.create_publisher(
+            CameraInfo, "resize/camera_info", paired.QOS_DEPTH
+        )
+        paired.subscribe_pair(self, "image/image_raw", "image/camera_info", self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
         width, height = self._output_size(image)
@@ -72,8 +82,8 @@ class ResizeNode(Node):
             data=images.resize(image, width, height, self._interpolation),
         )
         camera.scale(info, width / image.width, height / image.height)
-        self._image_out.publish(resized)
-        self._info_out.publish(info)
+        self._image_publisher.publish(resized)
+        self._info_publisher.publish(info)
 
     def _output_size(self, image: Image) -> tuple[int, int]:
         if self._use_scale:

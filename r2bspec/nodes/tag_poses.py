@@ -184,5 +184,7 @@ def quarter_turns(dictionary: Any, family: str) -> int:
     cells = dictionary.markerSize
     code = f"{_TAG_0[family]:0{cells * cells}b}"
     printed = np.array([int(cell) for cell in code]).reshape(cells, cells)
-    held = cv2.aruco.generateImageMarker(dictionary, 0, cells + 2)[1:-1, 1:-1] > 0
-    return next(turns for turns in range(4) if np.array_equal(np.rot90(held, -turns), printed))
+    dictionary_cells = cv2.aruco.generateImageMarker(dictionary, 0, cells + 2)[1:-1, 1:-1] > 0
+    return next(
+        turns for turns in range(4) if np.array_equal(np.rot90(dictionary_cells, -turns), printed)
+    )

@@ -69,7 +69,7 @@ def node_argv(wired: NodeWiring) -> tuple[str, ...]:
         called = (f"$(executable {node.package} {node.executable})", *node.arguments)
         return (*called, *_ros_arguments(wired, wired.parameters, f"__node:={wired.key}"))
     called = (*node.command, *node.arguments)
-    if not wired.names_known:
+    if not wired.is_ros_process:
         return called
     files = tuple(word for file in node.parameter_files for word in ("--params-file", file))
     return (*called, *_ros_arguments(wired, node.parameters), *files)

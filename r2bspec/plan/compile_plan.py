@@ -23,9 +23,9 @@ from r2bspec.plan.process_plans import harness_plugins, plan_external, plan_proc
 from r2bspec.plan.step_plans import plan_after_ready, plan_ready, plan_setup
 from r2bspec.plan.topic_plans import plan_inputs, plan_topics
 from r2bspec.wiring.build_wiring import build_wiring, harness_topic
-from r2bspec.wiring.companion_files import NOTHING, Beside
+from r2bspec.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
 from r2bspec.wiring.merge_bags import merge_indexes
-from r2bspec.wiring.node_interface import Table
+from r2bspec.wiring.node_interface import InterfaceTable
 from r2bspec.wiring.wiring import Wiring
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ def compile_plan(
     spec: Spec,
     bag: BagIndex | Sequence[BagIndex | None] | None,
     *,
-    table: Table | None = None,
-    beside: Beside = NOTHING,
+    table: InterfaceTable | None = None,
+    companion_files: CompanionFiles = NO_COMPANION_FILES,
 ) -> Plan:
     """Work out everything that a run of a spec will do.
 
@@ -50,11 +50,14 @@ def compile_plan(
         bag: what is known of the bag, or of each of several; None leaves types of bag topics
             empty and counts zero.
         table: interfaces of Python nodes; by default those of the reference nodes.
-        beside: what was read beside the spec, parameter files among it; by default nothing.
+        companion_files: what was read beside the spec, parameter files among it; by default
+        nothing.
     """
     bags = list(bag) if isinstance(bag, Sequence) else [bag]
     together = merge_indexes([each for each in bags if each is not None])
-    wiring = build_wiring(spec, bag_types=bag_types(spec, together), table=table, beside=beside)
+    wiring = build_wiring(
+        spec, bag_types=bag_types(spec, together), table=table, companion_files=companion_files
+    )
     datasets = tuple(_datasets(spec, bags, wiring))
     play = tuple(_play(spec))
     objectives = active_objectives(spec)

@@ -38,7 +38,7 @@ def _answers(monitor: Monitor, spec: Spec, wiring: Wiring) -> tuple[str, ...]:
     inputs = [harness_topic(name, wiring.namespace) for name in spec.playback.inputs]
     named = {harness_topic(name, wiring.namespace) for name in monitor.answers}
     topic = harness_topic(monitor.topic, wiring.namespace)
-    known = wiring.measure.leading_to(topic)
+    known = wiring.measure.upstream_of(topic)
     return tuple(
         [each for each in inputs if each in named]
         or [each for each in inputs if each in known]
@@ -50,8 +50,10 @@ def _taps(monitor: Monitor, wiring: Wiring) -> tuple[TapPlan, ...]:
     """The topics of known type between the player and a monitor."""
     phase = wiring.measure
     topic = harness_topic(monitor.topic, wiring.namespace)
-    played = [each.topic for each in phase.owned_by("player") if each.at_key and each.qos_path]
-    between = phase.reached_from(played) & phase.leading_to(topic)
+    played = [
+        each.topic for each in phase.endpoints_of("player") if each.topic_is_key and each.qos_path
+    ]
+    between = phase.downstream_of(played) & phase.upstream_of(topic)
     return tuple(
         TapPlan(topic=name, type=kind)
         for name in phase.topics
@@ -60,5 +62,5 @@ def _taps(monitor: Monitor, wiring: Wiring) -> tuple[TapPlan, ...]:
 
 
 def _type(phase: PhaseWiring, topic: str) -> str:
-    ends = (*phase.writers(topic), *phase.readers(topic))
+    ends = (*phase.publishers(topic), *phase.subscriptions(topic))
     return next((each.type for each in ends if each.type), "")

@@ -29,7 +29,7 @@ def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
 
 def straight_from(source: str, spec: Spec, wiring: Wiring) -> str:
     """The bag topic whose messages need no preprocessing to become `source`; else empty."""
-    if any(each.is_node for each in wiring.preprocess.writers(source)):
+    if any(each.is_node for each in wiring.preprocess.publishers(source)):
         return ""
     for bag_topic, target in spec.data_loader.topics.items():
         if harness_topic(target, wiring.namespace) == source:
@@ -52,15 +52,21 @@ def _preprocess_topics(spec: Spec, wiring: Wiring) -> Iterator[TopicPlan]:
     for name in phase.topics:
         straight = bool(straight_from(name, spec, wiring))
         readers = tuple(
-            each for each in phase.readers(name) if not (straight and each.owner == "recorder")
+            each
+            for each in phase.subscriptions(name)
+            if not (straight and each.owner == "recorder")
         )
-        if readers or phase.may_read or any(each.is_node for each in phase.writers(name)):
+        if (
+            readers
+            or phase.possible_subscribers
+            or any(each.is_node for each in phase.publishers(name))
+        ):
             yield _topic(phase, name, readers)
 
 
 def _topic(phase: PhaseWiring, name: str, readers: tuple[Endpoint, ...] | None = None) -> TopicPlan:
-    writers = phase.writers(name)
-    readers = phase.readers(name) if readers is None else readers
+    writers = phase.publishers(name)
+    readers = phase.subscriptions(name) if readers is None else readers
     types = (each.type for each in (*writers, *readers) if each.type)
     return TopicPlan(
         name=name,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.language.load_spec import Loaded, load_spec
+from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
 
 
@@ -15,7 +15,7 @@ from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
 class Places:
     """The places of a spec's requirements."""
 
-    loaded: Loaded
+    loaded: LoadedSpec
 
     def find(self, one: RequirementVerdict) -> Span:
         """The requirement's own place; else that of its objective; else the whole file."""

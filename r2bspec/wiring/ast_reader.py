@@ -14,10 +14,19 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.language.spec import QoS
-from r2bspec.wiring.node_interface import ParameterInfo, ParameterType, TableEntry
+from r2bspec.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
 
-_LARGEST_BYTES = 1_000_000
-_BRANCHES = (ast.If, ast.For, ast.AsyncFor, ast.While, ast.Try, ast.Match, ast.IfExp, ast.Lambda)
+_MAX_FILE_BYTES = 1_000_000
+_CONDITIONAL_NODES = (
+    ast.If,
+    ast.For,
+    ast.AsyncFor,
+    ast.While,
+    ast.Try,
+    ast.Match,
+    ast.IfExp,
+    ast.Lambda,
+)
 _TYPES: dict[type, ParameterType] = {
     bool: "bool",
     int: "integer",
@@ -27,7 +36,7 @@ _TYPES: dict[type, ParameterType] = {
 
 
 @dataclass
-class _Found:
+class _PartialInterface:
     """What has been read so far; a side becomes None with the first call that is not literal."""
 
     topics: dict[str, dict[str, str] | None] = field(
@@ -37,10 +46,10 @@ class _Found:
     qos: dict[str, QoS] = field(default_factory=dict)
 
 
-def read_literally(source: Path, name: str) -> TableEntry | None:
+def read_node_source(source: Path, name: str) -> InterfaceEntry | None:
     """The interface of the class `name` in a file, or None if nothing can be said of it."""
     try:
-        if source.stat().st_size > _LARGEST_BYTES:
+        if source.stat().st_size > _MAX_FILE_BYTES:
             return None
         tree = ast.parse(source.read_bytes())
         return _read(tree, name)
@@ -48,17 +57,17 @@ def read_literally(source: Path, name: str) -> TableEntry | None:
         return None
 
 
-def _read(tree: ast.Module, name: str) -> TableEntry | None:
+def _read(tree: ast.Module, name: str) -> InterfaceEntry | None:
     found = next(
         (each for each in tree.body if isinstance(each, ast.ClassDef) and each.name == name), None
     )
-    imported = _imported(tree)
-    if found is None or not _is_plain_node(found, imported) or _passes_itself_on(found):
+    imported = _import_names(tree)
+    if found is None or not _is_plain_node(found, imported) or _leaks_self(found):
         return None
-    result = _Found()
+    result = _PartialInterface()
     for call, certain in _calls(found):
-        _take(call, imported, result, certain=certain)
-    return TableEntry(
+        _add_call(call, imported, result, certain=certain)
+    return InterfaceEntry(
         subscribes=result.topics["create_subscription"],
         publishes=result.topics["create_publisher"],
         parameters=result.parameters,
@@ -67,7 +76,7 @@ def _read(tree: ast.Module, name: str) -> TableEntry | None:
     )
 
 
-def _imported(tree: ast.Module) -> dict[str, str]:
+def _import_names(tree: ast.Module) -> dict[str, str]:
     """The full names of what the file imports, by the name that it uses."""
     names = {}
     for each in ast.walk(tree):
@@ -96,7 +105,7 @@ def _full_name(node: ast.expr, imported: dict[str, str]) -> str:
     return ""
 
 
-def _passes_itself_on(found: ast.ClassDef) -> bool:
+def _leaks_self(found: ast.ClassDef) -> bool:
     """Whether `self` is given to other code, which may then make topics of the node."""
     for each in ast.walk(found):
         if isinstance(each, ast.Call):
@@ -111,8 +120,8 @@ def _calls(found: ast.ClassDef) -> Iterator[tuple[ast.Call, bool]]:
 
     def below(node: ast.AST, certain: bool) -> Iterator[tuple[ast.Call, bool]]:
         for child in ast.iter_child_nodes(node):
-            inside = certain and not isinstance(child, _BRANCHES)
-            if isinstance(child, ast.Call) and _method(child):
+            inside = certain and not isinstance(child, _CONDITIONAL_NODES)
+            if isinstance(child, ast.Call) and _self_method_name(child):
                 yield child, inside
             yield from below(child, inside)
 
@@ -121,7 +130,7 @@ def _calls(found: ast.ClassDef) -> Iterator[tuple[ast.Call, bool]]:
         yield from below(method, made)
 
 
-def _method(call: ast.Call) -> str:
+def _self_method_name(call: ast.Call) -> str:
     called = call.func
     of_self = (
         isinstance(called, ast.Attribute)
@@ -131,8 +140,10 @@ def _method(call: ast.Call) -> str:
     return called.attr if of_self and isinstance(called, ast.Attribute) else ""
 
 
-def _take(call: ast.Call, imported: dict[str, str], found: _Found, *, certain: bool) -> None:
-    method = _method(call)
+def _add_call(
+    call: ast.Call, imported: dict[str, str], found: _PartialInterface, *, certain: bool
+) -> None:
+    method = _self_method_name(call)
     if method in found.topics:
         topic = _topic(call, imported) if certain else None
         known = found.topics[method]
@@ -140,7 +151,7 @@ def _take(call: ast.Call, imported: dict[str, str], found: _Found, *, certain: b
             found.topics[method] = None
         else:
             known[topic[0]] = topic[1]
-            qos = _depth(call, 2 if method == "create_publisher" else 3)
+            qos = _qos_from_depth(call, 2 if method == "create_publisher" else 3)
             if qos is not None:
                 found.qos[topic[0]] = qos
     elif method == "declare_parameter" and certain:
@@ -171,7 +182,7 @@ def _topic(call: ast.Call, imported: dict[str, str]) -> tuple[str, str] | None:
     return name.value, f"{package}/msg/{message}"
 
 
-def _depth(call: ast.Call, position: int) -> QoS | None:
+def _qos_from_depth(call: ast.Call, position: int) -> QoS | None:
     """The profile that a bare number stands for."""
     given = _argument(call, position, "qos_profile")
     depth = given.value if isinstance(given, ast.Constant) else None

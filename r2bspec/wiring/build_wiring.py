@@ -12,21 +12,21 @@ from collections.abc import Iterator, Mapping
 
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, QoS, Spec
-from r2bspec.wiring.companion_files import NOTHING, Beside
-from r2bspec.wiring.known_packages import well_known
+from r2bspec.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
+from r2bspec.wiring.known_packages import catalogue_entry
 from r2bspec.wiring.name_resolution import expand, join_namespaces, node_name, remap
 from r2bspec.wiring.node_interface import (
     Interface,
-    Named,
-    Table,
-    TableEntry,
+    InterfaceEntry,
+    InterfaceTable,
+    NamingContext,
     interface_of,
-    reference_table,
+    reference_node_interfaces,
 )
 from r2bspec.wiring.parameter_files import merged_parameters
 from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring, Wiring
 
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
+TF_MESSAGE_TYPE = "tf2_msgs/msg/TFMessage"
 
 _HARNESS_QOS = QoS()
 """What loader and recorder use: the profile of a bare depth of ten."""
@@ -36,8 +36,8 @@ def build_wiring(
     spec: Spec,
     *,
     bag_types: Mapping[str, str] | None = None,
-    table: Table | None = None,
-    beside: Beside = NOTHING,
+    table: InterfaceTable | None = None,
+    companion_files: CompanionFiles = NO_COMPANION_FILES,
 ) -> Wiring:
     """Work out who writes and who reads which topic.
 
@@ -45,12 +45,12 @@ def build_wiring(
         spec: the spec; it may hold any mistake that a rule reports.
         bag_types: type of each topic of the bag that is known, by the name that the spec uses.
         table: interfaces of Python nodes by path; by default those of the reference nodes.
-        beside: what was read beside the spec; by default nothing.
+        companion_files: what was read beside the spec; by default nothing.
     """
-    table = reference_table() if table is None else table
+    table = reference_node_interfaces() if table is None else table
     namespace = join_namespaces("/", spec.namespace)
-    before = _nodes(spec.preprocessors, ("preprocessors",), namespace, table, beside)
-    under_test = _nodes(spec.graph.nodes, ("graph", "nodes"), namespace, table, beside)
+    before = _nodes(spec.preprocessors, ("preprocessors",), namespace, table, companion_files)
+    under_test = _nodes(spec.graph.nodes, ("graph", "nodes"), namespace, table, companion_files)
     return Wiring(
         namespace=namespace,
         preprocess=PhaseWiring(
@@ -79,7 +79,7 @@ def harness_topic(name: str, namespace: str) -> str:
     return expand(name, "", namespace)
 
 
-def speaks_ros(node: Node) -> bool:
+def has_ros_settings(node: Node) -> bool:
     """Whether the spec says anything of a node that only a ROS process can follow.
 
     A bare `command` may be anything, and is run exactly as written.
@@ -95,47 +95,69 @@ def speaks_ros(node: Node) -> bool:
 
 
 def _nodes(
-    nodes: Mapping[str, Node], section: Path, namespace: str, table: Table, beside: Beside
+    nodes: Mapping[str, Node],
+    section: Path,
+    namespace: str,
+    table: InterfaceTable,
+    companion_files: CompanionFiles,
 ) -> tuple[NodeWiring, ...]:
     return tuple(
-        _node(key, node, (*section, key), join_namespaces(namespace, node.namespace), table, beside)
+        _node(
+            key,
+            node,
+            (*section, key),
+            join_namespaces(namespace, node.namespace),
+            table,
+            companion_files,
+        )
         for key, node in nodes.items()
     )
 
 
 def _node(
-    key: str, node: Node, path: Path, namespace: str, table: Table, beside: Beside
+    key: str,
+    node: Node,
+    path: Path,
+    namespace: str,
+    table: InterfaceTable,
+    companion_files: CompanionFiles,
 ) -> NodeWiring:
     name = node_name(key, namespace)
-    parameters = merged_parameters(node, name, beside.parameter_files)
-    named = Named(key, namespace, node.remappings, parameters)
+    parameters = merged_parameters(node, name, companion_files.parameter_files)
+    naming = NamingContext(key, namespace, node.remappings, parameters)
     return NodeWiring(
         key=key,
         name=name,
         namespace=namespace,
         path=path,
         node=node,
-        interface=_interface(key, node, table, named, beside),
-        names_known=speaks_ros(node),
+        interface=_interface(key, node, table, naming, companion_files),
+        is_ros_process=has_ros_settings(node),
         parameters=parameters,
     )
 
 
-def _interface(key: str, node: Node, table: Table, named: Named, beside: Beside) -> Interface:
-    sources: tuple[TableEntry | None, ...] = (
-        beside.interfaces.get(key),
-        well_known(node),
-        None if node.python in table else beside.sources.get(node.python),
+def _interface(
+    key: str,
+    node: Node,
+    table: InterfaceTable,
+    naming: NamingContext,
+    companion_files: CompanionFiles,
+) -> Interface:
+    sources: tuple[InterfaceEntry | None, ...] = (
+        companion_files.interfaces.get(key),
+        catalogue_entry(node),
+        None if node.python in table else companion_files.sources.get(node.python),
     )
     known = tuple(each for each in sources if each is not None)
-    return interface_of(node, table, named=named, sources=known)
+    return interface_of(node, table, naming=naming, sources=known)
 
 
 def _data_endpoints(spec: Spec, namespace: str, types: Mapping[str, str]) -> Iterator[Endpoint]:
     for bag_topic, target in spec.data_loader.topics.items():
         yield Endpoint(
             owner="loader",
-            writes=True,
+            is_publisher=True,
             topic=harness_topic(target, namespace),
             type=types.get(bag_topic, ""),
             path=("data_loader", "topics", bag_topic),
@@ -145,7 +167,7 @@ def _data_endpoints(spec: Spec, namespace: str, types: Mapping[str, str]) -> Ite
         place: Path = ("playback", "inputs", name)
         yield Endpoint(
             owner="recorder",
-            writes=False,
+            is_publisher=False,
             topic=harness_topic(each.source, namespace),
             type=each.format,
             path=(*place, "from"),
@@ -157,18 +179,18 @@ def _transform_endpoints(spec: Spec, owner: str) -> Iterator[Endpoint]:
     """The transforms of the recording, where the spec asks for them."""
     loader = spec.data_loader
     static = QoS(durability="transient_local", depth=1)
-    for asked, topic, qos in (
+    for enabled, topic, qos in (
         (loader.publish_tf, "/tf", QoS(depth=100)),
         (loader.publish_tf_static, "/tf_static", static),
     ):
-        if asked:
+        if enabled:
             yield Endpoint(
                 owner=owner,
-                writes=True,
+                is_publisher=True,
                 topic=topic,
-                type=TRANSFORMS,
+                type=TF_MESSAGE_TYPE,
                 path=("data_loader", f"publish_{topic[1:]}"),
-                at_key=True,
+                topic_is_key=True,
                 qos=qos,
             )
 
@@ -178,11 +200,11 @@ def _play_endpoints(spec: Spec, namespace: str) -> Iterator[Endpoint]:
         place: Path = ("playback", "inputs", name)
         yield Endpoint(
             owner="player",
-            writes=True,
+            is_publisher=True,
             topic=harness_topic(name, namespace),
             type=each.format,
             path=place,
-            at_key=True,
+            topic_is_key=True,
             type_path=(*place, "format"),
             qos=each.qos,
             qos_path=(*place, "qos"),
@@ -191,7 +213,7 @@ def _play_endpoints(spec: Spec, namespace: str) -> Iterator[Endpoint]:
         place = ("monitors", name)
         yield Endpoint(
             owner="monitor",
-            writes=False,
+            is_publisher=False,
             topic=harness_topic(monitor.topic, namespace),
             type=monitor.format,
             path=(*place, "topic"),
@@ -206,33 +228,37 @@ def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[Endpoint]:
     for node in nodes:
         interface = node.interface
         for own_name, kind in (interface.subscribes or {}).items():
-            stated = interface.subscribes_from == "spec"
-            yield _endpoint(node, own_name, kind, "subscribes" if stated else "", writes=False)
+            declared = interface.subscribes_from == "spec"
+            yield _endpoint(
+                node, own_name, kind, "subscribes" if declared else "", is_publisher=False
+            )
         for own_name, kind in (interface.publishes or {}).items():
-            stated = interface.publishes_from == "spec"
-            yield _endpoint(node, own_name, kind, "publishes" if stated else "", writes=True)
+            declared = interface.publishes_from == "spec"
+            yield _endpoint(
+                node, own_name, kind, "publishes" if declared else "", is_publisher=True
+            )
 
 
 def _endpoint(
-    node: NodeWiring, own_name: str, kind: str, stated_under: str, *, writes: bool
+    node: NodeWiring, own_name: str, kind: str, declared_under: str, *, is_publisher: bool
 ) -> Endpoint:
     """An endpoint of a node, placed at what decides its topic: remapping, statement or node."""
     topic, rule = remap(own_name, node.node.remappings, node.key, node.namespace)
-    stated = (*node.path, stated_under, own_name) if stated_under else ()
-    path = (*node.path, "remappings", rule) if rule is not None else stated or node.path
-    parameter = "" if stated else node.interface.type_parameters.get(own_name, "")
-    chosen = parameter in node.node.parameters
-    wanted = node.node.qos.get(own_name)
+    declared = (*node.path, declared_under, own_name) if declared_under else ()
+    path = (*node.path, "remappings", rule) if rule is not None else declared or node.path
+    parameter = "" if declared else node.interface.type_parameters.get(own_name, "")
+    parameter_is_set = parameter in node.node.parameters
+    declared_qos = node.node.qos.get(own_name)
     return Endpoint(
         owner=node.name,
-        writes=writes,
+        is_publisher=is_publisher,
         topic=topic,
         type=kind,
         path=path,
-        at_key=rule is None,
+        topic_is_key=rule is None,
         own_name=own_name,
-        type_path=(*node.path, "parameters", parameter) if chosen else stated,
+        type_path=(*node.path, "parameters", parameter) if parameter_is_set else declared,
         type_parameter=parameter,
-        qos=node.interface.qos.get(own_name) if wanted is None else wanted,
-        qos_path=() if wanted is None else (*node.path, "qos", own_name),
+        qos=node.interface.qos.get(own_name) if declared_qos is None else declared_qos,
+        qos_path=() if declared_qos is None else (*node.path, "qos", own_name),
     )

@@ -26,7 +26,9 @@ def merge_indexes(indexes: Sequence[BagIndex]) -> BagIndex | None:
     for index in indexes:
         for name, info in index.topics.items():
             before = topics.get(name)
-            topics[name] = info if before is None else _together(before, info, end_ns - start_ns)
+            topics[name] = (
+                info if before is None else _merge_topic_info(before, info, end_ns - start_ns)
+            )
     return msgspec.structs.replace(
         indexes[0],
         name=" + ".join(each.name for each in indexes),
@@ -40,7 +42,7 @@ def merge_indexes(indexes: Sequence[BagIndex]) -> BagIndex | None:
     )
 
 
-def _together(one: TopicInfo, other: TopicInfo, duration_ns: int) -> TopicInfo:
+def _merge_topic_info(one: TopicInfo, other: TopicInfo, duration_ns: int) -> TopicInfo:
     import msgspec
 
     count = one.count + other.count

@@ -20,7 +20,7 @@ SHARED_TOPICS = frozenset(
 """Topics that are made for any number of writers and readers, or that every node has."""
 
 
-class Resolved(NamedTuple):
+class ResolvedName(NamedTuple):
     """A topic name after remapping, and the key of the rule that renamed it, if one did."""
 
     name: str
@@ -54,7 +54,7 @@ def expand(name: str, node: str, namespace: str) -> str:
     return name if name.startswith("/") else node_name(name, namespace)
 
 
-def remap(name: str, rules: Mapping[str, str], node: str, namespace: str) -> Resolved:
+def remap(name: str, rules: Mapping[str, str], node: str, namespace: str) -> ResolvedName:
     """The topic that a node really uses, after its remapping rules.
 
     As in rcl, both sides of a rule are expanded in the node's namespace, the first rule whose left
@@ -63,5 +63,5 @@ def remap(name: str, rules: Mapping[str, str], node: str, namespace: str) -> Res
     full = expand(name, node, namespace)
     for left, right in rules.items():
         if expand(left, node, namespace) == full:
-            return Resolved(expand(right, node, namespace), left)
-    return Resolved(full, None)
+            return ResolvedName(expand(right, node, namespace), left)
+    return ResolvedName(full, None)

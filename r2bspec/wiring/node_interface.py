@@ -22,9 +22,9 @@ from r2bspec.language.spec import Node, ParameterValue, QoS
 from r2bspec.wiring.name_resolution import expand, remap
 
 _TABLE = Path(__file__).parents[1] / "nodes" / "interfaces.yaml"
-_DEEPEST = 100
+_MAX_DEPTH = 100
 _PARAMETER = re.compile(r"\$\(parameter ([^)]*)\)")
-_BESIDE = re.compile(r"\$\(beside ([^)]*)\)")
+_DERIVED_TOPIC = re.compile(r"\$\(beside ([^)]*)\)")
 
 ParameterType = Literal[
     "bool",
@@ -63,9 +63,10 @@ class Interface:
         parameters_from: who says so.
         type_parameters: which parameter decides the type of a topic, where one does.
         qos: what the node offers or asks for on its topics, where that is known.
-        also_remapped: names that can be remapped although no topic is called so: services, and
+        other_remappable_names: names that can be remapped although no topic is called so: services,
+        and
             topics from which only the names of others are derived.
-        made_for: what the source describes, such as ``image_proc of ROS 2 Jazzy``.
+        described_package: what the source describes, such as ``image_proc of ROS 2 Jazzy``.
     """
 
     subscribes: Mapping[str, str] | None = None
@@ -76,8 +77,8 @@ class Interface:
     parameters_from: InterfaceSource = ""
     type_parameters: Mapping[str, str] = field(default_factory=dict)
     qos: Mapping[str, QoS] = field(default_factory=dict)
-    also_remapped: tuple[str, ...] = ()
-    made_for: str = ""
+    other_remappable_names: tuple[str, ...] = ()
+    described_package: str = ""
 
     @property
     def topics(self) -> tuple[str, ...] | None:
@@ -88,7 +89,7 @@ class Interface:
 
 
 @dataclass(frozen=True, slots=True)
-class TableEntry:
+class InterfaceEntry:
     """What a source says of a kind of node; a side that it does not know is None.
 
     Types and names may hold ``$(parameter x)``, the value of a parameter, and names may be
@@ -102,14 +103,14 @@ class TableEntry:
     qos: Mapping[str, QoS] = field(default_factory=dict)
     executable: str = ""
     origin: InterfaceSource = "table"
-    made_for: str = ""
+    described_package: str = ""
 
 
-Table = Mapping[str, TableEntry]
+InterfaceTable = Mapping[str, InterfaceEntry]
 
 
 @dataclass(frozen=True, slots=True)
-class Named:
+class NamingContext:
     """A node as names are resolved for it: its name, absolute namespace, rules and parameters."""
 
     name: str = ""
@@ -119,15 +120,19 @@ class Named:
 
 
 @cache
-def reference_table() -> Table:
+def reference_node_interfaces() -> InterfaceTable:
     """The table of the reference nodes, by Python path, read as data."""
-    return read_table(_TABLE)
+    return read_interface_table(_TABLE)
 
 
-def read_table(file: Path, *, origin: InterfaceSource = "table", made_for: str = "") -> Table:
+def read_interface_table(
+    file: Path, *, origin: InterfaceSource = "table", described_package: str = ""
+) -> InterfaceTable:
     """Read a file of interfaces that goes with r2bspec, and is therefore right."""
     rows: dict[str, Any] = read_yaml(file.read_text(encoding="utf-8"))
-    return {name: table_entry(row, origin, made_for) for name, row in rows.items()}
+    return {
+        name: parse_interface_entry(row, origin, described_package) for name, row in rows.items()
+    }
 
 
 def read_yaml(text: str) -> Any:
@@ -144,12 +149,12 @@ def read_yaml(text: str) -> Any:
     for event in yaml.parse(text, Loader=loader):
         depth += isinstance(event, yaml.CollectionStartEvent)
         depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST:
-            raise yaml.YAMLError(f"it is nested more than {_DEEPEST} deep")
+        if depth > _MAX_DEPTH:
+            raise yaml.YAMLError(f"it is nested more than {_MAX_DEPTH} deep")
     return yaml.load(text, Loader=loader)  # noqa: S506 -- both are safe
 
 
-class _Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _InterfaceRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A node in an interface file."""
 
     subscribes: dict[str, str] | None = None
@@ -167,15 +172,17 @@ class _Parameter(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     default: ParameterValue | None = None
 
 
-def table_entry(row: Any, origin: InterfaceSource = "table", made_for: str = "") -> TableEntry:
+def parse_interface_entry(
+    row: Any, origin: InterfaceSource = "table", described_package: str = ""
+) -> InterfaceEntry:
     """A row of an interface file.
 
     Raises:
         msgspec.ValidationError: it has another form.
     """
-    read = msgspec.convert(row, _Row, dec_hook=value_codec.decode)
+    read = msgspec.convert(row, _InterfaceRow, dec_hook=value_codec.decode)
     parameters = (read.parameters or {}).items()
-    return TableEntry(
+    return InterfaceEntry(
         subscribes=read.subscribes or {},
         publishes=read.publishes or {},
         parameters={name: ParameterInfo(each.type, each.default) for name, each in parameters},
@@ -183,90 +190,110 @@ def table_entry(row: Any, origin: InterfaceSource = "table", made_for: str = "")
         qos=read.qos or {},
         executable=read.executable,
         origin=origin,
-        made_for=made_for,
+        described_package=described_package,
     )
 
 
 def interface_of(
-    node: Node, table: Table, *, named: Named | None = None, sources: tuple[TableEntry, ...] = ()
+    node: Node,
+    table: InterfaceTable,
+    *,
+    naming: NamingContext | None = None,
+    sources: tuple[InterfaceEntry, ...] = (),
 ) -> Interface:
     """What is known of a node; each side comes from the best source that speaks of it.
 
     Args:
         node: the node as the spec has it.
         table: interfaces of Python nodes, by target.
-        named: how its names are resolved; by default as in a namespace of its own.
+        naming: how its names are resolved; by default as in a namespace of its own.
         sources: what else is known of this node, best first, all of it better than the table.
     """
-    if named is None:
-        named = Named(remappings=node.remappings, parameters=node.parameters)
+    if naming is None:
+        naming = NamingContext(remappings=node.remappings, parameters=node.parameters)
     entry = table.get(node.python) if node.python else None
     entries = (*sources, *((entry,) if entry is not None else ()))
-    reads = next((each for each in entries if each.subscribes is not None), None)
-    writes = next((each for each in entries if each.publishes is not None), None)
-    takes = next((each for each in entries if each.parameters is not None), None)
+    subscribes_entry = next((each for each in entries if each.subscribes is not None), None)
+    publishes_entry = next((each for each in entries if each.publishes is not None), None)
+    parameters_entry = next((each for each in entries if each.parameters is not None), None)
     return Interface(
-        subscribes=node.subscribes or _topics(reads, reads and reads.subscribes, named),
-        publishes=node.publishes or _topics(writes, writes and writes.publishes, named),
-        parameters=None if takes is None else takes.parameters,
-        subscribes_from="spec" if node.subscribes else reads.origin if reads else "",
-        publishes_from="spec" if node.publishes else writes.origin if writes else "",
-        parameters_from=takes.origin if takes else "",
-        type_parameters=_type_parameters(entries, named),
+        subscribes=node.subscribes
+        or _topics(subscribes_entry, subscribes_entry and subscribes_entry.subscribes, naming),
+        publishes=node.publishes
+        or _topics(publishes_entry, publishes_entry and publishes_entry.publishes, naming),
+        parameters=None if parameters_entry is None else parameters_entry.parameters,
+        subscribes_from="spec"
+        if node.subscribes
+        else subscribes_entry.origin
+        if subscribes_entry
+        else "",
+        publishes_from="spec"
+        if node.publishes
+        else publishes_entry.origin
+        if publishes_entry
+        else "",
+        parameters_from=parameters_entry.origin if parameters_entry else "",
+        type_parameters=_type_parameters(entries, naming),
         qos={name: qos for each in reversed(entries) for name, qos in each.qos.items()},
-        also_remapped=tuple(name for each in entries for name in _also_remapped(each)),
-        made_for=next((each.made_for for each in entries if each.made_for), ""),
+        other_remappable_names=tuple(
+            name for each in entries for name in _other_remappable_names(each)
+        ),
+        described_package=next(
+            (each.described_package for each in entries if each.described_package), ""
+        ),
     )
 
 
 def _topics(
-    entry: TableEntry | None, topics: Mapping[str, str] | None, named: Named
+    entry: InterfaceEntry | None, topics: Mapping[str, str] | None, naming: NamingContext
 ) -> dict[str, str] | None:
     if entry is None or topics is None:
         return None
     return {
-        _with_parameters(_beside(name, named), named, entry): _with_parameters(kind, named, entry)
+        _substitute_parameters(_derived_topic(name, naming), naming, entry): _substitute_parameters(
+            kind, naming, entry
+        )
         for name, kind in topics.items()
     }
 
 
-def _beside(name: str, named: Named) -> str:
+def _derived_topic(name: str, naming: NamingContext) -> str:
     """The name of a derived topic: beside what its base is remapped to."""
-    derived = _BESIDE.fullmatch(name)
+    derived = _DERIVED_TOPIC.fullmatch(name)
     if derived is None:
         return name
-    base = expand(derived[1], named.name, named.namespace)
-    full = remap(derived[1], named.remappings, named.name, named.namespace).name
+    base = expand(derived[1], naming.name, naming.namespace)
+    full = remap(derived[1], naming.remappings, naming.name, naming.namespace).name
     if full != base:
         return f"{full.rpartition('/')[0]}/camera_info"
     folder, slash, _ = derived[1].rpartition("/")
     return f"{folder}{slash}camera_info"
 
 
-def _also_remapped(entry: TableEntry) -> tuple[str, ...]:
+def _other_remappable_names(entry: InterfaceEntry) -> tuple[str, ...]:
     topics = (*(entry.subscribes or ()), *(entry.publishes or ()))
-    bases = (found[1] for each in topics if (found := _BESIDE.fullmatch(each)))
+    bases = (found[1] for each in topics if (found := _DERIVED_TOPIC.fullmatch(each)))
     return (*entry.services, *bases)
 
 
-def _type_parameters(entries: tuple[TableEntry, ...], named: Named) -> dict[str, str]:
+def _type_parameters(entries: tuple[InterfaceEntry, ...], naming: NamingContext) -> dict[str, str]:
     found = {}
     for entry in entries:
         for topics in (entry.subscribes or {}, entry.publishes or {}):
             for name, kind in topics.items():
                 decides = _PARAMETER.fullmatch(kind)
                 if decides is not None:
-                    found[_with_parameters(name, named, entry)] = decides[1]
+                    found[_substitute_parameters(name, naming, entry)] = decides[1]
     return found
 
 
-def _with_parameters(text: str, named: Named, entry: TableEntry) -> str:
+def _substitute_parameters(text: str, naming: NamingContext, entry: InterfaceEntry) -> str:
     """Put in the values that the node's parameters have; an unset one leaves nothing."""
 
     def value(found: re.Match[str]) -> str:
         name = found[1]
-        if name in named.parameters:
-            return str(named.parameters[name])
+        if name in naming.parameters:
+            return str(naming.parameters[name])
         declared = (entry.parameters or {}).get(name)
         return "" if declared is None or declared.default is None else str(declared.default)
 

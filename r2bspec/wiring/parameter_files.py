@@ -22,12 +22,12 @@ from typing import Any
 from r2bspec.language.spec import Node, ParameterValue
 from r2bspec.wiring.node_interface import read_yaml
 
-_LARGEST_BYTES = 1_000_000
-_DEEPEST = 50
-_MOST = 10_000
+_MAX_FILE_BYTES = 1_000_000
+_MAX_DEPTH = 50
+_MAX_VALUES = 10_000
 """Keys of a file; aliases could make a small one stand for more."""
 
-_MARK = "ros__parameters"
+_PARAMETERS_KEY = "ros__parameters"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +48,8 @@ class ParameterFile:
 def read_parameter_file(path: Path) -> ParameterFile:
     """Read a parameter file; whatever is wrong with it is said in the result."""
     try:
-        if path.stat().st_size > _LARGEST_BYTES:
-            return ParameterFile(problem=f"is larger than {_LARGEST_BYTES:,} bytes")
+        if path.stat().st_size > _MAX_FILE_BYTES:
+            return ParameterFile(problem=f"is larger than {_MAX_FILE_BYTES:,} bytes")
         document = read_yaml(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return ParameterFile(missing=True, problem="is not there")
@@ -71,7 +71,7 @@ class _Budget:
     """How much may still be looked at."""
 
     def __init__(self) -> None:
-        self._left = _MOST
+        self._left = _MAX_VALUES
 
     def spend(self) -> None:
         """Take note of one more value.
@@ -81,7 +81,7 @@ class _Budget:
         """
         self._left -= 1
         if self._left < 0:
-            raise ValueError(f"stands for more than {_MOST:,} values")
+            raise ValueError(f"stands for more than {_MAX_VALUES:,} values")
 
 
 def _nodes(
@@ -90,30 +90,32 @@ def _nodes(
     for key, value in document.items():
         budget.spend()
         name = f"{above}/{str(key).strip('/')}"
-        if not isinstance(value, dict) or depth > _DEEPEST:
-            raise ValueError(f"has no '{_MARK}' below {str(key)!r}")
-        if _MARK in value:
-            given = value[_MARK]
+        if not isinstance(value, dict) or depth > _MAX_DEPTH:
+            raise ValueError(f"has no '{_PARAMETERS_KEY}' below {str(key)!r}")
+        if _PARAMETERS_KEY in value:
+            given = value[_PARAMETERS_KEY]
             if not isinstance(given, dict | None):
-                raise ValueError(f"has something else than a map in '{_MARK}' of {str(key)!r}")
-            yield name, dict(_flat(given or {}, "", 0, budget))
+                raise ValueError(
+                    f"has something else than a map in '{_PARAMETERS_KEY}' of {str(key)!r}"
+                )
+            yield name, dict(_flatten(given or {}, "", 0, budget))
         elif value:
             yield from _nodes(value, name, depth + 1, budget)
 
 
-def _flat(
+def _flatten(
     given: Mapping[Any, Any], above: str, depth: int, budget: _Budget
 ) -> Iterator[tuple[str, Any]]:
     for key, value in given.items():
         budget.spend()
         name = f"{above}{key}"
-        if isinstance(value, dict) and depth <= _DEEPEST:
-            yield from _flat(value, f"{name}.", depth + 1, budget)
+        if isinstance(value, dict) and depth <= _MAX_DEPTH:
+            yield from _flatten(value, f"{name}.", depth + 1, budget)
         elif isinstance(value, bool | int | float | str | list):
             yield name, value
 
 
-def matches(key: str, full_name: str) -> bool:
+def node_key_matches(key: str, full_name: str) -> bool:
     """Whether a node key, as `ParameterFile` gives it, means the node of that full name."""
     pattern = re.escape(key).replace(r"/\*\*", "(/[^/]+)*").replace(r"\*", "[^/]+")
     return re.fullmatch(pattern, full_name) is not None
@@ -136,7 +138,7 @@ def merged_parameters(
     for source in node.parameter_sources:
         if source.file and source.file in files:
             for key, values in files[source.file].nodes:
-                if matches(key, full_name):
+                if node_key_matches(key, full_name):
                     found |= values
         found |= source.values
     return found

@@ -23,7 +23,7 @@ class NodeWiring:
         key: its key in the spec, which is its ROS name, too.
         name: full name, such as ``/r2b/apriltag``.
         path: where it stands in the spec.
-        names_known: False for a command of which the spec says nothing that has to do with ROS.
+        is_ros_process: False for a command of which the spec says nothing that has to do with ROS.
         parameters: what it ends up with, from all files and values.
     """
 
@@ -33,7 +33,7 @@ class NodeWiring:
     path: Path
     node: Node
     interface: Interface
-    names_known: bool = True
+    is_ros_process: bool = True
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
 
 
@@ -46,7 +46,7 @@ class Endpoint:
         topic: full name.
         type: such as ``sensor_msgs/msg/Image``; empty if unknown.
         path: the place in the spec that makes the endpoint what it is.
-        at_key: whether the topic's name is the key there, rather than the value.
+        topic_is_key: whether the topic's name is the key there, rather than the value.
         own_name: how the node itself calls the topic; empty for the harness.
         type_path: the place in the spec that says the type; empty if it comes from elsewhere.
         type_parameter: the parameter of the node that decides the type; empty if none does.
@@ -56,11 +56,11 @@ class Endpoint:
     """
 
     owner: str
-    writes: bool
+    is_publisher: bool
     topic: str
     type: str
     path: Path
-    at_key: bool = False
+    topic_is_key: bool = False
     own_name: str = ""
     type_path: Path = ()
     type_parameter: str = ""
@@ -101,13 +101,13 @@ class PhaseWiring:
         """Every known topic, sorted."""
         return tuple(sorted(self._by_topic))
 
-    def writers(self, topic: str) -> tuple[Endpoint, ...]:
+    def publishers(self, topic: str) -> tuple[Endpoint, ...]:
         """Who is known to write a topic."""
-        return tuple(each for each in self._by_topic.get(topic, ()) if each.writes)
+        return tuple(each for each in self._by_topic.get(topic, ()) if each.is_publisher)
 
-    def readers(self, topic: str) -> tuple[Endpoint, ...]:
+    def subscriptions(self, topic: str) -> tuple[Endpoint, ...]:
         """Who is known to read a topic."""
-        return tuple(each for each in self._by_topic.get(topic, ()) if not each.writes)
+        return tuple(each for each in self._by_topic.get(topic, ()) if not each.is_publisher)
 
     @cached_property
     def _by_name(self) -> dict[str, NodeWiring]:
@@ -117,50 +117,53 @@ class PhaseWiring:
         """The node of that full name; None for a part of the harness."""
         return self._by_name.get(owner)
 
-    def owned_by(self, owner: str) -> tuple[Endpoint, ...]:
+    def endpoints_of(self, owner: str) -> tuple[Endpoint, ...]:
         """The endpoints of a node or of a part of the harness."""
         return tuple(self._by_owner.get(owner, ()))
 
     @cached_property
-    def may_write(self) -> tuple[NodeWiring, ...]:
+    def possible_publishers(self) -> tuple[NodeWiring, ...]:
         """Nodes that may write any topic, because nothing is known of what they publish."""
         return tuple(each for each in self.nodes if each.interface.publishes is None)
 
     @cached_property
-    def may_read(self) -> tuple[NodeWiring, ...]:
+    def possible_subscribers(self) -> tuple[NodeWiring, ...]:
         """Nodes that may read any topic, because nothing is known of what they subscribe to."""
         return tuple(each for each in self.nodes if each.interface.subscribes is None)
 
-    def reached_from(self, topics: Iterable[str]) -> frozenset[str]:
+    def downstream_of(self, topics: Iterable[str]) -> frozenset[str]:
         """The topics that messages on `topics` can lead to through nodes, themselves included."""
-        reached: set[str] = set()
-        ahead = list(topics)
-        while ahead:
-            topic = ahead.pop()
-            if topic not in reached:
-                reached.add(topic)
-                owners = {each.owner for each in self.readers(topic) if each.is_node}
-                ahead += [
-                    each.topic for owner in owners for each in self.owned_by(owner) if each.writes
-                ]
-        return frozenset(reached)
-
-    def leading_to(self, topic: str) -> frozenset[str]:
-        """The topics from which messages can come to `topic` through nodes, itself included."""
-        reached: set[str] = set()
-        ahead = [topic]
-        while ahead:
-            name = ahead.pop()
-            if name not in reached:
-                reached.add(name)
-                owners = {each.owner for each in self.writers(name) if each.is_node}
-                ahead += [
+        visited: set[str] = set()
+        pending = list(topics)
+        while pending:
+            topic = pending.pop()
+            if topic not in visited:
+                visited.add(topic)
+                owners = {each.owner for each in self.subscriptions(topic) if each.is_node}
+                pending += [
                     each.topic
                     for owner in owners
-                    for each in self.owned_by(owner)
-                    if not each.writes
+                    for each in self.endpoints_of(owner)
+                    if each.is_publisher
                 ]
-        return frozenset(reached)
+        return frozenset(visited)
+
+    def upstream_of(self, topic: str) -> frozenset[str]:
+        """The topics from which messages can come to `topic` through nodes, itself included."""
+        visited: set[str] = set()
+        pending = [topic]
+        while pending:
+            name = pending.pop()
+            if name not in visited:
+                visited.add(name)
+                owners = {each.owner for each in self.publishers(name) if each.is_node}
+                pending += [
+                    each.topic
+                    for owner in owners
+                    for each in self.endpoints_of(owner)
+                    if not each.is_publisher
+                ]
+        return frozenset(visited)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics.edits import fix
-from r2bspec.language.load_spec import Loaded, load_spec
+from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.report.findings import github, json, sarif, text
 
 FILE = "fuzz.r2b.yaml"
@@ -31,11 +31,11 @@ def check_bytes(data: bytes) -> None:
     _repair(loaded)
 
 
-def _load(data: bytes | str) -> Loaded:
+def _load(data: bytes | str) -> LoadedSpec:
     return load_spec(data, file=FILE, environ=ENVIRON)
 
 
-def _inside(loaded: Loaded, found: list[Diagnostic]) -> None:
+def _inside(loaded: LoadedSpec, found: list[Diagnostic]) -> None:
     source = loaded.sources[FILE]
     for one in found:
         span = one.span
@@ -45,7 +45,7 @@ def _inside(loaded: Loaded, found: list[Diagnostic]) -> None:
         assert span.column >= 1, span
 
 
-def _repair(loaded: Loaded) -> None:
+def _repair(loaded: LoadedSpec) -> None:
     if any(one.edit is not None for one in loaded.diagnostics):
         before = loaded.sources[FILE].text
         fixed = fix(before, FILE, lambda changed: check(_load(changed), offline=True))

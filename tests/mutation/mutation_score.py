@@ -29,7 +29,7 @@ from mutation_reasons import reason
 
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic
-from r2bspec.language.load_spec import Loaded, load_spec
+from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.compile_plan import compile_plan
 
@@ -83,7 +83,7 @@ def _lines(found: Diagnostic) -> Iterator[int]:
         yield related.span.line
 
 
-def _plan(loaded: Loaded) -> str:
+def _plan(loaded: LoadedSpec) -> str:
     from r2bspec.datasets.locate_bag import index, locate
 
     if loaded.spec is None:

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from r2bspec.check import check
 from r2bspec.cli.interfaces import command
 from r2bspec.language.load_spec import load_spec
-from r2bspec.wiring.companion_files import read_beside
+from r2bspec.wiring.companion_files import read_companion_files
 from ros_runs import nothing_left as nothing_left
 
 IMAGE = "sensor_msgs/msg/Image"
@@ -73,7 +73,7 @@ def test_topics_profiles_services_and_parameters_are_recorded(spec: Path) -> Non
     assert done.return_value == 0
     loaded = load_spec(spec)
     assert loaded.spec is not None
-    found = read_beside(loaded.spec, spec.parent).interfaces["merge"]
+    found = read_companion_files(loaded.spec, spec.parent).interfaces["merge"]
     assert found.subscribes == {"camera0": IMAGE, "camera1": IMAGE}
     assert found.publishes == {"merged": IMAGE, "~/preview": IMAGE}
     assert found.services == {"reset": "rcl_interfaces/srv/ListParameters"}

@@ -17,7 +17,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from r2bspec.bags.compression import uncompressed
+from r2bspec.bags.compression import decompress_message
 from r2bspec.bags.errors import STORAGE_UNREADABLE, DataError
 from r2bspec.bags.metadata import normalise_type
 from r2bspec.bags.recording import Message
@@ -39,10 +39,10 @@ _BLOCK_BYTES = 1 << 20
 class McapStorage:
     """An open .mcap file."""
 
-    def __init__(self, path: Path, shown: Path) -> None:
+    def __init__(self, path: Path, display_path: Path) -> None:
         from rosbags.rosbag2 import Reader
 
-        _refuse_other_profiles(path, shown)
+        _check_profile(path, display_path)
         _check_summary(path)
         with ExitStack() as stack:
             reader = stack.enter_context(Reader(path))
@@ -52,7 +52,7 @@ class McapStorage:
             if not self._indexed:
                 stated: Counter[int] = Counter(file.statistics.channel_message_counts)
                 file.meta_scan()
-                _compare(stated, Counter(file.statistics.channel_message_counts), shown)
+                _check_counts(stated, Counter(file.statistics.channel_message_counts), display_path)
             self._stack = stack.pop_all()
         self._file = file
         statistics = file.statistics
@@ -80,16 +80,16 @@ class McapStorage:
         found = (
             self._file.messages(connections, start_ns, stop_ns)
             if self._indexed
-            else self._sorted(connections, start_ns, stop_ns)
+            else self._messages_by_time(connections, start_ns, stop_ns)
         )
         for connection, time_ns, data in found:
-            yield Message(topic=connection.topic, time_ns=time_ns, data=uncompressed(data))
+            yield Message(topic=connection.topic, time_ns=time_ns, data=decompress_message(data))
 
     def close(self) -> None:
         """As `Storage.close`."""
         self._stack.close()
 
-    def _sorted(
+    def _messages_by_time(
         self, connections: list[Connection], start_ns: int | None, stop_ns: int | None
     ) -> Iterator[tuple[Connection, int, bytes]]:
         """Messages of a file without index, in time order; memory holds what stands out of order.
@@ -103,14 +103,14 @@ class McapStorage:
         times = np.fromiter((each[1] for each in scan(connections, start_ns, stop_ns)), np.int64)
         # oldest[i]: the smallest time of message i and all after it.
         oldest = np.minimum.accumulate(times[::-1])[::-1]
-        held: list[tuple[int, int, Connection, bytes]] = []
+        heap: list[tuple[int, int, Connection, bytes]] = []
         numbers = count()
         for number, (connection, time_ns, data) in zip(
             numbers, scan(connections, start_ns, stop_ns), strict=False
         ):
-            heapq.heappush(held, (time_ns, number, connection, data))
-            while held and (number + 1 == len(times) or held[0][0] <= oldest[number + 1]):
-                earliest_ns, _, of, content = heapq.heappop(held)
+            heapq.heappush(heap, (time_ns, number, connection, data))
+            while heap and (number + 1 == len(times) or heap[0][0] <= oldest[number + 1]):
+                earliest_ns, _, of, content = heapq.heappop(heap)
                 yield of, earliest_ns, content
 
 
@@ -124,18 +124,18 @@ def _is_indexed(file: Any) -> bool:
     return +listed == +Counter(file.statistics.channel_message_counts)
 
 
-def _compare(stated: Counter[int], found: Counter[int], shown: Path) -> None:
+def _check_counts(stated: Counter[int], found: Counter[int], display_path: Path) -> None:
     # A file that was written without statistics states nothing.
     if +stated and +stated != +found:
         raise DataError(
-            f"{shown} cannot be read: its summary counts {stated.total():,} messages, and"
+            f"{display_path} cannot be read: its summary counts {stated.total():,} messages, and"
             f" {found.total():,} are there",
             code=STORAGE_UNREADABLE,
             hint="the file is damaged; 'mcap recover' writes what is there to a new one",
         )
 
 
-def _refuse_other_profiles(path: Path, shown: Path) -> None:
+def _check_profile(path: Path, display_path: Path) -> None:
     """Refuse MCAP that is sound but of another world than ROS 2.
 
     Raises:
@@ -145,7 +145,7 @@ def _refuse_other_profiles(path: Path, shown: Path) -> None:
         head = stream.read(len(_MAGIC) + 13)
         if len(head) < len(_MAGIC) + 13 or not head.startswith(_MAGIC) or head[8] != _HEADER_RECORD:
             raise DataError(
-                f"{shown} cannot be read: it does not begin as MCAP does",
+                f"{display_path} cannot be read: it does not begin as MCAP does",
                 code=STORAGE_UNREADABLE,
                 hint="the file is damaged or incomplete; copy or record it again",
             )
@@ -153,7 +153,7 @@ def _refuse_other_profiles(path: Path, shown: Path) -> None:
         profile = stream.read(min(length, 64)).decode(errors="replace")
     if profile != "ros2":
         raise DataError(
-            f"{shown} is MCAP with the profile {profile!r}; only 'ros2' can be played",
+            f"{display_path} is MCAP with the profile {profile!r}; only 'ros2' can be played",
             code=STORAGE_UNREADABLE,
             hint="convert it with 'mcap convert', or record it with 'ros2 bag record'",
         )

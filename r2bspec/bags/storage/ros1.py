@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader
 
 # Types that ROS 2 has under another name.
-_RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+_ROS2_NAMES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 
 _Converter = Callable[[bytes], bytes]
 
@@ -29,14 +29,14 @@ _Converter = Callable[[bytes], bytes]
 class Ros1Storage:
     """An open .bag file."""
 
-    def __init__(self, path: Path, shown: Path) -> None:
+    def __init__(self, path: Path, display_path: Path) -> None:
         from rosbags.rosbag1 import Reader
 
-        self._shown = shown
+        self._display_path = display_path
         self._reader = Reader(path)
         self._reader.open()
         try:
-            _compare(path, self._reader)
+            _check_index(path, self._reader)
         except BaseException:
             self._reader.close()
             raise
@@ -77,14 +77,15 @@ class Ros1Storage:
         except Exception as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise DataError(
-                f"{self._shown} holds {connection.topic} as {connection.msgtype}, which cannot be"
+                f"{self._display_path} holds {connection.topic} as {connection.msgtype}, "
+                "which cannot be"
                 f" converted to ROS 2: {reason}",
                 code=SERIALIZATION_UNSUPPORTED,
                 hint="convert the bag with a tool that knows the type",
             ) from error
 
 
-def _compare(path: Path, reader: Reader) -> None:
+def _check_index(path: Path, reader: Reader) -> None:
     """Compare what was read with what is there: a wrong count in the header hides messages.
 
     Raises:
@@ -92,16 +93,16 @@ def _compare(path: Path, reader: Reader) -> None:
     """
     from rosbags.rosbag1.reader import Header, RecordType, read_uint32
 
-    there: Counter[int] = Counter()
+    record_counts: Counter[int] = Counter()
     with path.open("rb") as stream:
         size = stream.seek(0, 2)
         stream.seek(0)
         stream.readline()
         stream.seek(Header.read(stream, RecordType.BAGHEADER).get_uint64("index_pos"))
         while reader.chunk_infos and stream.tell() < size:
-            there[Header.read(stream).get_uint8("op")] += 1
+            record_counts[Header.read(stream).get_uint8("op")] += 1
             stream.seek(read_uint32(stream), 1)
-    if (there[RecordType.CONNECTION], there[RecordType.CHUNK_INFO]) != (
+    if (record_counts[RecordType.CONNECTION], record_counts[RecordType.CHUNK_INFO]) != (
         len(reader.connections),
         len(reader.chunk_infos),
     ):
@@ -116,7 +117,7 @@ def _compare(path: Path, reader: Reader) -> None:
 
 
 def _type(connection: Connection) -> str:
-    return _RENAMED.get(connection.msgtype, connection.msgtype)
+    return _ROS2_NAMES.get(connection.msgtype, connection.msgtype)
 
 
 @cache

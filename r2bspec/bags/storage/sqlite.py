@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from r2bspec.bags.compression import uncompressed_ahead
+from r2bspec.bags.compression import decompress_ahead
 from r2bspec.bags.errors import RECORDING_NOT_CLOSED, STORAGE_UNREADABLE, DataError
 from r2bspec.bags.metadata import normalise_type
 from r2bspec.bags.recording import Message
@@ -23,21 +23,21 @@ _JOURNALS = {
     "-journal": (b"\xd9\xd5\x05\xf9",),
 }
 # Characters that have a meaning in the URI by which the file is opened.
-_SPECIAL = frozenset("?#%")
+_URI_SPECIAL = frozenset("?#%")
 
 
 class SqliteStorage:
     """An open .db3 file."""
 
-    def __init__(self, path: Path, shown: Path) -> None:
+    def __init__(self, path: Path, display_path: Path) -> None:
         from rosbags.rosbag2 import Reader
 
         real = path.resolve()
-        _refuse_incomplete(real, shown)
+        _check_complete(real, display_path)
         self._path = real
         self._has_index = _has_index(real)
         with ExitStack() as stack:
-            self._reader = stack.enter_context(Reader(_plainly_named(real, stack)))
+            self._reader = stack.enter_context(Reader(_uri_safe_path(real, stack)))
             self._stack = stack.pop_all()
         self.topics = tuple(
             StoredTopic(
@@ -52,12 +52,13 @@ class SqliteStorage:
         self.start_ns = self._reader.start_time
         # rosbags gives the first instant after the last message.
         self.end_ns = self._reader.end_time - 1
-        counted = sum(each.count for each in self.topics)
-        if counted != self.message_count:
+        topic_total = sum(each.count for each in self.topics)
+        if topic_total != self.message_count:
             self.close()
             raise DataError(
-                f"{shown} cannot be read: it has {self.message_count:,} messages by its index and"
-                f" {counted:,} by its topics",
+                f"{display_path} cannot be read: it has {self.message_count:,} messages "
+                "by its index and"
+                f" {topic_total:,} by its topics",
                 code=STORAGE_UNREADABLE,
                 hint="the file is damaged; copy or record it again",
             )
@@ -81,7 +82,7 @@ class SqliteStorage:
                 self._path, {each.id: each.topic for each in connections}, start_ns, stop_ns
             )
         )
-        for (topic, time_ns), data in uncompressed_ahead(stored):
+        for (topic, time_ns), data in decompress_ahead(stored):
             yield Message(topic=topic, time_ns=time_ns, data=data)
 
     def close(self) -> None:
@@ -122,7 +123,7 @@ def _row_by_row(
             yield (topics[topic], time_ns), data
 
 
-def _refuse_incomplete(path: Path, shown: Path) -> None:
+def _check_complete(path: Path, display_path: Path) -> None:
     """Refuse what sqlite would open without a word although part of it is missing.
 
     A recording is opened as immutable, because it may lie on a read-only disk, where no lock
@@ -136,7 +137,7 @@ def _refuse_incomplete(path: Path, shown: Path) -> None:
         head = stream.read(_HEADER_BYTES)
     if len(head) < _HEADER_BYTES or not head.startswith(_MAGIC):
         raise DataError(
-            f"{shown} cannot be read: it is no sqlite3 database",
+            f"{display_path} cannot be read: it is no sqlite3 database",
             code=STORAGE_UNREADABLE,
             hint="the file is damaged or incomplete; copy or record it again",
         )
@@ -148,7 +149,7 @@ def _refuse_incomplete(path: Path, shown: Path) -> None:
     found = path.stat().st_size
     if changed == valid_for and found < expected:
         raise DataError(
-            f"{shown} cannot be read: it has {found:,} bytes of {expected:,}",
+            f"{display_path} cannot be read: it has {found:,} bytes of {expected:,}",
             code=STORAGE_UNREADABLE,
             hint="the file is incomplete; copy or record it again",
         )
@@ -158,7 +159,8 @@ def _refuse_incomplete(path: Path, shown: Path) -> None:
             with journal.open("rb") as stream:
                 if stream.read(4) in magics:
                     raise DataError(
-                        f"{shown} was not closed: {journal.name} beside it holds messages that it"
+                        f"{display_path} was not closed: {journal.name} beside it holds "
+                        "messages that it"
                         " lacks",
                         code=RECORDING_NOT_CLOSED,
                         hint="end the recorder, or after a crash bring both together with"
@@ -166,9 +168,9 @@ def _refuse_incomplete(path: Path, shown: Path) -> None:
                     )
 
 
-def _plainly_named(path: Path, stack: ExitStack) -> Path:
+def _uri_safe_path(path: Path, stack: ExitStack) -> Path:
     """A path to the same file without characters that `rosbags` does not escape in its URI."""
-    if not _SPECIAL.intersection(str(path)):
+    if not _URI_SPECIAL.intersection(str(path)):
         return path
     folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="r2bspec-"))
     link = Path(folder) / "bag.db3"

@@ -15,10 +15,10 @@ from r2bspec.bags.errors import (
     STORAGE_MISSING,
     STORAGE_UNREADABLE,
     DataError,
-    reason,
-    way_out,
+    error_hint,
+    error_text,
 )
-from r2bspec.bags.metadata import refuse_lfs_pointer
+from r2bspec.bags.metadata import check_not_lfs_pointer
 from r2bspec.bags.recording import Message, StorageName
 
 STORAGE_SUFFIXES: dict[str, StorageName] = {".db3": "sqlite3", ".mcap": "mcap", ".bag": "ros1"}
@@ -61,7 +61,7 @@ class Storage(Protocol):
 
 
 @contextmanager
-def reported(path: Path) -> Iterator[None]:
+def storage_errors(path: Path) -> Iterator[None]:
     """Turn whatever a storage parser raises on damaged input into one DataError (R2B304).
 
     The parsers of damaged files raise struct, index, type, database and decompression errors;
@@ -73,9 +73,9 @@ def reported(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         raise DataError(
-            f"{path} cannot be read: {reason(error)}",
+            f"{path} cannot be read: {error_text(error)}",
             code=STORAGE_UNREADABLE,
-            hint=way_out(error),
+            hint=error_hint(error),
         ) from error
 
 
@@ -99,8 +99,8 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
             hint=f"copy the whole folder again, or run 'ros2 bag reindex {path}'",
         )
     for candidate in paths:
-        with reported(candidate):
-            refuse_lfs_pointer(candidate)
+        with storage_errors(candidate):
+            check_not_lfs_pointer(candidate)
     return paths
 
 
@@ -123,7 +123,7 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
     with ExitStack() as stack:
         storages = []
         for path in paths:
-            with reported(path):
+            with storage_errors(path):
                 plain = stack.enter_context(unpack(path)) if compressed_files else path
                 storage = _open(plain, path)
             stack.callback(storage.close)
@@ -131,22 +131,22 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
         yield storages
 
 
-def _open(path: Path, shown: Path) -> Storage:
-    """Open one file; `shown` is what errors call it."""
+def _open(path: Path, display_path: Path) -> Storage:
+    """Open one file; `display_path` is what errors call it."""
     from r2bspec.bags.storage.mcap import McapStorage
     from r2bspec.bags.storage.ros1 import Ros1Storage
     from r2bspec.bags.storage.sqlite import SqliteStorage
 
     match STORAGE_SUFFIXES.get(path.suffix):
         case "sqlite3":
-            return SqliteStorage(path, shown)
+            return SqliteStorage(path, display_path)
         case "mcap":
-            return McapStorage(path, shown)
+            return McapStorage(path, display_path)
         case "ros1":
-            return Ros1Storage(path, shown)
+            return Ros1Storage(path, display_path)
         case None:
             raise DataError(
-                f"{shown} is not named as a storage file",
+                f"{display_path} is not named as a storage file",
                 code=STORAGE_UNREADABLE,
                 hint="storage files end in .db3, .mcap or .bag; "
                 "if it is compressed, metadata.yaml must say so",

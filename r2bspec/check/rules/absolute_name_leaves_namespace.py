@@ -19,7 +19,7 @@ def _find(context: Context) -> Iterator[Finding]:
         return
     inside = f"{namespace}/"
     outside = {node.name for _, node in context.nodes if node.node.kind in {"external", "launch"}}
-    for name, path, key in _absolute(context):
+    for name, path, key in _absolute_names(context):
         if name.startswith(inside) or name in SHARED_TOPICS or outside:
             continue
         yield Finding(
@@ -31,7 +31,7 @@ def _find(context: Context) -> Iterator[Finding]:
         )
 
 
-def _absolute(context: Context) -> Iterator[tuple[str, Path, bool]]:
+def _absolute_names(context: Context) -> Iterator[tuple[str, Path, bool]]:
     """Every absolute name to which the spec leads messages, its place, and if it is a key."""
     spec = context.spec
     for bag_topic, target in spec.data_loader.topics.items():

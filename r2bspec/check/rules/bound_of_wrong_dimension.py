@@ -23,7 +23,7 @@ _EXAMPLES = {
 
 def _find(context: Context) -> Iterator[Finding]:
     for each in known_metrics(context):
-        bound = each.placed.requirement.bound
+        bound = each.located.requirement.bound
         if bound is not None and not each.info.accepts(bound):
             given = (
                 "relative"
@@ -34,10 +34,10 @@ def _find(context: Context) -> Iterator[Finding]:
             )
             yield Finding(
                 message=f"{quote(each.info.name)} is not {given}",
-                path=each.placed.path,
-                part=each.placed.bound_part,
+                path=each.located.path,
+                part=each.located.bound_part,
                 help=f"its bound is {_EXAMPLES[each.info.dimension]}",
-                explains=frozenset({each.placed.subject}),
+                suppresses=frozenset({each.located.subject}),
             )
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.requirement_metrics import Known, known_metrics
+from r2bspec.check.requirement_metrics import KnownMetric, known_metrics
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
@@ -18,44 +18,44 @@ _SIGNED = frozenset({"latency", "latency_from_due"})
 
 def _find(context: Context) -> Iterator[Finding]:
     for each in known_metrics(context):
-        requirement = each.placed.requirement
+        requirement = each.located.requirement
         if requirement.bound is None or requirement.bound.of_baseline:
             continue
-        outcome = _outcome(each)
+        outcome = _constant_outcome(each)
         if outcome is not None:
             yield Finding(
                 message=f"nothing can fail {quote(requirement.text)}"
                 if outcome
                 else f"nothing can pass {quote(requirement.text)}",
-                path=each.placed.path,
-                part=each.placed.bound_part,
+                path=each.located.path,
+                part=each.located.bound_part,
                 help="it lies between 0 % and 100 %"
                 if each.info.name == "drop_rate"
                 else "it is never less than 0",
                 severity=Severity.WARNING if outcome else Severity.ERROR,
-                about=frozenset({each.placed.subject}),
+                suppressed_by=frozenset({each.located.subject}),
             )
 
 
-def _at(each: Known) -> float:
-    bound = each.placed.requirement.bound
+def _bound_value(each: KnownMetric) -> float:
+    bound = each.located.requirement.bound
     return 0.0 if bound is None else bound.value
 
 
-def _outcome(each: Known) -> bool | None:
+def _constant_outcome(each: KnownMetric) -> bool | None:
     """What always comes out; None if that depends on the run."""
     if each.info.family in _SIGNED and each.info.statistic == "mean":
         return None
-    op, value = each.placed.requirement.op, _at(each)
+    op, value = each.located.requirement.op, _bound_value(each)
     # Processor time of several cores adds up to more than one.
-    most = 1.0 if each.info.name == "drop_rate" else math.inf
+    max_value = 1.0 if each.info.name == "drop_rate" else math.inf
     if (op == ">=" and value <= 0) or (op == ">" and value < 0):
         return True
-    if (op == "<=" and value >= most) or (op == "<" and value > most):
+    if (op == "<=" and value >= max_value) or (op == "<" and value > max_value):
         return True
     if (op == "<" and value <= 0) or (op in {"<=", "=="} and value < 0):
         return False
-    if (op == ">" and value >= most) or (op in {">=", "=="} and value > most):
+    if (op == ">" and value >= max_value) or (op in {">=", "=="} and value > max_value):
         return False
     return None
 

@@ -8,14 +8,14 @@ from r2bspec.check import suppression_keys
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import counted
+from r2bspec.check.message_text import pluralize
 from r2bspec.check.rule import Rule
-from r2bspec.check.window_counts import Amount, amounts
+from r2bspec.check.window_counts import MessageCount, window_message_counts
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 from r2bspec.wiring.build_wiring import harness_topic
 
-_TOLERANCE = 1.5
+_ESTIMATE_TOLERANCE = 1.5
 """How far an estimate must be exceeded before it is worth a word."""
 
 
@@ -23,39 +23,45 @@ def _find(context: Context) -> Iterator[Finding]:
     buffer = context.spec.playback.buffer
     if not buffer:
         return
-    least: tuple[str, Amount] | None = None
-    for name, amount in _amounts_by_input(context).items():
-        enough = amount.messages if amount.exact else amount.messages * _TOLERANCE
-        if buffer > enough and (least is None or amount.messages < least[1].messages):
-            least = (name, amount)
-    if least is not None:
-        name, amount = least
-        about = "" if amount.exact else "about "
+    smallest: tuple[str, MessageCount] | None = None
+    for name, message_count in _counts_by_input(context).items():
+        enough = (
+            message_count.messages
+            if message_count.exact
+            else message_count.messages * _ESTIMATE_TOLERANCE
+        )
+        if buffer > enough and (smallest is None or message_count.messages < smallest[1].messages):
+            smallest = (name, message_count)
+    if smallest is not None:
+        name, message_count = smallest
+        about = "" if message_count.exact else "about "
         yield Finding(
-            message=f"a buffer of {counted(buffer, 'message')} is larger than the "
-            f"{about}{amount.messages:,} of {quote(name)} in the window",
+            message=f"a buffer of {pluralize(buffer, 'message')} is larger than the "
+            f"{about}{message_count.messages:,} of {quote(name)} in the window",
             path=("playback", "buffer"),
             help="all of them are played, in turn; 0 says that",
-            about=frozenset({suppression_keys.value(("data_loader", "window"))}),
+            suppressed_by=frozenset({suppression_keys.value(("data_loader", "window"))}),
         )
 
 
-def _amounts_by_input(context: Context) -> dict[str, Amount]:
+def _counts_by_input(context: Context) -> dict[str, MessageCount]:
     """The most messages that each playback input can have.
 
     What preprocessors make of the loaded messages is taken to be at most one for each.
     """
     loaded = {
-        harness_topic(context.spec.data_loader.topics[name], context.wiring.namespace): amount
-        for name, amount in amounts(context).items()
+        harness_topic(
+            context.spec.data_loader.topics[name], context.wiring.namespace
+        ): message_count
+        for name, message_count in window_message_counts(context).items()
     }
-    reached = {topic: context.wiring.preprocess.reached_from([topic]) for topic in loaded}
+    reached = {topic: context.wiring.preprocess.downstream_of([topic]) for topic in loaded}
     found = {}
     for name, each in context.spec.playback.inputs.items():
         source = harness_topic(each.source, context.wiring.namespace)
         feeding = [loaded[topic] for topic, below in reached.items() if source in below]
         if feeding:
-            found[name] = max(feeding, key=lambda amount: amount.messages)
+            found[name] = max(feeding, key=lambda message_count: message_count.messages)
     return found
 
 

@@ -28,7 +28,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 + ("is never reached" if confidence >= 1 else "is that of a coin, or less"),
                 path=path,
                 help="95 % is usual; 99 % asks for half as many messages again",
-                explains=frozenset(each.subject for each in context.requirements),
+                suppresses=frozenset(each.subject for each in context.requirements),
             )
 
 

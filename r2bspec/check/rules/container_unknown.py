@@ -30,7 +30,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 )
                 if close
                 else (),
-                explains=frozenset({"containers"}),
+                suppresses=frozenset({"containers"}),
             )
 
 

@@ -21,7 +21,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 path=("containers", name),
                 key=True,
                 help=f"write {quote(f'container: {name}')} in a node, or remove it",
-                about=frozenset({"containers"}),
+                suppressed_by=frozenset({"containers"}),
             )
 
 

@@ -24,12 +24,12 @@ def _find(context: Context) -> Iterator[Finding]:
             if monitors[name].match == "order":
                 yield Finding(
                     message=f"monitor {name} matches by order, and cannot tell {each.info.name}",
-                    path=each.placed.path,
-                    part=each.placed.metric_part,
+                    path=each.located.path,
+                    part=each.located.metric_part,
                     help=f"require it of a topic whose messages have a header, or {quote('missed')}"
                     " and 'unmatched', which are counted",
                     related=(Pointer("it says so here", ("monitors", name, "match")),),
-                    about=frozenset({each.placed.subject}),
+                    suppressed_by=frozenset({each.located.subject}),
                 )
 
 

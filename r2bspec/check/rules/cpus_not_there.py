@@ -13,19 +13,19 @@ from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    there = os.cpu_count() or 1
-    for path, cpus in _wanted(context):
+    available = os.cpu_count() or 1
+    for path, cpus in _pinned_cpus(context):
         for index, cpu in enumerate(cpus):
-            if cpu >= there:
+            if cpu >= available:
                 yield Finding(
                     message=f"this machine has no processor {cpu}",
                     path=(*path, index),
-                    help=f"it has {there}, counted from 0",
+                    help=f"it has {available}, counted from 0",
                     certainty=Certainty.ENVIRONMENT,
                 )
 
 
-def _wanted(context: Context) -> Iterator[tuple[Path, tuple[int, ...]]]:
+def _pinned_cpus(context: Context) -> Iterator[tuple[Path, tuple[int, ...]]]:
     for name, container in context.spec.containers.items():
         yield ("containers", name, "cpus"), container.cpus
     for _, node in context.nodes:

@@ -19,15 +19,15 @@ def _find(context: Context) -> Iterator[Finding]:
         if node.node.kind != "executable":
             continue
         package, executable = node.node.package, node.node.executable
-        there = package_executables(package)
-        if executable not in there:
+        executables = package_executables(package)
+        if executable not in executables:
             yield Finding(
                 message=f"the ROS package {quote(package)} has no executable {quote(executable)} "
                 "on this machine",
                 path=(*node.path, "executable"),
-                help=suggestion(executable, there, "it has") or "it has none at all",
+                help=suggestion(executable, executables, "it has") or "it has none at all",
                 certainty=Certainty.ENVIRONMENT,
-                about=frozenset({suppression_keys.value((*node.path, "package"))}),
+                suppressed_by=frozenset({suppression_keys.value((*node.path, "package"))}),
             )
 
 

@@ -40,7 +40,7 @@ def _find(context: Context) -> Iterator[Finding]:
                         ),
                     ),
                 ),
-                about=frozenset({suppression_keys.value(("monitors", name, "match"))}),
+                suppressed_by=frozenset({suppression_keys.value(("monitors", name, "match"))}),
             )
 
 

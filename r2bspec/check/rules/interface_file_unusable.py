@@ -13,7 +13,7 @@ from r2bspec.diagnostics.quote import quote
 
 def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
-        problem = context.beside.broken.get(node.key)
+        problem = context.companion_files.interface_errors.get(node.key)
         if problem:
             yield Finding(
                 message=f"{quote(f'interfaces/{node.key}.yaml')} is not used: {problem}",

@@ -7,22 +7,22 @@ from collections.abc import Iterator
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.message_text import counted
+from r2bspec.check.message_text import pluralize
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.language.quantities import Duration
 
-_LEAST = 2
+_MIN_MESSAGES = 2
 
 
 def _find(context: Context) -> Iterator[Finding]:
     duration = context.spec.benchmark.duration
     for index, rate in enumerate(context.spec.benchmark.rates):
         steps = round(rate.hz * duration.seconds)
-        if steps < _LEAST:
-            needed = Duration(round(_LEAST / rate.hz * 1e9))
+        if steps < _MIN_MESSAGES:
+            needed = Duration(round(_MIN_MESSAGES / rate.hz * 1e9))
             yield Finding(
-                message=f"an iteration of {duration} at {rate} has {counted(steps, 'message')}",
+                message=f"an iteration of {duration} at {rate} has {pluralize(steps, 'message')}",
                 path=("benchmark", "rates", index),
                 help=f"a rate is seen between two messages; make 'duration' {needed} or longer",
                 related=(Pointer("the duration", ("benchmark", "duration")),),

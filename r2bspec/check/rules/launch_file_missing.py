@@ -29,22 +29,22 @@ def _find(context: Context) -> Iterator[Finding]:
             )
         elif launch.package:
             share = package_share(launch.package)
-            if share is not None and not _in(share, launch.file):
+            if share is not None and not _has_launch_file(share, launch.file):
                 yield Finding(
                     message=f"the ROS package {quote(launch.package)} has no launch file "
                     f"{quote(launch.file)} on this machine",
                     path=(*node.path, "launch", "file"),
-                    help=suggestion(launch.file, _files(share), "it has"),
+                    help=suggestion(launch.file, _launch_files(share), "it has"),
                     severity=Severity.WARNING,
                     certainty=Certainty.ENVIRONMENT,
                 )
 
 
-def _in(share: FilePath, file: str) -> bool:
-    return (share / file).is_file() or file in _files(share)
+def _has_launch_file(share: FilePath, file: str) -> bool:
+    return (share / file).is_file() or file in _launch_files(share)
 
 
-def _files(share: FilePath) -> list[str]:
+def _launch_files(share: FilePath) -> list[str]:
     return sorted(each.name for each in (share / "launch").glob("*") if each.is_file())
 
 

@@ -16,19 +16,24 @@ from r2bspec.diagnostics.quote import quote
 
 def _find(context: Context) -> Iterator[Finding]:
     phase = context.wiring.preprocess
-    if phase.may_read:
+    if phase.possible_subscribers:
         return
-    read = [context.shown(topic) for topic in phase.topics if phase.readers(topic)]
-    for each in phase.owned_by("loader"):
-        if not phase.readers(each.topic):
-            shown = context.shown(each.topic)
+    subscribed = [
+        context.relative_name(topic) for topic in phase.topics if phase.subscriptions(topic)
+    ]
+    for each in phase.endpoints_of("loader"):
+        if not phase.subscriptions(each.topic):
+            shown = context.relative_name(each.topic)
             yield Finding(
                 message=f"{quote(shown)} is loaded, but neither a preprocessor nor a playback "
                 "input reads it",
                 path=each.path,
-                help=suggestion(shown, read, "topics that are read"),
-                about=frozenset(
-                    {suppression_keys.FEED, suppression_keys.topic(phase.phase, each.topic)}
+                help=suggestion(shown, subscribed, "topics that are read"),
+                suppressed_by=frozenset(
+                    {
+                        suppression_keys.PREPROCESS_FLOW,
+                        suppression_keys.topic(phase.phase, each.topic),
+                    }
                 ),
             )
 

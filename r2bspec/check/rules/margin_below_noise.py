@@ -17,10 +17,11 @@ def _find(context: Context) -> Iterator[Finding]:
     for each in narrow_margins(context):
         noise = each.calibration
         yield Finding(
-            message=f"the margin of {quote(each.known.placed.requirement.text)} is "
-            f"{show(each.margin, 'share')}, and {each.told} on {noise.machine} (calibrated "
+            message=f"the margin of {quote(each.known_metric.located.requirement.text)} is "
+            f"{show(each.margin, 'share')}, and {each.detectable_text} on {noise.machine} "
+            "(calibrated "
             f"{noise.started_at[:10]})",
-            path=each.known.placed.path,
+            path=each.known_metric.located.path,
             part=each.part,
             help=f"{f'write {each.proposed!r}, ' if each.proposed else ''}set "
             "'benchmark.iterations' higher, or find out what makes runs differ",

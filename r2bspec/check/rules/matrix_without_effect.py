@@ -14,14 +14,14 @@ from r2bspec.diagnostics.quote import quote
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    choice = context.loaded.choice
-    for name in choice.values if choice is not None else ():
+    matrix_case = context.loaded.matrix_case
+    for name in matrix_case.values if matrix_case is not None else ():
         if name not in context.loaded.used_variables:
             yield Finding(
                 message=f"the matrix varies {quote(name)}, but nothing uses it",
                 path=("variables", name),
                 help=f"write {quote(f'$(var {name})')} where its value belongs",
-                explains=frozenset({suppression_keys.value(("variables", name))}),
+                suppresses=frozenset({suppression_keys.value(("variables", name))}),
             )
 
 

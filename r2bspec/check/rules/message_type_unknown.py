@@ -17,29 +17,29 @@ from r2bspec.diagnostics.quote import quote
 def _find(context: Context) -> Iterator[Finding]:
     for path, name in _stated_types(context).items():
         about = frozenset({suppression_keys.value(path)})
-        beside = message_types.names_beside(name)
-        if name in beside:
+        siblings = message_types.types_of_same_package(name)
+        if name in siblings:
             continue
         package = name.partition("/")[0]
-        close = did_you_mean(name, beside or message_types.common_types())
-        if beside and not close:
+        close = did_you_mean(name, siblings or message_types.common_types())
+        if siblings and not close:
             yield Finding(
                 message=f"the package {package} of ROS 2 Jazzy has no message {quote(name)}",
                 path=path,
                 severity=Severity.WARNING,
                 certainty=Certainty.ENVIRONMENT,
-                explains=about,
+                suppresses=about,
             )
-        elif beside or close.partition("/")[2] == name.partition("/")[2]:
+        elif siblings or close.partition("/")[2] == name.partition("/")[2]:
             # A package of one's own may well be called like this, a message in a common one not.
             yield Finding(
                 message=f"there is no message type {quote(name)}"
-                if beside
+                if siblings
                 else f"{quote(name)} is much like the type {quote(close)} of the common interfaces",
                 path=path,
                 help=f"did you mean {quote(close)}?",
-                severity=None if beside else Severity.WARNING,
-                explains=about,
+                severity=None if siblings else Severity.WARNING,
+                suppresses=about,
             )
 
 

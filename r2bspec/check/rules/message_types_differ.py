@@ -15,18 +15,22 @@ from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    told: set[Path] = set()
+    reported: set[Path] = set()
     confirmed = _confirmed(context)
     for phase in context.wiring.phases:
         for topic in phase.topics:
             typed = sorted(
-                (each for each in (*phase.writers(topic), *phase.readers(topic)) if each.type),
-                key=lambda each: 0 if each.type_path in confirmed else _doubt(each),
+                (
+                    each
+                    for each in (*phase.publishers(topic), *phase.subscriptions(topic))
+                    if each.type
+                ),
+                key=lambda each: 0 if each.type_path in confirmed else _uncertainty(each),
             )
             for each in typed[1:]:
                 place = each.type_path or each.path
-                if each.type != typed[0].type and place not in told:
-                    told.add(place)
+                if each.type != typed[0].type and place not in reported:
+                    reported.add(place)
                     yield _finding(context, phase, typed[0], each)
 
 
@@ -35,12 +39,12 @@ def _confirmed(context: Context) -> set[Path]:
     phase = context.wiring.preprocess
     return {
         each.type_path
-        for each in phase.owned_by("recorder")
-        if any(writer.type == each.type for writer in phase.writers(each.topic))
+        for each in phase.endpoints_of("recorder")
+        if any(publisher.type == each.type for publisher in phase.publishers(each.topic))
     }
 
 
-def _doubt(endpoint: Endpoint) -> int:
+def _uncertainty(endpoint: Endpoint) -> int:
     """How much an endpoint's type is open to doubt: the bag knows, a format is but stated."""
     if endpoint.owner == "loader":
         return 0
@@ -49,44 +53,48 @@ def _doubt(endpoint: Endpoint) -> int:
     return 2 if endpoint.type_path or endpoint.type_parameter else 1
 
 
-def _finding(context: Context, phase: PhaseWiring, sure: Endpoint, wrong: Endpoint) -> Finding:
-    topic = quote(context.shown(sure.topic))
+def _finding(context: Context, phase: PhaseWiring, trusted: Endpoint, wrong: Endpoint) -> Finding:
+    topic = quote(context.relative_name(trusted.topic))
     place = wrong.type_path or wrong.path
-    if sure.owner == "loader":
-        bag_topic = sure.path[-1]
-        fact = f"{bag_topic} in the bag is {sure.type}"
-        related = Pointer(f"loaded as {topic} here", sure.path)
+    if trusted.owner == "loader":
+        bag_topic = trusted.path[-1]
+        fact = f"{bag_topic} in the bag is {trusted.type}"
+        related = Pointer(f"loaded as {topic} here", trusted.path)
     else:
-        fact = f"{_who(sure)} {_does(sure)} {topic} as {sure.type}"
+        fact = f"{_endpoint_label(trusted)} {_verb(trusted)} {topic} as {trusted.type}"
         related = Pointer(
-            "see here", sure.type_path or sure.path, sure.at_key and not sure.type_path
+            "see here",
+            trusted.type_path or trusted.path,
+            trusted.topic_is_key and not trusted.type_path,
         )
     return Finding(
-        message=f"{_claim(wrong, topic)}, but {fact}",
+        message=f"{_mismatch_text(wrong, topic)}, but {fact}",
         path=place,
-        key=wrong.at_key and not wrong.type_path,
-        help=_help(sure, wrong),
+        key=wrong.topic_is_key and not wrong.type_path,
+        help=_help(trusted, wrong),
         related=(related,),
-        about=frozenset(
-            {suppression_keys.topic(phase.phase, sure.topic), suppression_keys.value(place)}
+        suppressed_by=frozenset(
+            {suppression_keys.topic(phase.phase, trusted.topic), suppression_keys.value(place)}
         ),
-        explains=frozenset({suppression_keys.flow(phase.phase), suppression_keys.value(place)}),
+        suppresses=frozenset(
+            {suppression_keys.phase_flow(phase.phase), suppression_keys.value(place)}
+        ),
     )
 
 
-def _claim(wrong: Endpoint, topic: str) -> str:
+def _mismatch_text(wrong: Endpoint, topic: str) -> str:
     if wrong.is_node:
-        return f"{_who(wrong)} {_does(wrong)} {topic} as {wrong.type}"
+        return f"{_endpoint_label(wrong)} {_verb(wrong)} {topic} as {wrong.type}"
     return f"the format of {topic} is given as {wrong.type}"
 
 
-def _help(sure: Endpoint, wrong: Endpoint) -> str:
+def _help(trusted: Endpoint, wrong: Endpoint) -> str:
     if wrong.type_parameter:
-        return f"set its parameter {quote(wrong.type_parameter)} to {sure.type}"
-    return "" if wrong.is_node else f"write {sure.type}, or name another topic"
+        return f"set its parameter {quote(wrong.type_parameter)} to {trusted.type}"
+    return "" if wrong.is_node else f"write {trusted.type}, or name another topic"
 
 
-def _who(endpoint: Endpoint) -> str:
+def _endpoint_label(endpoint: Endpoint) -> str:
     if endpoint.monitor:
         return f"monitor {endpoint.monitor}"
     if endpoint.is_node:
@@ -94,8 +102,8 @@ def _who(endpoint: Endpoint) -> str:
     return f"the {endpoint.owner}"
 
 
-def _does(endpoint: Endpoint) -> str:
-    return "publishes" if endpoint.writes else "reads"
+def _verb(endpoint: Endpoint) -> str:
+    return "publishes" if endpoint.is_publisher else "reads"
 
 
 RULE = Rule(

@@ -8,14 +8,14 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.requirement_metrics import Known, known_metrics
+from r2bspec.check.requirement_metrics import KnownMetric, known_metrics
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 from r2bspec.measure.metric_catalogue import known_live
 from r2bspec.plan.compile_plan import has_own_rate
 
-_PROBED = ("search", "sequential")
+_PROBE_STATISTICS = ("search", "sequential")
 """How metrics are judged that need a rate to be chosen."""
 
 
@@ -23,27 +23,27 @@ def _find(context: Context) -> Iterator[Finding]:
     if not has_own_rate(context.spec):
         return
     for each in known_metrics(context):
-        found = _unknown(context, each)
+        found = _problem(context, each)
         if found is not None:
             message, help_text = found
             yield Finding(
                 message=message,
-                path=each.placed.path,
+                path=each.located.path,
                 help=help_text,
-                about=frozenset({each.placed.subject}),
+                suppressed_by=frozenset({each.located.subject}),
             )
 
 
-def _unknown(context: Context, each: Known) -> tuple[str, str] | None:
+def _problem(context: Context, each: KnownMetric) -> tuple[str, str] | None:
     """What is wrong with a requirement, and what helps."""
     name, mode = quote(each.info.name), context.spec.playback.mode
-    bound = each.placed.requirement.bound
+    bound = each.located.requirement.bound
     if bound is not None and bound.of_offered:
         return (
             f"no rate is offered with 'mode: {mode}', of which {name} could be a share",
             "write the bound as a rate",
         )
-    if each.info.statistic in _PROBED:
+    if each.info.statistic in _PROBE_STATISTICS:
         return (
             f"{name} is found by playing at chosen rates, and with 'mode: {mode}' there are none",
             "remove it, or write 'mode: looping'",
@@ -55,19 +55,21 @@ def _unknown(context: Context, each: Known) -> tuple[str, str] | None:
             f"nobody knows {name} of a live graph: what its source sends is not seen",
             "require something of what arrives: throughput, interval, jitter, received, latency",
         )
-    if each.info.family == "latency" and (silent := _without_stamp(context, each)):
+    if each.info.family == "latency" and (headerless := _monitor_without_header(context, each)):
         return (
-            f"the latency at monitor {silent} is never known: its messages have no header",
+            f"the latency at monitor {headerless} is never known: its messages have no header",
             "require something of what arrives: throughput, interval, jitter, received",
         )
     return None
 
 
-def _without_stamp(context: Context, each: Known) -> str:
+def _monitor_without_header(context: Context, each: KnownMetric) -> str:
     """A monitor that is asked for a latency, and whose messages are known to have no header."""
     monitors = context.spec.monitors
-    asked = monitors if each.monitor is None else [each.monitor]
-    return next((name for name in asked if begins_with_header(monitors[name].format) is False), "")
+    monitor_names = monitors if each.monitor is None else [each.monitor]
+    return next(
+        (name for name in monitor_names if begins_with_header(monitors[name].format) is False), ""
+    )
 
 
 RULE = Rule(

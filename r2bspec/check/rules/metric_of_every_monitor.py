@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import listed
+from r2bspec.check.message_text import quoted_list
 from r2bspec.check.requirement_metrics import known_metrics
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
@@ -21,9 +21,11 @@ def _find(context: Context) -> Iterator[Finding]:
             name = each.info.name
             first = next(iter(monitors))
             yield Finding(
-                message=f"{quote(name)} is required of each of the monitors {listed(monitors)}",
-                path=each.placed.path,
-                part=each.placed.metric_part,
+                message=(
+                    f"{quote(name)} is required of each of the monitors {quoted_list(monitors)}"
+                ),
+                path=each.located.path,
+                part=each.located.metric_part,
                 help=f"to mean one of them, write for example {quote(f'{first}.{name}')}",
             )
 

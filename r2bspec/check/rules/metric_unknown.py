@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.message_text import listed
+from r2bspec.check.message_text import quoted_list
 from r2bspec.check.requirement_metrics import unknown_metrics
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
@@ -19,12 +19,12 @@ def _find(context: Context) -> Iterator[Finding]:
         error = each.error
         yield Finding(
             message=str(error),
-            path=each.placed.path,
-            part=each.placed.metric_part,
+            path=each.located.path,
+            part=each.located.metric_part,
             help=f"did you mean {quote(error.suggestion)}?"
             if error.suggestion
-            else f"there are {listed(error.known)}",
-            related=_declaration(error.suggestion, each.placed.requirement.text, context),
+            else f"there are {quoted_list(error.known)}",
+            related=_declaration(error.suggestion, each.located.requirement.text, context),
         )
 
 

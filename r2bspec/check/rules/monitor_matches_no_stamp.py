@@ -21,8 +21,8 @@ def _find(context: Context) -> Iterator[Finding]:
                 message=f"monitor {name} matches by stamp, but {monitor.format} has no header",
                 path=(*place, "format"),
                 help="write 'match: order', if each input has one output",
-                about=frozenset({suppression_keys.value((*place, "format"))}),
-                explains=frozenset({suppression_keys.value((*place, "match"))}),
+                suppressed_by=frozenset({suppression_keys.value((*place, "format"))}),
+                suppresses=frozenset({suppression_keys.value((*place, "match"))}),
             )
 
 

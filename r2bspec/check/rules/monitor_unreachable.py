@@ -15,19 +15,23 @@ from r2bspec.diagnostics.quote import quote
 
 def _find(context: Context) -> Iterator[Finding]:
     phase = context.wiring.measure
-    if context.spec.live or phase.may_read or phase.may_write:
+    if context.spec.live or phase.possible_subscribers or phase.possible_publishers:
         return
-    reached = phase.reached_from(each.topic for each in phase.owned_by("player"))
-    for monitor in phase.owned_by("monitor"):
-        writers = phase.writers(monitor.topic)
+    reached = phase.downstream_of(each.topic for each in phase.endpoints_of("player"))
+    for monitor in phase.endpoints_of("monitor"):
+        writers = phase.publishers(monitor.topic)
         if writers and monitor.topic not in reached:
             yield Finding(
-                message=f"no playback input leads to {quote(context.shown(monitor.topic))}, which "
+                message="no playback input leads to "
+                f"{quote(context.relative_name(monitor.topic))}, which "
                 f"monitor {monitor.monitor} watches",
                 path=monitor.path,
-                related=(Pointer("who publishes it", writers[0].path, writers[0].at_key),),
-                about=frozenset(
-                    {suppression_keys.FLOW, suppression_keys.topic(phase.phase, monitor.topic)},
+                related=(Pointer("who publishes it", writers[0].path, writers[0].topic_is_key),),
+                suppressed_by=frozenset(
+                    {
+                        suppression_keys.MEASURE_FLOW,
+                        suppression_keys.topic(phase.phase, monitor.topic),
+                    },
                 ),
             )
 

@@ -12,13 +12,13 @@ from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 from r2bspec.wiring.wiring import NodeWiring
 
-_OF_A_PROCESS = ("cpus", "nice", "prefix", "memory_limit")
+_PROCESS_KEYS = ("cpus", "nice", "prefix", "memory_limit")
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
-        shared = _shared(context, node)
-        for name in _OF_A_PROCESS if shared else ():
+        shared = _why_shared(context, node)
+        for name in _PROCESS_KEYS if shared else ():
             if getattr(node.node, name):
                 yield Finding(
                     message=f"{quote(name)} of {node.key} has no effect: {shared}",
@@ -30,7 +30,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 )
 
 
-def _shared(context: Context, node: NodeWiring) -> str:
+def _why_shared(context: Context, node: NodeWiring) -> str:
     """Why a node has no process of its own; empty if it has."""
     if node.node.kind == "external":
         return "it must already run"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.message_text import listed
+from r2bspec.check.message_text import quoted_list
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
@@ -23,7 +23,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 "own among processes",
                 path=node.path,
                 key=True,
-                help=f"reserved: {listed(reserved)}",
+                help=f"reserved: {quoted_list(reserved)}",
             )
         elif node.key in context.spec.containers:
             yield Finding(
@@ -40,7 +40,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 "own among processes",
                 path=("containers", name),
                 key=True,
-                help=f"reserved: {listed(reserved)}",
+                help=f"reserved: {quoted_list(reserved)}",
             )
 
 

@@ -15,9 +15,9 @@ from r2bspec.wiring.wiring import PhaseWiring
 
 def _find(context: Context) -> Iterator[Finding]:
     for phase in context.wiring.phases:
-        first: dict[str, tuple[str, Path]] = dict(_made(context, phase))
+        first: dict[str, tuple[str, Path]] = dict(_generated_nodes(context, phase))
         for node in phase.nodes:
-            if node.node.kind == "launch" or not node.names_known:
+            if node.node.kind == "launch" or not node.is_ros_process:
                 continue
             what, path = first.setdefault(node.name, ("another node", node.path))
             if path != node.path or what != "another node":
@@ -30,7 +30,9 @@ def _find(context: Context) -> Iterator[Finding]:
                 )
 
 
-def _made(context: Context, phase: PhaseWiring) -> Iterator[tuple[str, tuple[str, Path]]]:
+def _generated_nodes(
+    context: Context, phase: PhaseWiring
+) -> Iterator[tuple[str, tuple[str, Path]]]:
     """The nodes that a plan makes besides those of the spec: containers and the harness."""
     namespace = context.wiring.namespace
     for node in phase.nodes:

@@ -18,11 +18,11 @@ def _find(context: Context) -> Iterator[Finding]:
         if container is None:
             continue
         kind = node.node.kind
-        holds = "python" if container.executable == "python" else "plugin"
-        if kind == holds:
+        contained_kind = "python" if container.executable == "python" else "plugin"
+        if kind == contained_kind:
             continue
         placed = f"{node.key} cannot run in {quote(node.node.container)}"
-        contents = "Python nodes" if holds == "python" else "C++ components"
+        contents = "Python nodes" if contained_kind == "python" else "C++ components"
         yield Finding(
             message=f"{placed}, which holds {contents}"
             if kind in {"python", "plugin"}

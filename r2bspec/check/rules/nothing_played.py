@@ -24,7 +24,7 @@ def _find(context: Context) -> Iterator[Finding]:
             path=("benchmark",),
             key=True,
             help="add 'rates: [30 Hz]' or 'search: {min: 5 Hz, max: 200 Hz}' under 'benchmark'",
-            explains=frozenset(at),
+            suppresses=frozenset(at),
         )
 
 

@@ -9,29 +9,29 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.installed_packages import ament_packages, ament_prefixes
-from r2bspec.check.message_text import counted
+from r2bspec.check.message_text import pluralize
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.known_packages import packages
+from r2bspec.wiring.known_packages import catalogue_packages
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    named = list(_packages(context))
-    installed = ament_packages() if named else set()
-    for path, package in named:
+    requested = list(_packages(context))
+    installed = ament_packages() if requested else set()
+    for path, package in requested:
         if package not in installed:
-            close = did_you_mean(package, installed | packages())
+            close = did_you_mean(package, installed | catalogue_packages())
             yield Finding(
                 message=f"there is no ROS package {quote(package)} on this machine",
                 path=path,
                 help=f"did you mean {quote(close)}?"
                 if close
                 else f"source the workspace that has it; AMENT_PREFIX_PATH names "
-                f"{counted(len(ament_prefixes()), 'folder')}",
+                f"{pluralize(len(ament_prefixes()), 'folder')}",
                 certainty=Certainty.ENVIRONMENT,
-                explains=frozenset({suppression_keys.value(path)}),
+                suppresses=frozenset({suppression_keys.value(path)}),
             )
 
 

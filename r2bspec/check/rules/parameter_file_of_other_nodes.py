@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import listed
+from r2bspec.check.message_text import quoted_list
 from r2bspec.check.parameter_types import parameter_file_paths
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.parameter_files import matches
+from r2bspec.wiring.parameter_files import node_key_matches
 from r2bspec.wiring.wiring import NodeWiring
 
 
@@ -21,9 +21,9 @@ def _find(context: Context) -> Iterator[Finding]:
             # It may hold several nodes, of any name.
             continue
         for path, name in parameter_file_paths(context, node):
-            file = context.beside.parameter_files.get(name)
+            file = context.companion_files.parameter_files.get(name)
             keys = [] if file is None or file.problem else [key for key, _ in file.nodes]
-            if keys and not any(matches(key, node.name) for key in keys):
+            if keys and not any(node_key_matches(key, node.name) for key in keys):
                 yield Finding(
                     message=f"{quote(name)} has no parameters of {node.name}",
                     path=path,
@@ -37,7 +37,7 @@ def _advice(keys: list[str], node: NodeWiring) -> str:
             f"ROS takes {quote(node.key)} for a node without namespace: write {quote(node.name)}, "
             "or '/**' for any node"
         )
-    return f"it is about {listed(keys)}; '/**' is about any node"
+    return f"it is about {quoted_list(keys)}; '/**' is about any node"
 
 
 RULE = Rule(

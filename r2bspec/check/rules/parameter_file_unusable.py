@@ -17,7 +17,7 @@ from r2bspec.diagnostics.quote import quote
 def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
         for path, name in parameter_file_paths(context, node):
-            file = context.beside.parameter_files.get(name)
+            file = context.companion_files.parameter_files.get(name)
             if file is None or not file.problem:
                 continue
             yield Finding(
@@ -28,7 +28,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 help=f"it is looked for in the folder of the spec, {context.loaded.base_dir}"
                 if file.missing
                 else "parameters stand below the name of their node and 'ros__parameters'",
-                explains=frozenset({suppression_keys.value(path)}),
+                suppresses=frozenset({suppression_keys.value(path)}),
             )
 
 

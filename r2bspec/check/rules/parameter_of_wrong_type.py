@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from r2bspec.check import suppression_keys
-from r2bspec.check.certainty import as_of
+from r2bspec.check.certainty import as_version_warning
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.parameter_types import Given, given_parameters, parameter_type
+from r2bspec.check.parameter_types import ParameterOverride, parameter_overrides, parameter_type
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import clip, quote
@@ -18,18 +18,18 @@ from r2bspec.wiring.node_interface import ParameterInfo
 
 def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
-        for each in given_parameters(context, node):
+        for each in parameter_overrides(context, node):
             declared = (node.interface.parameters or {}).get(each.name)
             given = parameter_type(each.value)
             if declared is None or given is None or declared.type in {"", given}:
                 continue
             finding = _finding(node.key, each, given, declared)
             if node.interface.parameters_from == "catalogue":
-                finding = as_of(node.interface, finding)
+                finding = as_version_warning(node.interface, finding)
             yield finding
 
 
-def _finding(node: str, each: Given, given: str, declared: ParameterInfo) -> Finding:
+def _finding(node: str, each: ParameterOverride, given: str, declared: ParameterInfo) -> Finding:
     path, value = each.path, each.value
     article = "an" if declared.type[0] in "aeiou" else "a"
     also = "an" if given[0] in "aeiou" else "a"
@@ -44,7 +44,7 @@ def _finding(node: str, each: Given, given: str, declared: ParameterInfo) -> Fin
         if given == "string" and declared.type in {"integer", "double", "bool"}
         else "",
         replacement=None if each.file else fixed,
-        explains=frozenset({suppression_keys.value(path)}),
+        suppresses=frozenset({suppression_keys.value(path)}),
     )
 
 

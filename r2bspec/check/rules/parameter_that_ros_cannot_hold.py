@@ -9,7 +9,7 @@ from r2bspec.check import suppression_keys
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.parameter_types import given_parameters, parameter_type
+from r2bspec.check.parameter_types import parameter_overrides, parameter_type
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
@@ -18,7 +18,7 @@ from r2bspec.language.spec import ParameterValue
 
 def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
-        for each in given_parameters(context, node):
+        for each in parameter_overrides(context, node):
             problem = _problem(each.value)
             if problem:
                 path = each.path
@@ -26,7 +26,7 @@ def _find(context: Context) -> Iterator[Finding]:
                     message=f"{quote(each.name)} of {node.key} {problem[0]}",
                     path=path,
                     help=problem[1],
-                    explains=frozenset({suppression_keys.value(path)}),
+                    suppresses=frozenset({suppression_keys.value(path)}),
                 )
 
 

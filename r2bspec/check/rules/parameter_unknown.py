@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check.certainty import as_of
+from r2bspec.check.certainty import as_version_warning
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.message_text import suggestion
-from r2bspec.check.parameter_types import given_parameters
+from r2bspec.check.parameter_types import parameter_overrides
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
 # Every node declares the first; the others are read by the middleware's side of a node.
-_OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
+_COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service")
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -23,9 +23,9 @@ def _find(context: Context) -> Iterator[Finding]:
         declared = node.interface.parameters
         if declared is None:
             continue
-        for each in given_parameters(context, node):
+        for each in parameter_overrides(context, node):
             # A file may well hold parameters of other nodes.
-            if each.name in declared or each.file or _is_of_every_node(each.name):
+            if each.name in declared or each.file or _is_common_parameter(each.name):
                 continue
             finding = Finding(
                 message=f"{node.key} declares no parameter {quote(each.name)}",
@@ -34,11 +34,11 @@ def _find(context: Context) -> Iterator[Finding]:
                 help=suggestion(each.name, declared, "its parameters"),
             )
             catalogue = node.interface.parameters_from == "catalogue"
-            yield as_of(node.interface, finding) if catalogue else finding
+            yield as_version_warning(node.interface, finding) if catalogue else finding
 
 
-def _is_of_every_node(name: str) -> bool:
-    return name in _OF_EVERY_NODE or name.startswith("qos_overrides.")
+def _is_common_parameter(name: str) -> bool:
+    return name in _COMMON_PARAMETERS or name.startswith("qos_overrides.")
 
 
 RULE = Rule(

@@ -20,7 +20,7 @@ def _find(context: Context) -> Iterator[Finding]:
     if search is None or search.min.hz >= search.max.hz:
         return
     for each in known_metrics(context):
-        bound = each.placed.requirement.bound
+        bound = each.located.requirement.bound
         if each.info.statistic != "search" or bound is None or bound.dimension != "rate":
             continue
         if search.min.hz < bound.value <= search.max.hz:
@@ -29,14 +29,14 @@ def _find(context: Context) -> Iterator[Finding]:
         limit = search.max if end == "max" else search.min
         yield Finding(
             message=f"the search goes from {search.min} to {search.max} and cannot tell whether "
-            f"{quote(each.placed.requirement.text)}",
-            path=each.placed.path,
-            part=each.placed.bound_part,
+            f"{quote(each.located.requirement.text)}",
+            path=each.located.path,
+            part=each.located.bound_part,
             help=f"search {'beyond' if end == 'max' else 'below'} {bound.value:g} Hz",
             related=(
                 Pointer(f"it {'ends' if end == 'max' else 'begins'} at {limit}", (*_SEARCH, end)),
             ),
-            about=frozenset({each.placed.subject}),
+            suppressed_by=frozenset({each.located.subject}),
         )
 
 

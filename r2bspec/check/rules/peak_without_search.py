@@ -27,10 +27,10 @@ def _find(context: Context) -> Iterator[Finding]:
         if each.info.statistic == "search":
             yield Finding(
                 message=f"{quote(each.info.name)} is required, but no search is asked for",
-                path=each.placed.path,
-                part=each.placed.metric_part,
+                path=each.located.path,
+                part=each.located.metric_part,
                 help="add one under 'benchmark': 'search: {min: 5 Hz, max: 200 Hz}'",
-                explains=frozenset({each.placed.subject}),
+                suppresses=frozenset({each.located.subject}),
             )
 
 

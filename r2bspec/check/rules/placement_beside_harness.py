@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import listed
+from r2bspec.check.message_text import quoted_list
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 
@@ -16,17 +16,19 @@ def _find(context: Context) -> Iterator[Finding]:
     graph = context.spec.graph
     if graph.placement != "harness":
         return
-    beside = [
+    colocated = [
         node.key
         for node in context.wiring.measure.nodes
         if node.node.kind == "python" and not node.node.container
     ]
-    if beside:
+    if colocated:
         yield Finding(
-            message=f"{listed(beside)} shares its process, and Python's lock, with player and "
+            message=f"{quoted_list(colocated)} shares its process, and Python's lock, with player "
+            "and "
             "monitors"
-            if len(beside) == 1
-            else f"{listed(beside)} share one process, and Python's lock, with player and monitors",
+            if len(colocated) == 1
+            else f"{quoted_list(colocated)} share one process, and Python's lock, with player "
+            "and monitors",
             path=("graph", "placement"),
             help="'separate' uses one processor core for each",
         )

@@ -8,7 +8,7 @@ from r2bspec.check import suppression_keys
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.message_text import listed, suggestion
+from r2bspec.check.message_text import quoted_list, suggestion
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.diagnostic import Severity
@@ -18,20 +18,24 @@ from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 
 def _find(context: Context) -> Iterator[Finding]:
     phase = context.wiring.preprocess
-    for each in phase.owned_by("recorder"):
-        if not phase.writers(each.topic):
+    for each in phase.endpoints_of("recorder"):
+        if not phase.publishers(each.topic):
             yield _finding(context, phase, each)
 
 
 def _finding(context: Context, phase: PhaseWiring, each: Endpoint) -> Finding:
-    shown = context.shown(each.topic)
-    unknown = [node.key for node in phase.may_write]
-    written = [topic for topic in phase.topics if phase.writers(topic)]
-    advice = suggestion(shown, [context.shown(topic) for topic in written], "topics that there are")
+    shown = context.relative_name(each.topic)
+    unknown = [node.key for node in phase.possible_publishers]
+    published = [topic for topic in phase.topics if phase.publishers(topic)]
+    advice = suggestion(
+        shown, [context.relative_name(topic) for topic in published], "topics that there are"
+    )
     if unknown:
-        advice += f"; or state what {listed(unknown)} publishes under 'publishes:' there"
-    unread = (topic for topic in written if not phase.readers(topic))
-    instead = [topic for topic in unread if did_you_mean(shown, [context.shown(topic)])]
+        advice += f"; or state what {quoted_list(unknown)} publishes under 'publishes:' there"
+    unsubscribed = (topic for topic in published if not phase.subscriptions(topic))
+    instead = [
+        topic for topic in unsubscribed if did_you_mean(shown, [context.relative_name(topic)])
+    ]
     return Finding(
         message=f"neither the data loader nor a preprocessor publishes {quote(shown)}"
         if not unknown
@@ -40,16 +44,17 @@ def _finding(context: Context, phase: PhaseWiring, each: Endpoint) -> Finding:
         help=advice,
         related=tuple(
             Pointer(
-                f"{quote(context.shown(topic))} is written here, and read by nobody", writer.path
+                f"{quote(context.relative_name(topic))} is written here, and read by nobody",
+                publisher.path,
             )
             for topic in instead
-            for writer in phase.writers(topic)[:1]
+            for publisher in phase.publishers(topic)[:1]
         ),
         severity=Severity.WARNING if unknown else None,
-        about=frozenset({suppression_keys.topic(phase.phase, each.topic)})
-        | {suppression_keys.value(node.path) for node in phase.may_write},
-        explains=frozenset(
-            {suppression_keys.FEED}
+        suppressed_by=frozenset({suppression_keys.topic(phase.phase, each.topic)})
+        | {suppression_keys.value(node.path) for node in phase.possible_publishers},
+        suppresses=frozenset(
+            {suppression_keys.PREPROCESS_FLOW}
             | {suppression_keys.topic(phase.phase, topic) for topic in instead}
         ),
     )

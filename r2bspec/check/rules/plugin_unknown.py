@@ -11,20 +11,20 @@ from r2bspec.check.message_text import suggestion
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Certainty, Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.known_packages import DISTRIBUTION, nodes_of
+from r2bspec.wiring.known_packages import ROS_DISTRIBUTION, catalogue_nodes
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
-        known = nodes_of(node.node.package) if node.node.kind == "plugin" else {}
+        known = catalogue_nodes(node.node.package) if node.node.kind == "plugin" else {}
         if known and node.node.plugin not in known:
             yield Finding(
-                message=f"{node.node.package} of {DISTRIBUTION} has no component "
+                message=f"{node.node.package} of {ROS_DISTRIBUTION} has no component "
                 f"{quote(node.node.plugin)}",
                 path=(*node.path, "plugin"),
                 help=suggestion(node.node.plugin, known, "it has"),
                 certainty=Certainty.ENVIRONMENT,
-                explains=frozenset({suppression_keys.value(node.path)}),
+                suppresses=frozenset({suppression_keys.value(node.path)}),
             )
 
 

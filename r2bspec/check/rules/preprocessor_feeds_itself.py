@@ -16,18 +16,19 @@ from r2bspec.diagnostics.quote import quote
 def _find(context: Context) -> Iterator[Finding]:
     phase = context.wiring.preprocess
     for node in phase.nodes:
-        endpoints = phase.owned_by(node.name)
-        reached = phase.reached_from(each.topic for each in endpoints if each.writes)
+        endpoints = phase.endpoints_of(node.name)
+        reached = phase.downstream_of(each.topic for each in endpoints if each.is_publisher)
         for each in endpoints:
-            if not each.writes and each.topic in reached:
+            if not each.is_publisher and each.topic in reached:
                 yield Finding(
-                    message=f"{node.key} reads {quote(context.shown(each.topic))}, to which its "
+                    message=f"{node.key} reads {quote(context.relative_name(each.topic))}, to "
+                    "which its "
                     "own output leads",
                     path=each.path,
-                    key=each.at_key,
+                    key=each.topic_is_key,
                     help="preprocessors pass messages on from the bag to the playback inputs",
-                    about=frozenset({suppression_keys.topic(phase.phase, each.topic)}),
-                    explains=frozenset({suppression_keys.FEED}),
+                    suppressed_by=frozenset({suppression_keys.topic(phase.phase, each.topic)}),
+                    suppresses=frozenset({suppression_keys.PREPROCESS_FLOW}),
                 )
 
 

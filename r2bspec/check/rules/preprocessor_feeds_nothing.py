@@ -8,30 +8,33 @@ from r2bspec.check import suppression_keys
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import listed
+from r2bspec.check.message_text import quoted_list
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 
 
 def _find(context: Context) -> Iterator[Finding]:
     phase = context.wiring.preprocess
-    recorded = {each.topic for each in phase.owned_by("recorder")}
-    if phase.may_read:
+    recorded = {each.topic for each in phase.endpoints_of("recorder")}
+    if phase.possible_subscribers:
         return
     for node in phase.nodes:
         if node.interface.publishes is None:
             continue
-        written = [each.topic for each in phase.owned_by(node.name) if each.writes]
-        if not phase.reached_from(written) & recorded:
+        published = [each.topic for each in phase.endpoints_of(node.name) if each.is_publisher]
+        if not phase.downstream_of(published) & recorded:
             yield Finding(
                 message=f"no playback input plays what {node.key} publishes",
                 path=node.path,
                 key=True,
-                help=f"it publishes {listed(context.shown(topic) for topic in written)}",
-                about=frozenset(
+                help=(
+                    "it publishes "
+                    f"{quoted_list(context.relative_name(topic) for topic in published)}"
+                ),
+                suppressed_by=frozenset(
                     {
-                        suppression_keys.FEED,
-                        *(suppression_keys.topic(phase.phase, topic) for topic in written),
+                        suppression_keys.PREPROCESS_FLOW,
+                        *(suppression_keys.topic(phase.phase, topic) for topic in published),
                     }
                 ),
             )

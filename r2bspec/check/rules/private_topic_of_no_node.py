@@ -18,23 +18,23 @@ def _find(context: Context) -> Iterator[Finding]:
     for name, path, phase, key in _harness_topics(context):
         if not name.startswith("~"):
             continue
-        private = [topic for topic in _of_nodes(context, phase) if topic.endswith(name[1:])]
+        private = [topic for topic in _private_topics(context, phase) if topic.endswith(name[1:])]
         topics = (*private, harness_topic(name, context.wiring.namespace))
         yield Finding(
             message=f"{quote(name)} is private to a node, but no node stands here",
             path=path,
             key=key,
-            help=f"did you mean {quote(context.shown(private[0]))}?"
+            help=f"did you mean {quote(context.relative_name(private[0]))}?"
             if len(private) == 1
             else "name the topic in full: the node's namespace and name, then the topic",
-            explains=frozenset(
-                {suppression_keys.flow(phase)}
+            suppresses=frozenset(
+                {suppression_keys.phase_flow(phase)}
                 | {suppression_keys.topic(phase, topic) for topic in topics}
             ),
         )
 
 
-def _of_nodes(context: Context, phase: str) -> list[str]:
+def _private_topics(context: Context, phase: str) -> list[str]:
     """The topics of a phase that lie below the name of one of its nodes."""
     return [
         topic

@@ -17,14 +17,14 @@ from r2bspec.diagnostics.quote import quote
 def _find(context: Context) -> Iterator[Finding]:
     for path, program, folder in _programs(context):
         if "/" in program:
-            there = (folder / program).is_file()
+            exists = (folder / program).is_file()
             message = f"there is no file {quote(program)}"
             advice = f"it is looked for in {folder}; build it before running"
         else:
-            there = shutil.which(program) is not None
+            exists = shutil.which(program) is not None
             message = f"there is no program {quote(program)} on this machine's PATH"
             advice = "install it, or correct the command"
-        if not there:
+        if not exists:
             yield Finding(
                 message=message,
                 path=path,

@@ -25,7 +25,7 @@ def _find(context: Context) -> Iterator[Finding]:
             if finding is not None:
                 yield replace(
                     finding,
-                    explains=frozenset(
+                    suppresses=frozenset(
                         {suppression_keys.value(path), suppression_keys.value(node.path)}
                     ),
                 )

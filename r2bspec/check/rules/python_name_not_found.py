@@ -15,9 +15,9 @@ from r2bspec.check.python_target import PythonTarget, python_target
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Certainty, Severity
 from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.node_interface import reference_table
+from r2bspec.wiring.node_interface import reference_node_interfaces
 
-_REFERENCE = "r2bspec.nodes"
+_REFERENCE_NODES = "r2bspec.nodes"
 
 
 def _find(context: Context) -> Iterator[Finding]:
@@ -30,7 +30,7 @@ def _find(context: Context) -> Iterator[Finding]:
             continue
         path = (*node.path, "python")
         # An installed module may have the name in another version; these two go with the spec.
-        certain = not target.module or target.module == _REFERENCE
+        certain = not target.module or target.module == _REFERENCE_NODES
         yield Finding(
             message=f"{quote(target.module or target.text.rpartition(':')[0])} has no "
             f"{quote(target.name)}",
@@ -39,15 +39,15 @@ def _find(context: Context) -> Iterator[Finding]:
             help=suggestion(target.name, _public(names), "it has"),
             severity=None if certain else Severity.WARNING,
             certainty=Certainty.CERTAIN if certain else Certainty.ENVIRONMENT,
-            about=frozenset({suppression_keys.value(path)}),
-            explains=frozenset({suppression_keys.value(node.path)}),
+            suppressed_by=frozenset({suppression_keys.value(path)}),
+            suppresses=frozenset({suppression_keys.value(node.path)}),
         )
 
 
 def _names(target: PythonTarget) -> frozenset[str] | None:
     """The names that there are, or None if that cannot be told."""
-    if target.module == _REFERENCE:
-        return frozenset(name.rpartition(".")[2] for name in reference_table())
+    if target.module == _REFERENCE_NODES:
+        return frozenset(name.rpartition(".")[2] for name in reference_node_interfaces())
     source = target.file if target.readable else None
     if target.module:
         found = find_module(target.module)

@@ -17,20 +17,20 @@ from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 def _find(context: Context) -> Iterator[Finding]:
     for phase in context.wiring.phases:
         for topic in phase.topics:
-            for writer in phase.writers(topic):
-                for reader in phase.readers(topic):
-                    problem = _problem(writer, reader)
+            for publisher in phase.publishers(topic):
+                for subscription in phase.subscriptions(topic):
+                    problem = _incompatibility(publisher, subscription)
                     if problem:
-                        yield _finding(context, phase, writer, reader, problem)
+                        yield _finding(context, phase, publisher, subscription, problem)
 
 
-def _problem(writer: Endpoint, reader: Endpoint) -> tuple[str, str, str] | None:
+def _incompatibility(publisher: Endpoint, subscription: Endpoint) -> tuple[str, str, str] | None:
     """What the reader asks for, what the writer offers, and the field of both."""
-    if writer.qos is None or reader.qos is None:
+    if publisher.qos is None or subscription.qos is None:
         return None
-    if reader.qos.reliability == "reliable" and writer.qos.reliability == "best_effort":
+    if subscription.qos.reliability == "reliable" and publisher.qos.reliability == "best_effort":
         return "reliable", "best_effort", "reliability"
-    if reader.qos.durability == "transient_local" and writer.qos.durability == "volatile":
+    if subscription.qos.durability == "transient_local" and publisher.qos.durability == "volatile":
         return "transient_local", "volatile", "durability"
     return None
 
@@ -38,25 +38,26 @@ def _problem(writer: Endpoint, reader: Endpoint) -> tuple[str, str, str] | None:
 def _finding(
     context: Context,
     phase: PhaseWiring,
-    writer: Endpoint,
-    reader: Endpoint,
+    publisher: Endpoint,
+    subscription: Endpoint,
     problem: tuple[str, str, str],
 ) -> Finding:
-    asked, offered, field = problem
-    wrong, other = (reader, writer) if reader.qos_path else (writer, reader)
+    requested, offered, field = problem
+    wrong, other = (subscription, publisher) if subscription.qos_path else (publisher, subscription)
     return Finding(
-        message=f"{_who(reader)} asks for {asked} messages on "
-        f"{quote(context.shown(writer.topic))}, but {_who(writer)} offers {offered} ones",
+        message=f"{_endpoint_label(subscription)} asks for {requested} messages on "
+        f"{quote(context.relative_name(publisher.topic))}, but "
+        f"{_endpoint_label(publisher)} offers {offered} ones",
         path=(*wrong.qos_path, field) if wrong.qos_path else wrong.path,
-        help=f"write {quote(f'{field}: {offered}')} for {_who(reader)}, or "
-        f"{quote(f'{field}: {asked}')} for {_who(writer)}",
+        help=f"write {quote(f'{field}: {offered}')} for {_endpoint_label(subscription)}, or "
+        f"{quote(f'{field}: {requested}')} for {_endpoint_label(publisher)}",
         related=(Pointer("the other side", other.qos_path or other.path),),
-        about=frozenset({suppression_keys.topic(phase.phase, writer.topic)}),
-        explains=frozenset({suppression_keys.flow(phase.phase)}),
+        suppressed_by=frozenset({suppression_keys.topic(phase.phase, publisher.topic)}),
+        suppresses=frozenset({suppression_keys.phase_flow(phase.phase)}),
     )
 
 
-def _who(endpoint: Endpoint) -> str:
+def _endpoint_label(endpoint: Endpoint) -> str:
     if endpoint.monitor:
         return f"monitor {endpoint.monitor}"
     return endpoint.owner.rpartition("/")[2] if endpoint.is_node else f"the {endpoint.owner}"

@@ -14,7 +14,7 @@ from r2bspec.plan.compile_plan import has_own_rate
 from r2bspec.plan.topic_plans import straight_from
 from r2bspec.wiring.build_wiring import harness_topic
 
-_CAPACITY = {"udp": 250e6, "shared_memory": 3e9}
+_CAPACITY_BYTES_PER_S = {"udp": 250e6, "shared_memory": 3e9}
 """Bytes per second between two processes on one host. Estimates: a 2-core x86-64 machine carried
 2.8 MB messages in 12 ms over UDP on the loopback, and a copy in and out of shared memory in 0.7 ms
 to 1 ms."""
@@ -22,7 +22,7 @@ to 1 ms."""
 
 def _find(context: Context) -> Iterator[Finding]:
     spec, bag = context.spec, context.bag
-    capacity = _CAPACITY.get(spec.transport)
+    capacity = _CAPACITY_BYTES_PER_S.get(spec.transport)
     if capacity is None or bag is None or has_own_rate(spec):
         return
     largest = max(
@@ -34,18 +34,18 @@ def _find(context: Context) -> Iterator[Finding]:
         default=(0, ""),
     )
     size, name = largest
-    if not size or not _played_straight(context, name):
+    if not size or not _is_played_unchanged(context, name):
         return
-    most = capacity / size
+    max_rate_hz = capacity / size
     for index, rate in enumerate(spec.benchmark.rates):
-        if rate.hz > most:
+        if rate.hz > max_rate_hz:
             path: Path = ("benchmark", "rates", index)
             written = isinstance(context.value_at(("benchmark", "rates")), ListNode)
             yield Finding(
                 message=f"{rate} of {name} are {rate.hz * size / 1e6:,.0f} MB/s; "
                 f"{spec.transport} carries about {capacity / 1e6:,.0f} MB/s",
                 path=path if written else ("benchmark", "rates"),
-                help=f"an estimate, from a machine of two cores: about {most:.0f} Hz can be "
+                help=f"an estimate, from a machine of two cores: about {max_rate_hz:.0f} Hz can be "
                 "carried" + ("; shared_memory carries more" if spec.transport == "udp" else ""),
                 certainty=Certainty.ENVIRONMENT,
             )
@@ -53,7 +53,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 return
 
 
-def _played_straight(context: Context, bag_topic: str) -> bool:
+def _is_played_unchanged(context: Context, bag_topic: str) -> bool:
     """Whether messages are played as large as they were recorded."""
     return any(
         straight_from(

@@ -28,7 +28,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 help=f"played are {rates}; add it under 'benchmark.rates'"
                 if played
                 else "add it under 'benchmark.rates', which is empty",
-                explains=frozenset({suppression_keys.value(("slos", name, "at"))}),
+                suppresses=frozenset({suppression_keys.value(("slos", name, "at"))}),
             )
 
 

@@ -27,7 +27,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 path=("benchmark", key),
                 key=True,
                 help="remove it, or write 'mode: looping'",
-                explains=frozenset({"rates"}),
+                suppresses=frozenset({"rates"}),
             )
     for name, objective in context.spec.slos.items():
         if objective.at is not None or objective.at_peak:
@@ -35,7 +35,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 message=f"nothing is played at a chosen rate with 'mode: {mode}'",
                 path=("slos", name, "at"),
                 help="remove 'at'",
-                about=frozenset({"rates"}),
+                suppressed_by=frozenset({"rates"}),
             )
 
 

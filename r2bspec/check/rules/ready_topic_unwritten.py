@@ -8,7 +8,7 @@ from r2bspec.check import suppression_keys
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import listed, suggestion
+from r2bspec.check.message_text import quoted_list, suggestion
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
@@ -19,21 +19,26 @@ def _find(context: Context) -> Iterator[Finding]:
     phase = context.wiring.measure
     for name, probe in context.spec.ready.items():
         topic = harness_topic(probe.topic, context.wiring.namespace) if probe.topic else ""
-        if not topic or phase.writers(topic):
+        if not topic or phase.publishers(topic):
             continue
-        unknown = [node.key for node in phase.may_write]
-        written = [context.shown(each) for each in phase.topics if phase.writers(each)]
-        advice = suggestion(context.shown(topic), written, "topics that there are")
+        unknown = [node.key for node in phase.possible_publishers]
+        published = [context.relative_name(each) for each in phase.topics if phase.publishers(each)]
+        advice = suggestion(context.relative_name(topic), published, "topics that there are")
         if unknown:
-            advice += f"; or state what {listed(unknown)} publishes under 'publishes:' there"
+            advice += f"; or state what {quoted_list(unknown)} publishes under 'publishes:' there"
         yield Finding(
-            message=f"nobody publishes {quote(context.shown(topic))}, so this probe never holds"
+            message=(
+                f"nobody publishes {quote(context.relative_name(topic))}, so this probe never holds"
+            )
             if not unknown
-            else f"nobody is known to publish {quote(context.shown(topic))}, which is waited for",
+            else (
+                f"nobody is known to publish {quote(context.relative_name(topic))}, which is "
+                "waited for"
+            ),
             path=("ready", name, "topic"),
             help=advice,
             severity=Severity.WARNING if unknown else None,
-            about=frozenset({suppression_keys.topic(phase.phase, topic)}),
+            suppressed_by=frozenset({suppression_keys.topic(phase.phase, topic)}),
         )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import listed
+from r2bspec.check.message_text import quoted_list
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
@@ -18,12 +18,14 @@ def _find(context: Context) -> Iterator[Finding]:
     if not context.spec.data_loader.bags or context.bag is None:
         return
     for recording in context.recordings:
-        held = recording.content
-        if held is not None and not any(held.find(name) for name in topics):
+        bag_index = recording.content
+        if bag_index is not None and not any(bag_index.find(name) for name in topics):
             yield Finding(
-                message=f"no topic of {quote(held.name)} is used",
+                message=f"no topic of {quote(bag_index.name)} is used",
                 path=recording.path,
-                help=f"it has {listed(held.topics)}" if held.topics else "it is empty",
+                help=f"it has {quoted_list(bag_index.topics)}"
+                if bag_index.topics
+                else "it is empty",
             )
 
 

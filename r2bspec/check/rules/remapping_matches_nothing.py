@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from r2bspec.check import suppression_keys
-from r2bspec.check.certainty import CERTAIN, as_of
+from r2bspec.check.certainty import COMPLETE_SOURCES, as_version_warning
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import listed
+from r2bspec.check.message_text import quoted_list
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.diagnostic import Severity
@@ -17,16 +17,16 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.wiring.name_resolution import expand, remap
 from r2bspec.wiring.wiring import NodeWiring
 
-_OF_EVERY_NODE = ("/rosout", "/parameter_events", "/clock")
+_COMMON_TOPICS = ("/rosout", "/parameter_events", "/clock")
 
-_OTHER_KEYS = {"__ns": "namespace", "__node": "", "__name": ""}
+_NODE_REMAPPINGS = {"__ns": "namespace", "__node": "", "__name": ""}
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for phase, node in context.nodes:
         for left, right in node.node.remappings.items():
-            if left in _OTHER_KEYS:
-                yield _no_topic(phase, node, left)
+            if left in _NODE_REMAPPINGS:
+                yield _node_remapping_finding(phase, node, left)
             elif _matches_nothing(node, left):
                 yield _finding(phase, node, left, right)
 
@@ -37,9 +37,10 @@ def _matches_nothing(node: NodeWiring, left: str) -> bool:
         return False
     full = expand(left, node.key, node.namespace)
     known = {
-        expand(name, node.key, node.namespace) for name in (*own, *node.interface.also_remapped)
+        expand(name, node.key, node.namespace)
+        for name in (*own, *node.interface.other_remappable_names)
     }
-    return full not in known and full not in _OF_EVERY_NODE
+    return full not in known and full not in _COMMON_TOPICS
 
 
 def _finding(phase: str, node: NodeWiring, left: str, right: str) -> Finding:
@@ -52,10 +53,10 @@ def _finding(phase: str, node: NodeWiring, left: str, right: str) -> Finding:
         path=(*node.path, "remappings", left),
         key=True,
         help=_help(left, right, close, own),
-        severity=None if sources <= CERTAIN else Severity.WARNING,
-        explains=_consequences(phase, node, (left, right), close),
+        severity=None if sources <= COMPLETE_SOURCES else Severity.WARNING,
+        suppresses=_consequences(phase, node, (left, right), close),
     )
-    return as_of(node.interface, finding) if "catalogue" in sources else finding
+    return as_version_warning(node.interface, finding) if "catalogue" in sources else finding
 
 
 def _help(left: str, right: str, close: str, own: tuple[str, ...]) -> str:
@@ -64,7 +65,7 @@ def _help(left: str, right: str, close: str, own: tuple[str, ...]) -> str:
     if right in own:
         turned = quote(f"{right}: {left}")
         return f"the node's own name of the topic comes first: {turned}"
-    return f"its topics: {listed(own)}"
+    return f"its topics: {quoted_list(own)}"
 
 
 def _consequences(
@@ -76,12 +77,13 @@ def _consequences(
     topics = {expand(name, node.key, node.namespace) for name in rule}
     topics |= {remap(name, rules, node.key, node.namespace).name for name in own}
     return frozenset(
-        {suppression_keys.flow(phase)} | {suppression_keys.topic(phase, name) for name in topics}
+        {suppression_keys.phase_flow(phase)}
+        | {suppression_keys.topic(phase, name) for name in topics}
     )
 
 
-def _no_topic(phase: str, node: NodeWiring, left: str) -> Finding:
-    instead = _OTHER_KEYS[left]
+def _node_remapping_finding(phase: str, node: NodeWiring, left: str) -> Finding:
+    instead = _NODE_REMAPPINGS[left]
     return Finding(
         message=f"{quote(left)} is not a topic, but ROS's way to rename the node",
         path=(*node.path, "remappings", left),
@@ -89,7 +91,7 @@ def _no_topic(phase: str, node: NodeWiring, left: str) -> Finding:
         help=f"write it as {quote(instead)} of the node"
         if instead
         else "the node is called like its key here",
-        explains=frozenset({suppression_keys.flow(phase)}),
+        suppresses=frozenset({suppression_keys.phase_flow(phase)}),
     )
 
 

@@ -30,7 +30,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 key=True,
                 help="ROS applies the first of them; remove one",
                 related=(Pointer("remapped here already", (*place, first[full]), key=True),),
-                explains=frozenset(
+                suppresses=frozenset(
                     {suppression_keys.topic(phase, expand(right, node.key, node.namespace))}
                 ),
             )

@@ -19,15 +19,15 @@ def _find(context: Context) -> Iterator[Finding]:
         return
     rates = ", ".join(str(rate) for rate in context.spec.benchmark.rates)
     for each in known_metrics(context):
-        placed = each.placed
-        if placed.needs_rate and each.info.statistic != "search":
+        located = each.located
+        if located.needs_rate and each.info.statistic != "search":
             yield Finding(
                 message=f"{quote(each.info.name)} is required, but not at which rate",
-                path=placed.path,
-                part=placed.metric_part,
-                help=f"give the objective {quote(placed.objective)} a rate"
+                path=located.path,
+                part=located.metric_part,
+                help=f"give the objective {quote(located.objective)} a rate"
                 + (f": 'at:' and one of {rates}" if rates else " with 'at:'"),
-                explains=frozenset({placed.subject}),
+                suppresses=frozenset({located.subject}),
             )
 
 

@@ -8,31 +8,31 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
 from r2bspec.check.rule import Rule
-from r2bspec.check.spec_requirements import Placed
+from r2bspec.check.spec_requirements import LocatedRequirement
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
 
 def _find(context: Context) -> Iterator[Finding]:
-    first: dict[tuple[object, ...], Placed] = {}
-    for placed in context.requirements:
-        requirement = placed.requirement
+    first: dict[tuple[object, ...], LocatedRequirement] = {}
+    for located in context.requirements:
+        requirement = located.requirement
         words = "".join(requirement.text.split())
-        key = (placed.role, placed.at, placed.needs_rate, _when(context, placed), words)
-        other = first.setdefault(key, placed)
-        if other is not placed:
+        key = (located.role, located.at, located.needs_rate, _when(context, located), words)
+        other = first.setdefault(key, located)
+        if other is not located:
             yield Finding(
                 message=f"{quote(requirement.text.strip())} is required twice",
-                path=placed.path,
+                path=located.path,
                 help="remove one",
                 related=(Pointer("required here already", other.path),),
-                about=frozenset({placed.subject}),
+                suppressed_by=frozenset({located.subject}),
             )
 
 
-def _when(context: Context, placed: Placed) -> str:
+def _when(context: Context, located: LocatedRequirement) -> str:
     """Under what condition a requirement counts."""
-    objective = context.spec.slos.get(placed.objective)
+    objective = context.spec.slos.get(located.objective)
     return "" if objective is None else repr((objective.when, objective.at_peak, objective.level))
 
 

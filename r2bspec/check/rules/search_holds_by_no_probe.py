@@ -12,20 +12,20 @@ from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
-_ANSWERED = ("monitor", "playback")
+_PROBE_SCOPES = ("monitor", "playback")
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for each in known_metrics(context):
-        if each.placed.role == "holds" and each.info.scope not in _ANSWERED:
+        if each.located.role == "holds" and each.info.scope not in _PROBE_SCOPES:
             yield Finding(
                 message=f"a probe of a search does not answer {quote(each.info.name)}",
-                path=each.placed.path,
-                part=each.placed.metric_part,
+                path=each.located.path,
+                part=each.located.metric_part,
                 help="that the backlog does not grow is always asked; leave it out"
                 if each.info.scope == "probe"
                 else "conditions are on metrics of monitors, such as 'drop_rate <= 5 %'",
-                explains=frozenset({each.placed.subject}),
+                suppresses=frozenset({each.located.subject}),
             )
 
 

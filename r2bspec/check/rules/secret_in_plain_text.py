@@ -13,30 +13,30 @@ from r2bspec.diagnostics.diagnostic import Path, Severity
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 
-_NAME = re.compile(
+_SECRET_NAME = re.compile(
     r"(?:^|[_.\-])(?:passw(?:or)?d|passphrase|secret|token|api_?key|access_?key|private_?key"
     r"|credentials?)$",
     re.IGNORECASE,
 )
 _SECTIONS = frozenset({"env", "parameters", "arguments", "variables", "request", "labels"})
-_HARMLESS = frozenset({"", "none", "null", "true", "false", "changeme", "xxx", "***"})
+_PLACEHOLDERS = frozenset({"", "none", "null", "true", "false", "changeme", "xxx", "***"})
 
 
 def _find(context: Context) -> Iterator[Finding]:
     if context.loaded.tree is not None:
-        yield from _below(context.loaded.tree, ())
+        yield from _secrets_below(context.loaded.tree, ())
 
 
-def _below(node: TreeNode, path: Path) -> Iterator[Finding]:
+def _secrets_below(node: TreeNode, path: Path) -> Iterator[Finding]:
     if isinstance(node, ListNode):
         for index, item in enumerate(node.items):
-            yield from _below(item, (*path, index))
+            yield from _secrets_below(item, (*path, index))
     if not isinstance(node, MapNode):
         return
     for key, entry in node.entries.items():
         place = (*path, key)
-        if _SECTIONS.isdisjoint(path) or not _NAME.search(key):
-            yield from _below(entry.value, place)
+        if _SECTIONS.isdisjoint(path) or not _SECRET_NAME.search(key):
+            yield from _secrets_below(entry.value, place)
         elif _is_secret(entry.value):
             name = re.sub(r"\W", "_", key).upper()
             yield Finding(
@@ -56,7 +56,7 @@ def _is_secret(node: TreeNode) -> bool:
         isinstance(node, ScalarNode)
         and isinstance(node.value, str)
         and node.origin is None
-        and node.text.lower() not in _HARMLESS
+        and node.text.lower() not in _PLACEHOLDERS
     )
 
 

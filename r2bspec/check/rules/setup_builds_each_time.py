@@ -12,14 +12,14 @@ from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
-_BUILDS = re.compile(
+_BUILD_COMMAND = re.compile(
     r"(?:^|/)(?:colcon|cmake|make|ninja|bazel|cargo|pip|trtexec)$|build|compile|convert|download"
 )
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for name, step in context.spec.setup.items():
-        word = next((each for each in step.command if _BUILDS.search(each)), "")
+        word = next((each for each in step.command if _BUILD_COMMAND.search(each)), "")
         if word and not step.creates:
             yield Finding(
                 message=f"{quote(name)} seems to make something, and runs before every run",

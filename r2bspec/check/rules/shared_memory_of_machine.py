@@ -19,16 +19,16 @@ def _find(context: Context) -> Iterator[Finding]:
     if segment is None or context.spec.transport != "shared_memory":
         return
     try:
-        there = shutil.disk_usage(_FOLDER).total
+        available_bytes = shutil.disk_usage(_FOLDER).total
     except OSError:
         return
     processes = len(context.processes)
     wanted = segment.bytes * processes
-    if wanted > there:
+    if wanted > available_bytes:
         yield Finding(
             message=f"{processes} processes with a segment of "
             f"{segment} each need {Size(wanted)}, but {_FOLDER} has "
-            f"{Size(there // 2**20 * 2**20)}",
+            f"{Size(available_bytes // 2**20 * 2**20)}",
             path=("transport", "segment"),
             help=f"make it smaller, or {_FOLDER} larger (docker run --shm-size)",
             certainty=Certainty.ENVIRONMENT,

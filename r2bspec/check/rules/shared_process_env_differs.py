@@ -15,7 +15,7 @@ from r2bspec.wiring.wiring import NodeWiring
 def _find(context: Context) -> Iterator[Finding]:
     first: dict[tuple[str, str], tuple[str, Path]] = {}
     for _, node in context.nodes:
-        process = _process(context, node)
+        process = _shared_process(context, node)
         for name, value in node.node.env.items() if process else ():
             path = (*node.path, "env", name)
             wanted, before = first.setdefault((process, name), (value, path))
@@ -28,7 +28,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 )
 
 
-def _process(context: Context, node: NodeWiring) -> str:
+def _shared_process(context: Context, node: NodeWiring) -> str:
     """The process that a node shares with others; empty if it has one of its own."""
     if node.node.container:
         return f"{node.path[0]}.{node.node.container}"

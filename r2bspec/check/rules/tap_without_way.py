@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import listed
+from r2bspec.check.message_text import quoted_list
 from r2bspec.check.message_types import begins_with_header
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
@@ -16,8 +16,8 @@ from r2bspec.diagnostics.quote import quote
 
 def _find(context: Context) -> Iterator[Finding]:
     phase = context.wiring.measure
-    played = {each.topic for each in phase.owned_by("player")}
-    for each in phase.owned_by("monitor"):
+    played = {each.topic for each in phase.endpoints_of("player")}
+    for each in phase.endpoints_of("monitor"):
         if not context.spec.monitors[each.monitor].taps:
             continue
         path = ("monitors", each.monitor, "taps")
@@ -28,14 +28,16 @@ def _find(context: Context) -> Iterator[Finding]:
                 help="watch each topic with a monitor that matches by order",
             )
             continue
-        shown = quote(context.shown(each.topic))
-        way = phase.reached_from(played) & phase.leading_to(each.topic)
-        if not way - played - {each.topic}:
-            unknown = [node.key for node in (*phase.may_read, *phase.may_write)]
+        shown = quote(context.relative_name(each.topic))
+        path_topics = phase.downstream_of(played) & phase.upstream_of(each.topic)
+        if not path_topics - played - {each.topic}:
+            unknown = [
+                node.key for node in (*phase.possible_subscribers, *phase.possible_publishers)
+            ]
             yield Finding(
                 message=f"no topic is known between the inputs and {shown}",
                 path=path,
-                help=f"say what {listed(unknown)} 'subscribes:' and 'publishes:'"
+                help=f"say what {quoted_list(unknown)} 'subscribes:' and 'publishes:'"
                 if unknown
                 else "one node alone has no hops to tell apart",
             )

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import counted
+from r2bspec.check.message_text import pluralize
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
@@ -16,10 +16,11 @@ from r2bspec.language.spec import Container
 
 def _find(context: Context) -> Iterator[Finding]:
     for name, container in context.spec.containers.items():
-        why = _why(container) if container.threads > 1 else ""
+        why = _reason(container) if container.threads > 1 else ""
         if why:
             yield Finding(
-                message=f"{counted(container.threads, 'thread')} of {quote(name)} have no effect: "
+                message=f"{pluralize(container.threads, 'thread')} of {quote(name)} have no "
+                "effect: "
                 f"{why}",
                 path=("containers", name, "threads"),
                 help="write 'executor: multi_threaded'"
@@ -28,7 +29,7 @@ def _find(context: Context) -> Iterator[Finding]:
             )
 
 
-def _why(container: Container) -> str:
+def _reason(container: Container) -> str:
     if container.executable == "component_container_mt":
         return ""
     if container.executable == "python":

@@ -19,16 +19,16 @@ def _find(context: Context) -> Iterator[Finding]:
     if max(benchmark.iterations, benchmark.max_iterations) > 1:
         return
     for each in known_metrics(context):
-        placed = each.placed
-        compared = placed.requirement.op in {"<", "<=", ">", ">="}
-        if each.info.statistic == "mean" and compared and placed.role == "objective":
+        located = each.located
+        compared = located.requirement.op in {"<", "<=", ">", ">="}
+        if each.info.statistic == "mean" and compared and located.role == "objective":
             yield Finding(
-                message=f"one iteration can never show that {quote(placed.requirement.text)}",
-                path=placed.path,
+                message=f"one iteration can never show that {quote(located.requirement.text)}",
+                path=located.path,
                 help="set 'benchmark.iterations' to 2 at least; 5 or more make a useful interval",
                 related=(Pointer("one iteration", ("benchmark", "iterations")),),
-                about=frozenset(
-                    {placed.subject, suppression_keys.value(("slos", placed.objective, "at"))}
+                suppressed_by=frozenset(
+                    {located.subject, suppression_keys.value(("slos", located.objective, "at"))}
                 ),
             )
 

@@ -9,35 +9,35 @@ from r2bspec.check import suppression_keys
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.requirement_metrics import Known, known_metrics
+from r2bspec.check.requirement_metrics import KnownMetric, known_metrics
 from r2bspec.check.rule import Rule
-from r2bspec.check.sample_size import least_messages
+from r2bspec.check.sample_size import min_sample_size
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.quantities import Rate
 
 # Values that an iteration has fewer than messages: what lies between them, and between those.
-_FEWER = {"interval": 1, "jitter": 2}
+_LOST_SAMPLES = {"interval": 1, "jitter": 2}
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for each in known_metrics(context):
-        placed = each.placed
-        allowed = _allowed(each)
-        if placed.role != "objective" or placed.at is None or allowed is None:
+        located = each.located
+        max_share = _max_wrong_share(each)
+        if located.role != "objective" or located.at is None or max_share is None:
             continue
-        needed = least_messages(allowed, placed.confidence)
+        needed = min_sample_size(max_share, located.confidence)
         if needed is None:
-            yield _never(each)
-        elif placed.at in context.spec.benchmark.rates:
-            finding = _too_few(context, each, placed.at, needed)
+            yield _unprovable(each)
+        elif located.at in context.spec.benchmark.rates:
+            finding = _too_few(context, each, located.at, needed)
             if finding is not None:
                 yield finding
 
 
-def _allowed(each: Known) -> float | None:
+def _max_wrong_share(each: KnownMetric) -> float | None:
     """The share of messages that may be on the wrong side; None if no share decides."""
-    requirement, info = each.placed.requirement, each.info
+    requirement, info = each.located.requirement, each.info
     if requirement.bound is None or requirement.windows_share is not None:
         return None
     if requirement.bound.of_baseline or requirement.op not in {"<", "<=", ">", ">="}:
@@ -50,18 +50,20 @@ def _allowed(each: Known) -> float | None:
     return None
 
 
-def _never(each: Known) -> Finding:
+def _unprovable(each: KnownMetric) -> Finding:
     return Finding(
-        message=f"no number of messages can show that {quote(each.placed.requirement.text)}",
-        path=each.placed.path,
+        message=f"no number of messages can show that {quote(each.located.requirement.text)}",
+        path=each.located.path,
         help="require 'missed == 0' of what is observed, or allow a small share",
-        about=frozenset({each.placed.subject}),
+        suppressed_by=frozenset({each.located.subject}),
     )
 
 
-def _too_few(context: Context, each: Known, at: Rate, needed: int) -> Finding | None:
+def _too_few(context: Context, each: KnownMetric, at: Rate, needed: int) -> Finding | None:
     benchmark = context.spec.benchmark
-    per_iteration = round(at.hz * benchmark.duration.seconds) - _FEWER.get(each.info.family, 0)
+    per_iteration = round(at.hz * benchmark.duration.seconds) - _LOST_SAMPLES.get(
+        each.info.family, 0
+    )
     iterations = max(benchmark.iterations, benchmark.max_iterations)
     played = max(per_iteration, 0) * iterations
     if played >= needed:
@@ -69,16 +71,16 @@ def _too_few(context: Context, each: Known, at: Rate, needed: int) -> Finding | 
     enough = math.ceil(needed / per_iteration) if per_iteration > 0 else 0
     return Finding(
         message=f"{played:,} messages at {at} can never show that "
-        f"{quote(each.placed.requirement.text)}; that takes {needed:,} at least",
-        path=each.placed.path,
+        f"{quote(each.located.requirement.text)}; that takes {needed:,} at least",
+        path=each.located.path,
         help=(
             f"set 'benchmark.iterations' to {enough} or more, or play longer ones"
             if enough
             else "make 'benchmark.duration' longer"
         )
         + "; with some messages over the bound it takes several times as many",
-        about=frozenset(
-            {each.placed.subject, suppression_keys.value(("slos", each.placed.objective, "at"))}
+        suppressed_by=frozenset(
+            {each.located.subject, suppression_keys.value(("slos", each.located.objective, "at"))}
         ),
     )
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.message_text import counted
+from r2bspec.check.message_text import pluralize
 from r2bspec.check.requirement_metrics import known_metrics
 from r2bspec.check.rule import Rule
-from r2bspec.check.sample_size import least_messages
+from r2bspec.check.sample_size import min_sample_size
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.quantities import Duration
@@ -20,25 +20,25 @@ def _find(context: Context) -> Iterator[Finding]:
     benchmark = context.spec.benchmark
     iterations = max(benchmark.iterations, benchmark.max_iterations)
     for each in known_metrics(context):
-        placed = each.placed
-        requirement = placed.requirement
-        if requirement.windows_share is None or placed.role != "objective":
+        located = each.located
+        requirement = located.requirement
+        if requirement.windows_share is None or located.role != "objective":
             continue
         windows = benchmark.duration.ns // requirement.window_ns * iterations
-        needed = least_messages(1 - requirement.windows_share, placed.confidence)
+        needed = min_sample_size(1 - requirement.windows_share, located.confidence)
         if needed is not None and windows >= needed:
             continue
         length = Duration(requirement.window_ns)
         yield Finding(
-            message=f"{counted(windows, 'window')} of {length} can never show that "
+            message=f"{pluralize(windows, 'window')} of {length} can never show that "
             f"{quote(requirement.text)}"
             + (f"; that takes {needed:,} at least" if needed is not None else ""),
-            path=placed.path,
+            path=located.path,
             help="allow a small share of windows to miss the bound"
             if needed is None
             else "play longer or more often, take shorter windows, or ask for a smaller share",
             related=(Pointer("an iteration is this long", ("benchmark", "duration")),),
-            about=frozenset({placed.subject}),
+            suppressed_by=frozenset({located.subject}),
         )
 
 

@@ -25,7 +25,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 path=("data_loader", "topics", name),
                 key=True,
                 help=suggestion(name, bag.topics, "its topics"),
-                explains=frozenset({suppression_keys.value(("data_loader", "topics", name))}),
+                suppresses=frozenset({suppression_keys.value(("data_loader", "topics", name))}),
             )
 
 

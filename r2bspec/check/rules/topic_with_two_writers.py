@@ -14,38 +14,38 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
 from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 
-_HARNESS = {"loader": "the data loader", "player": "the player"}
+_HARNESS_LABELS = {"loader": "the data loader", "player": "the player"}
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for phase in context.wiring.phases:
         for topic in set(phase.topics) - SHARED_TOPICS:
-            writers = phase.writers(topic)
+            writers = phase.publishers(topic)
             for second in writers[1:]:
                 yield _finding(context, phase, writers[0], second)
 
 
 def _finding(context: Context, phase: PhaseWiring, first: Endpoint, second: Endpoint) -> Finding:
-    shown = quote(context.shown(first.topic))
+    shown = quote(context.relative_name(first.topic))
     if first.owner == second.owner:
-        message = f"{_name(first)} publishes {shown} twice"
+        message = f"{_endpoint_label(first)} publishes {shown} twice"
     else:
-        message = f"both {_name(first)} and {_name(second)} publish {shown}"
+        message = f"both {_endpoint_label(first)} and {_endpoint_label(second)} publish {shown}"
     mixed = not (first.is_node and second.is_node)
     return Finding(
         message=message,
         path=second.path,
-        key=second.at_key,
+        key=second.topic_is_key,
         help="give one of the two topics another name",
-        related=(Pointer("the other one", first.path, first.at_key),),
+        related=(Pointer("the other one", first.path, first.topic_is_key),),
         severity=Severity.ERROR if mixed else None,
-        about=frozenset({suppression_keys.topic(phase.phase, first.topic)}),
-        explains=frozenset({suppression_keys.flow(phase.phase)}) if mixed else frozenset(),
+        suppressed_by=frozenset({suppression_keys.topic(phase.phase, first.topic)}),
+        suppresses=frozenset({suppression_keys.phase_flow(phase.phase)}) if mixed else frozenset(),
     )
 
 
-def _name(endpoint: Endpoint) -> str:
-    return _HARNESS.get(endpoint.owner, endpoint.owner.rpartition("/")[2])
+def _endpoint_label(endpoint: Endpoint) -> str:
+    return _HARNESS_LABELS.get(endpoint.owner, endpoint.owner.rpartition("/")[2])
 
 
 RULE = Rule(

@@ -8,7 +8,7 @@ from r2bspec.check import suppression_keys
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import MOST_SUGGESTIONS, suggestion
+from r2bspec.check.message_text import MAX_SUGGESTIONS, suggestion
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
@@ -19,34 +19,42 @@ from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 def _find(context: Context) -> Iterator[Finding]:
     # Of the preprocess phase, rules of their own look at what is loaded and what is played.
     phase = context.wiring.measure
-    if phase.may_read:
+    if phase.possible_subscribers:
         return
-    read = [context.shown(name) for name in phase.topics if phase.readers(name)]
+    subscribed = [context.relative_name(name) for name in phase.topics if phase.subscriptions(name)]
     found = 0
-    for writer in phase.endpoints:
-        if writer.writes and not phase.readers(writer.topic) and _on_purpose(writer):
+    for publisher in phase.endpoints:
+        if (
+            publisher.is_publisher
+            and not phase.subscriptions(publisher.topic)
+            and _is_intended(publisher)
+        ):
             found += 1
-            yield _finding(context, phase, writer, read if found <= MOST_SUGGESTIONS else [])
+            yield _finding(
+                context, phase, publisher, subscribed if found <= MAX_SUGGESTIONS else []
+            )
 
 
-def _on_purpose(writer: Endpoint) -> bool:
+def _is_intended(publisher: Endpoint) -> bool:
     """Whether the spec makes the topic. Nodes have outputs of which a graph uses some."""
-    if writer.topic in SHARED_TOPICS:
+    if publisher.topic in SHARED_TOPICS:
         return False
-    return writer.owner == "player" or "remappings" in writer.path
+    return publisher.owner == "player" or "remappings" in publisher.path
 
 
-def _finding(context: Context, phase: PhaseWiring, writer: Endpoint, read: list[str]) -> Finding:
-    shown = context.shown(writer.topic)
-    played = writer.owner == "player"
+def _finding(
+    context: Context, phase: PhaseWiring, publisher: Endpoint, subscribed: list[str]
+) -> Finding:
+    shown = context.relative_name(publisher.topic)
+    played = publisher.owner == "player"
     return Finding(
         message=f"{quote(shown)} is played, but nobody reads it"
         if played
-        else f"nobody reads {quote(shown)}, to which {quote(writer.own_name)} is remapped",
-        path=writer.path,
-        key=writer.at_key,
-        help=suggestion(shown, read, "topics that are read"),
-        about=frozenset({suppression_keys.topic(phase.phase, writer.topic)}),
+        else f"nobody reads {quote(shown)}, to which {quote(publisher.own_name)} is remapped",
+        path=publisher.path,
+        key=publisher.topic_is_key,
+        help=suggestion(shown, subscribed, "topics that are read"),
+        suppressed_by=frozenset({suppression_keys.topic(phase.phase, publisher.topic)}),
     )
 
 

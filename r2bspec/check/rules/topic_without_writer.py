@@ -10,7 +10,7 @@ from r2bspec.check import suppression_keys
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.message_text import MOST_SUGGESTIONS, listed
+from r2bspec.check.message_text import MAX_SUGGESTIONS, quoted_list
 from r2bspec.check.rule import Rule
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.diagnostic import Severity
@@ -22,120 +22,144 @@ from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
 def _find(context: Context) -> Iterator[Finding]:
     found = 0
     for phase in context.wiring.phases:
-        published = tuple(name for name in phase.topics if phase.writers(name))
-        for reader in phase.endpoints:
-            if reader.topic in SHARED_TOPICS and reader.is_node:
+        published = tuple(name for name in phase.topics if phase.publishers(name))
+        for subscription in phase.endpoints:
+            if subscription.topic in SHARED_TOPICS and subscription.is_node:
                 continue
             # What the recorder reads is a playback input's 'from', which has a rule of its own.
-            if not reader.writes and reader.owner != "recorder" and not phase.writers(reader.topic):
+            if (
+                not subscription.is_publisher
+                and subscription.owner != "recorder"
+                and not phase.publishers(subscription.topic)
+            ):
                 found += 1
-                names = published if found <= MOST_SUGGESTIONS else ()
-                yield _finding(_Place(context, phase, reader, names))
+                names = published if found <= MAX_SUGGESTIONS else ()
+                yield _finding(_UnpublishedTopic(context, phase, subscription, names))
 
 
 @dataclass(frozen=True)
-class _Place:
+class _UnpublishedTopic:
     """A topic that is read in vain, and the topics that might have been meant."""
 
     context: Context
     phase: PhaseWiring
-    reader: Endpoint
+    subscription: Endpoint
     published: tuple[str, ...]
 
     @cached_property
     def node(self) -> NodeWiring | None:
         """The node that reads it; None for a monitor."""
-        return self.phase.node(self.reader.owner)
+        return self.phase.node(self.subscription.owner)
 
     @cached_property
-    def shown(self) -> str:
+    def topic_name(self) -> str:
         """The topic as one would write it here."""
-        return self.written(self.reader.topic)
+        return self.relative_name(self.subscription.topic)
 
-    def written(self, topic: str) -> str:
+    def relative_name(self, topic: str) -> str:
         """Any topic as one would write it here."""
-        return self.context.shown(topic, self.node.namespace if self.node else "")
+        return self.context.relative_name(topic, self.node.namespace if self.node else "")
 
     @cached_property
     def candidates(self) -> dict[str, str]:
         """The topics that are published, by the name that one would write here."""
-        return {self.written(name): name for name in self.published if not self._own(name)}
+        return {self.relative_name(name): name for name in self.published if not self._is_own(name)}
 
-    def _own(self, topic: str) -> bool:
-        return any(writer.owner == self.reader.owner for writer in self.phase.writers(topic))
+    def _is_own(self, topic: str) -> bool:
+        return any(
+            publisher.owner == self.subscription.owner for publisher in self.phase.publishers(topic)
+        )
 
     @cached_property
     def close(self) -> str:
         """The full name of the published topic that is most like it, or empty."""
-        return self.candidates.get(did_you_mean(self.shown, self.candidates), "")
+        return self.candidates.get(did_you_mean(self.topic_name, self.candidates), "")
 
-    def fits(self, topic: str) -> bool:
+    def type_matches(self, topic: str) -> bool:
         """Whether a topic has the type that is read, as far as known."""
-        return any(each.type in {self.reader.type, ""} for each in self.phase.writers(topic))
+        return any(
+            each.type in {self.subscription.type, ""} for each in self.phase.publishers(topic)
+        )
 
 
-def _finding(place: _Place) -> Finding:
-    phase, reader = place.phase, place.reader
-    unknown = [node.key for node in phase.may_write]
+def _finding(unpublished: _UnpublishedTopic) -> Finding:
+    phase, subscription = unpublished.phase, unpublished.subscription
+    unknown = [node.key for node in phase.possible_publishers]
     if unknown:
-        message = f"nobody is known to publish {_named(place)}"
-        state = f"state what {listed(unknown)} publishes under 'publishes:' there"
+        message = f"nobody is known to publish {_topic_text(unpublished)}"
+        state = f"state what {quoted_list(unknown)} publishes under 'publishes:' there"
     else:
-        message = f"nobody publishes {_named(place)}"
+        message = f"nobody publishes {_topic_text(unpublished)}"
         state = ""
     return Finding(
         message=message,
-        path=reader.path,
-        key=reader.at_key,
-        help="; or ".join(part for part in (_advice(place), state) if part),
-        related=_misspelt(place),
+        path=subscription.path,
+        key=subscription.topic_is_key,
+        help="; or ".join(part for part in (_advice(unpublished), state) if part),
+        related=_misspelt_publisher(unpublished),
         severity=Severity.WARNING if unknown else None,
-        about=frozenset({suppression_keys.topic(phase.phase, reader.topic)})
-        | {suppression_keys.value(node.path) for node in phase.may_write},
-        explains=_consequences(place),
+        suppressed_by=frozenset({suppression_keys.topic(phase.phase, subscription.topic)})
+        | {suppression_keys.value(node.path) for node in phase.possible_publishers},
+        suppresses=_consequences(unpublished),
     )
 
 
-def _named(place: _Place) -> str:
+def _topic_text(unpublished: _UnpublishedTopic) -> str:
     """The topic, with who reads it and how."""
-    reader, node = place.reader, place.node
+    subscription, node = unpublished.subscription, unpublished.node
     if node is None:
-        return f"{quote(place.shown)}, which monitor {reader.monitor} watches"
-    if "remappings" in reader.path:
-        return f"{quote(place.shown)}, which {node.key} reads as {quote(reader.own_name)}"
-    return f"{quote(place.shown)}, which {node.key} reads"
+        return f"{quote(unpublished.topic_name)}, which monitor {subscription.monitor} watches"
+    if "remappings" in subscription.path:
+        return (
+            f"{quote(unpublished.topic_name)}, which {node.key} reads as "
+            f"{quote(subscription.own_name)}"
+        )
+    return f"{quote(unpublished.topic_name)}, which {node.key} reads"
 
 
-def _advice(place: _Place) -> str:
-    if place.close:
-        return f"did you mean {quote(place.written(place.close))}?"
-    fitting = [shown for shown, name in place.candidates.items() if place.fits(name)]
-    if place.node is None or not place.reader.at_key or not fitting:
-        return f"topics that are published: {listed(place.candidates)}" if place.candidates else ""
+def _advice(unpublished: _UnpublishedTopic) -> str:
+    if unpublished.close:
+        return f"did you mean {quote(unpublished.relative_name(unpublished.close))}?"
+    fitting = [
+        shown for shown, name in unpublished.candidates.items() if unpublished.type_matches(name)
+    ]
+    if unpublished.node is None or not unpublished.subscription.topic_is_key or not fitting:
+        return (
+            f"topics that are published: {quoted_list(unpublished.candidates)}"
+            if unpublished.candidates
+            else ""
+        )
     if len(fitting) == 1:
-        return f"remap it: {quote(f'remappings: {{{place.reader.own_name}: {fitting[0]}}}')}"
-    return f"remap it; topics of its type are {listed(fitting)}"
+        return (
+            "remap it: "
+            f"{quote(f'remappings: {{{unpublished.subscription.own_name}: {fitting[0]}}}')}"
+        )
+    return f"remap it; topics of its type are {quoted_list(fitting)}"
 
 
-def _misspelt(place: _Place) -> tuple[Pointer, ...]:
+def _misspelt_publisher(unpublished: _UnpublishedTopic) -> tuple[Pointer, ...]:
     """The place of the topic that may be the one with the wrong name, if nobody reads it."""
-    if not place.close or place.phase.readers(place.close):
+    if not unpublished.close or unpublished.phase.subscriptions(unpublished.close):
         return ()
-    writer = place.phase.writers(place.close)[0]
-    shown = quote(place.context.shown(place.close))
-    return (Pointer(f"{shown}, which nobody reads", writer.path, writer.at_key),)
+    publisher = unpublished.phase.publishers(unpublished.close)[0]
+    shown = quote(unpublished.context.relative_name(unpublished.close))
+    return (Pointer(f"{shown}, which nobody reads", publisher.path, publisher.topic_is_key),)
 
 
-def _consequences(place: _Place) -> frozenset[str]:
+def _consequences(unpublished: _UnpublishedTopic) -> frozenset[str]:
     """The topic itself, and those that nobody reads because this one is read in their place."""
-    phase = place.phase
+    phase = unpublished.phase
     instead = {
         name
-        for name in place.published
-        if not phase.readers(name) and (name == place.close or place.fits(name))
+        for name in unpublished.published
+        if not phase.subscriptions(name)
+        and (name == unpublished.close or unpublished.type_matches(name))
     }
-    topics = {suppression_keys.topic(phase.phase, name) for name in (place.reader.topic, *instead)}
-    return frozenset({suppression_keys.flow(phase.phase)} | topics)
+    topics = {
+        suppression_keys.topic(phase.phase, name)
+        for name in (unpublished.subscription.topic, *instead)
+    }
+    return frozenset({suppression_keys.phase_flow(phase.phase)} | topics)
 
 
 RULE = Rule(

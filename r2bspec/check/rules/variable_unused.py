@@ -21,7 +21,7 @@ def _find(context: Context) -> Iterator[Finding]:
                 path=("variables", name),
                 key=True,
                 help=f"write {quote(f'$(var {name})')} where its value belongs, or remove it",
-                about=frozenset({suppression_keys.value(("variables", name))}),
+                suppressed_by=frozenset({suppression_keys.value(("variables", name))}),
             )
 
 

@@ -22,7 +22,7 @@ def _find(context: Context) -> Iterator[Finding]:
             path=(*_WINDOW, "end"),
             help="both count from the beginning of the bag; 'end' is not a length",
             related=(Pointer("it starts here", (*_WINDOW, "start")),),
-            explains=frozenset({suppression_keys.value(_WINDOW)}),
+            suppresses=frozenset({suppression_keys.value(_WINDOW)}),
         )
 
 

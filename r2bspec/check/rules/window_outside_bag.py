@@ -28,7 +28,7 @@ def _find(context: Context) -> Iterator[Finding]:
             message=f"the window starts at {window.start}, but {lasts}",
             path=(*_WINDOW, "start"),
             help="a window counts from the beginning of the bag",
-            explains=frozenset({suppression_keys.value(_WINDOW)}),
+            suppresses=frozenset({suppression_keys.value(_WINDOW)}),
         )
     elif window.end is not None and window.end.ns > lasts_ns:
         yield Finding(
@@ -38,7 +38,7 @@ def _find(context: Context) -> Iterator[Finding]:
             if rendered
             else "what is there is used; leave 'end' out to say so",
             severity=None if rendered else Severity.WARNING,
-            explains=frozenset({suppression_keys.value(_WINDOW)}) if rendered else frozenset(),
+            suppresses=frozenset({suppression_keys.value(_WINDOW)}) if rendered else frozenset(),
         )
 
 

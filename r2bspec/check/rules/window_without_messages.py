@@ -9,7 +9,7 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding
 from r2bspec.check.rule import Rule
-from r2bspec.check.window_counts import amounts
+from r2bspec.check.window_counts import window_message_counts
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.diagnostics.quote import quote
 
@@ -21,9 +21,9 @@ def _find(context: Context) -> Iterator[Finding]:
     window = context.spec.data_loader.window
     if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
         return
-    for name, amount in amounts(context).items():
+    for name, message_count in window_message_counts(context).items():
         info = bag.find(name)
-        if amount.messages or info is None:
+        if message_count.messages or info is None:
             continue
         empty = info.count == 0
         yield Finding(
@@ -35,8 +35,8 @@ def _find(context: Context) -> Iterator[Finding]:
             help=""
             if empty
             else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} in each second",
-            about=frozenset({suppression_keys.value(_WINDOW)}),
-            explains=frozenset({suppression_keys.value(("data_loader", "topics", name))}),
+            suppressed_by=frozenset({suppression_keys.value(_WINDOW)}),
+            suppresses=frozenset({suppression_keys.value(("data_loader", "topics", name))}),
         )
 
 

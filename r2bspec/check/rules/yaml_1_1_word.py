@@ -13,18 +13,18 @@ from r2bspec.diagnostics.diagnostic import Path, Severity
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 
-_TRUTH = frozenset({"yes", "no", "on", "off", "y", "n"})
+_BOOLEAN_WORDS = frozenset({"yes", "no", "on", "off", "y", "n"})
 _OCTAL = re.compile(r"[-+]?0[0-7_]+")
 _SEXAGESIMAL = re.compile(r"[-+]?[1-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?")
 _SECTIONS = ("parameters", "arguments", "variables", "labels", "request")
-_TRUE = frozenset({"yes", "on", "y"})
+_TRUE_WORDS = frozenset({"yes", "on", "y"})
 
 
 def _find(context: Context) -> Iterator[Finding]:
     if context.loaded.tree is None:
         return
     for path, node in _values(context.loaded.tree, ()):
-        meant = _meant(node.text)
+        meant = _yaml_1_1_value(node.text)
         if meant is not None:
             yield Finding(
                 message=f"{quote(node.text)} is a text; YAML 1.1 took it for {meant[0]}",
@@ -48,10 +48,10 @@ def _values(node: TreeNode, path: Path) -> Iterator[tuple[Path, ScalarNode]]:
             yield path, node
 
 
-def _meant(text: str) -> tuple[str, str] | None:
+def _yaml_1_1_value(text: str) -> tuple[str, str] | None:
     """What YAML 1.1 made of a text, and how to write that; None if the same."""
-    if text.lower() in _TRUTH and text in {text.lower(), text.upper(), text.capitalize()}:
-        return "a truth value", "true" if text.lower() in _TRUE else "false"
+    if text.lower() in _BOOLEAN_WORDS and text in {text.lower(), text.upper(), text.capitalize()}:
+        return "a truth value", "true" if text.lower() in _TRUE_WORDS else "false"
     if _OCTAL.fullmatch(text):
         return "an octal number", str(int(text.replace("_", ""), 8))
     if _SEXAGESIMAL.fullmatch(text):

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 from r2bspec.datasets.scene.geometry import Pose
 from r2bspec.datasets.scene.rig import Camera
 from r2bspec.datasets.scene.tag import BOARD_CELLS, MARKER_CELLS, Tag, sample_board
-from r2bspec.datasets.scene.view import NEAR_M, bounds_of
+from r2bspec.datasets.scene.view import MIN_DEPTH_M, image_bounds
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
 # Samples across and down a pixel; each is itself averaged over its share of the pixel.
-_SAMPLES = 3
+_SAMPLES_PER_AXIS = 3
 
 
 def tag_pose(tag: Tag, camera: Pose) -> Pose:
@@ -38,31 +38,31 @@ def paint_tag(image: NDArray[np.uint8], tag: Tag, camera: Camera, pose: Pose) ->
     to_tag = tag_pose(tag, pose)
     half = tag.size_m * BOARD_CELLS / MARKER_CELLS / 2
     corners = [to_tag.apply((x, y, 0.0)) for x in (-half, half) for y in (-half, half)]
-    bounds = bounds_of(camera, corners)
-    if bounds is None or any(z < NEAR_M for _, _, z in corners):
+    bounds = image_bounds(camera, corners)
+    if bounds is None or any(z < MIN_DEPTH_M for _, _, z in corners):
         return
     rows = np.arange(bounds.top, bounds.bottom, dtype=np.float64)
     columns = np.arange(bounds.left, bounds.right, dtype=np.float64)
     brightness = np.zeros((len(rows), len(columns)))
     coverage = np.zeros((len(rows), len(columns)))
-    shifts = [(number + 0.5) / _SAMPLES - 0.5 for number in range(_SAMPLES)]
+    shifts = [(number + 0.5) / _SAMPLES_PER_AXIS - 0.5 for number in range(_SAMPLES_PER_AXIS)]
     for down in shifts:
         for across in shifts:
             x = ((columns + across - camera.center_px[0]) / camera.focal_px)[None, :]
             y = ((rows + down - camera.center_px[1]) / camera.focal_px)[:, None]
-            sample_px = 1 / (camera.focal_px * _SAMPLES)
+            sample_px = 1 / (camera.focal_px * _SAMPLES_PER_AXIS)
             value, share = sample_board(
-                *_on_board(to_tag, tag.size_m / MARKER_CELLS, x, y, sample_px)
+                *_board_coordinates(to_tag, tag.size_m / MARKER_CELLS, x, y, sample_px)
             )
             brightness += value * share
             coverage += share
     region = image[bounds.top : bounds.bottom, bounds.columns]
     for channel in range(image.shape[2]):
-        behind = region[:, :, channel] * (1 - coverage / _SAMPLES**2)
-        region[:, :, channel] = behind + brightness / _SAMPLES**2 + 0.5
+        behind = region[:, :, channel] * (1 - coverage / _SAMPLES_PER_AXIS**2)
+        region[:, :, channel] = behind + brightness / _SAMPLES_PER_AXIS**2 + 0.5
 
 
-def _on_board(
+def _board_coordinates(
     to_tag: Pose,
     cell_m: float,
     x: NDArray[np.float64],

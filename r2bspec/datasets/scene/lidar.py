@@ -73,10 +73,10 @@ def scan(
         for axis in range(3)
     )
     rays = Rays(tuple(origins[:, axis : axis + 1] for axis in range(3)), directions)
-    hits = rays.meet_shell(room)
+    hits = rays.intersect_shell(room)
     everything = (slice(None), slice(None))
     for number, box in enumerate(room.boxes, start=1):
-        rays.meet_box(box, number, hits, everything)
+        rays.intersect_box(box, number, hits, everything)
 
     cloud = np.empty((lidar.columns, len(beams)), cloud_dtype())
     cloud["x"] = ahead * hits.distance

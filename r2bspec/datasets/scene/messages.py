@@ -9,7 +9,7 @@ from r2bspec.datasets.scene.geometry import BODY_FROM_OPTICAL, apply, transpose
 from r2bspec.datasets.scene.lidar import scan
 from r2bspec.datasets.scene.render import camera_pose, render_depth, render_image
 from r2bspec.datasets.scene.rig import CAMERA_INFO, IMAGE, IMU, POINT_CLOUD, Camera, TopicSource
-from r2bspec.datasets.scene.scenes import Place
+from r2bspec.datasets.scene.scenes import Scene
 from r2bspec.datasets.scene.sizes import (
     CLOUD_FIELDS,
     CLOUD_POINT_BYTES,
@@ -36,17 +36,17 @@ def typestore() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def render_message(place: Place, source: TopicSource, start_ns: int, offset_ns: int) -> bytes:
+def render_message(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> bytes:
     """The message of a topic at a time.
 
     Args:
-        place: what is there to be seen.
+        scene: what is there to be seen.
         source: the topic.
         start_ns: start of the sequence, ns since the epoch.
         offset_ns: of the message, after that start; both together are its stamp.
     """
     makers = {IMAGE: _image, CAMERA_INFO: _camera_info, IMU: _imu, POINT_CLOUD: _cloud}
-    message = makers[source.type](place, source, start_ns, offset_ns)
+    message = makers[source.type](scene, source, start_ns, offset_ns)
     return bytes(typestore().serialize_cdr(message, source.type))
 
 
@@ -67,16 +67,16 @@ def _camera_of(source: TopicSource) -> Camera:
     return source.camera
 
 
-def _image(place: Place, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
+def _image(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
     import numpy as np
 
     camera = _camera_of(source)
-    pose = camera_pose(place.motion.pose(offset_ns / 1e9), camera)
+    pose = camera_pose(scene.motion.pose(offset_ns / 1e9), camera)
     if camera.encoding == _DEPTH_ENCODING:
-        metres = render_depth(place.room, camera, pose)
+        metres = render_depth(scene.room, camera, pose)
         pixels = (metres * np.float32(_MM_PER_M) + np.float32(0.5)).astype("<u2").view(np.uint8)
     else:
-        pixels = render_image(place.room, place.tag, camera, pose)
+        pixels = render_image(scene.room, scene.tag, camera, pose)
     return _type(IMAGE)(
         header=_header(source, start_ns + offset_ns),
         height=camera.height,
@@ -88,7 +88,7 @@ def _image(place: Place, source: TopicSource, start_ns: int, offset_ns: int) -> 
     )
 
 
-def _camera_info(_: Place, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
+def _camera_info(_: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
     import numpy as np
 
     camera = _camera_of(source)
@@ -111,15 +111,15 @@ def _camera_info(_: Place, source: TopicSource, start_ns: int, offset_ns: int) -
     )
 
 
-def _imu(place: Place, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
+def _imu(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
     """Rate and specific force in optical axes, as the camera's driver gives them."""
     import numpy as np
 
     seconds = offset_ns / 1e9
     optical_from_body = transpose(BODY_FROM_OPTICAL)
     vector = _type("geometry_msgs/msg/Vector3")
-    rate = apply(optical_from_body, place.motion.angular_velocity_rad_s(seconds))
-    force = apply(optical_from_body, place.motion.specific_force_m_s2(seconds))
+    rate = apply(optical_from_body, scene.motion.angular_velocity_rad_s(seconds))
+    force = apply(optical_from_body, scene.motion.specific_force_m_s2(seconds))
     return _type(IMU)(
         header=_header(source, start_ns + offset_ns),
         orientation=_type("geometry_msgs/msg/Quaternion")(x=0.0, y=0.0, z=0.0, w=1.0),
@@ -132,14 +132,14 @@ def _imu(place: Place, source: TopicSource, start_ns: int, offset_ns: int) -> An
     )
 
 
-def _cloud(place: Place, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
+def _cloud(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
     import numpy as np
 
     if source.lidar is None:
         msg = f"{source.name} has no lidar"
         raise ValueError(msg)
     turn_ns = 10**9 // source.rate_hz
-    points = scan(place.room, place.motion, source.lidar, start_ns, offset_ns, turn_ns)
+    points = scan(scene.room, scene.motion, source.lidar, start_ns, offset_ns, turn_ns)
     field = _type("sensor_msgs/msg/PointField")
     return _type(POINT_CLOUD)(
         header=_header(source, start_ns + offset_ns),

@@ -13,9 +13,14 @@ from r2bspec.datasets.scene.board import paint_tag
 from r2bspec.datasets.scene.geometry import BODY_FROM_OPTICAL, Pose
 from r2bspec.datasets.scene.rig import Camera
 from r2bspec.datasets.scene.room import Hits, Rays, Room
-from r2bspec.datasets.scene.surfaces import painted, paints, pattern, texture_level
+from r2bspec.datasets.scene.surfaces import (
+    brightness_ranges,
+    surface_brightness,
+    texture_level,
+    texture_values,
+)
 from r2bspec.datasets.scene.tag import Tag
-from r2bspec.datasets.scene.view import NEAR_M, Bounds, bounds_of
+from r2bspec.datasets.scene.view import MIN_DEPTH_M, Bounds, image_bounds
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,15 +42,17 @@ def render_image(room: Room, tag: Tag | None, camera: Camera, pose: Pose) -> NDA
     """
     import numpy as np
 
-    table = paints(room, camera.encoding)
+    table = brightness_ranges(room, camera.encoding)
     image = np.empty((camera.height, camera.width, len(table)), np.uint8)
     for rows in _bands(camera):
         rays = _camera_rays(camera, pose, rows)
-        hits = _meet(room, camera, pose, rays, rows)
+        hits = _intersect(room, camera, pose, rays, rows)
         level = texture_level(hits.surface, rays.directions, hits.distance, camera.focal_px)
-        shade = pattern(room, hits.surface, rays.points(hits), level)
+        shade = texture_values(room, hits.surface, rays.points(hits), level)
         for channel, paint in enumerate(table):
-            image[rows, :, channel] = painted(paint, hits.surface, shade) + np.float32(0.5)
+            image[rows, :, channel] = surface_brightness(paint, hits.surface, shade) + np.float32(
+                0.5
+            )
     if tag is not None:
         paint_tag(image, tag, camera, pose)
     return image if len(table) > 1 else image[:, :, 0]
@@ -58,7 +65,7 @@ def render_depth(room: Room, camera: Camera, pose: Pose) -> NDArray[np.float32]:
     depth = np.empty((camera.height, camera.width), np.float32)
     for rows in _bands(camera):
         rays = _camera_rays(camera, pose, rows)
-        depth[rows] = _meet(room, camera, pose, rays, rows).distance
+        depth[rows] = _intersect(room, camera, pose, rays, rows).distance
     return depth
 
 
@@ -82,14 +89,14 @@ def _camera_rays(camera: Camera, pose: Pose, rows: slice) -> Rays:
     return Rays(pose.position_m, (world_x, world_y, world_z))
 
 
-def _meet(room: Room, camera: Camera, pose: Pose, rays: Rays, rows: slice) -> Hits:
+def _intersect(room: Room, camera: Camera, pose: Pose, rays: Rays, rows: slice) -> Hits:
     """Meet the room and those boxes that reach into the rows."""
-    hits = rays.meet_shell(room)
+    hits = rays.intersect_shell(room)
     for number, bounds in _box_bounds(room, camera, pose):
         top, bottom = max(bounds.top, rows.start), min(bounds.bottom, rows.stop)
         if top < bottom:
             part = (slice(top - rows.start, bottom - rows.start), bounds.columns)
-            rays.meet_box(room.boxes[number - 1], number, hits, part)
+            rays.intersect_box(room.boxes[number - 1], number, hits, part)
     return hits
 
 
@@ -100,9 +107,9 @@ def _box_bounds(room: Room, camera: Camera, pose: Pose) -> tuple[tuple[int, Boun
     found = []
     for number, box in enumerate(room.boxes, start=1):
         seen = [inverse.apply(corner) for corner in box.corners]
-        if all(z < NEAR_M for _, _, z in seen):
+        if all(z < MIN_DEPTH_M for _, _, z in seen):
             continue
-        bounds = bounds_of(camera, seen)
+        bounds = image_bounds(camera, seen)
         if bounds is not None:
             found.append((number, bounds))
     return tuple(found)

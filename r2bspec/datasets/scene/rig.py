@@ -145,7 +145,7 @@ _IMU_HZ = 200
 _LIDAR_HZ = 10
 
 
-def _pictures(prefix: str, camera: Camera) -> tuple[TopicSource, TopicSource]:
+def _image_topics(prefix: str, camera: Camera) -> tuple[TopicSource, TopicSource]:
     return (
         TopicSource(f"{prefix}_image", IMAGE, _CAMERA_HZ, camera.frame_id, camera=camera),
         TopicSource(
@@ -157,11 +157,11 @@ def _pictures(prefix: str, camera: Camera) -> tuple[TopicSource, TopicSource]:
 ROBOT_TOPICS: tuple[TopicSource, ...] = (
     TopicSource("/d455_1_depth", IMAGE, _CAMERA_HZ, DEPTH.frame_id, camera=DEPTH),
     TopicSource("/d455_1_imu", IMU, _IMU_HZ, IMU_FRAME),
-    *_pictures("/d455_1_left_ir", LEFT_IR),
-    *_pictures("/d455_1_right_ir", RIGHT_IR),
-    *_pictures("/d455_1_rgb", COLOUR),
-    *_pictures("/hawk_0_left_rgb", LEFT_HAWK),
-    *_pictures("/hawk_0_right_rgb", RIGHT_HAWK),
+    *_image_topics("/d455_1_left_ir", LEFT_IR),
+    *_image_topics("/d455_1_right_ir", RIGHT_IR),
+    *_image_topics("/d455_1_rgb", COLOUR),
+    *_image_topics("/hawk_0_left_rgb", LEFT_HAWK),
+    *_image_topics("/hawk_0_right_rgb", RIGHT_HAWK),
     TopicSource("/pandar_xt_32_0_lidar", POINT_CLOUD, _LIDAR_HZ, PANDAR.frame_id, lidar=PANDAR),
 )
 HOPE_TOPICS: tuple[TopicSource, ...] = (

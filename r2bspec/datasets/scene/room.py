@@ -80,13 +80,13 @@ class Rays:
         with np.errstate(divide="ignore"):
             self._inverse = tuple(1 / component for component in directions)
 
-    def meet_shell(self, room: Room) -> Hits:
+    def intersect_shell(self, room: Room) -> Hits:
         """Meet the room's walls, floor and ceiling; the origin must lie inside."""
         import numpy as np
 
         leaves = []
         for axis in range(3):
-            low, high = self._reach(room.shell, axis)
+            low, high = self._side_distances(room.shell, axis)
             leaves.append(np.maximum(low * self._inverse[axis], high * self._inverse[axis]))
         distance = leaves[0]
         axis_met = np.zeros(distance.shape, np.int32)
@@ -98,7 +98,7 @@ class Rays:
             np.copyto(along, self.directions[axis] > 0, where=nearer)
         return Hits(distance, axis_met + along)
 
-    def meet_box(self, box: Box, number: int, hits: Hits, part: tuple[slice, slice]) -> None:
+    def intersect_box(self, box: Box, number: int, hits: Hits, part: tuple[slice, slice]) -> None:
         """Meet one box from outside where it is nearer than what was met before.
 
         Args:
@@ -117,7 +117,7 @@ class Rays:
         with np.errstate(invalid="ignore"):
             for axis in range(3):
                 inverse = self._inverse[axis][part]
-                low, high = (side * inverse for side in self._reach(box, axis))
+                low, high = (side * inverse for side in self._side_distances(box, axis))
                 enter = np.minimum(low, high)
                 later = enter > enters
                 np.copyto(enters, enter, where=later)
@@ -134,7 +134,9 @@ class Rays:
             for origin, direction in zip(self._origin_m, self.directions, strict=True)
         )
 
-    def _reach(self, box: Box, axis: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    def _side_distances(
+        self, box: Box, axis: int
+    ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """How far the box's two sides are from the origins along an axis, as the rays' numbers.
 
         Subtracted before rounding, so that near things keep their digits.

@@ -23,7 +23,7 @@ DISTORTION_MODEL = "plumb_bob"
 DISTORTION_TERMS = 5
 
 
-class _Counter:
+class _CdrSize:
     """A position in a CDR stream."""
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class _Counter:
 
 def message_bytes(source: TopicSource) -> int:
     """Size of every message of a topic in bytes, with the encapsulation."""
-    count = _Counter()
+    count = _CdrSize()
     count.header(source.frame_id)
     if source.type == IMAGE and source.camera is not None:
         pixels = source.camera.width * source.camera.height

@@ -54,7 +54,7 @@ def texture_level(
     return level
 
 
-def pattern(
+def texture_values(
     room: Room,
     surface: NDArray[np.int32],
     points: tuple[NDArray[np.floating], ...],
@@ -64,13 +64,13 @@ def pattern(
     import numpy as np
 
     axis = surface % FACES_PER_BOX // 2
-    shifts = _shifts(room)
+    shifts = _texture_offsets(room)
     u = np.where(axis == 0, points[1], points[0]) + shifts[0].take(surface)
     v = np.where(axis == 2, points[1], points[2]) + shifts[1].take(surface)
     return texture.sample(u.astype(np.float32, copy=False), v.astype(np.float32, copy=False), level)
 
 
-def painted(
+def surface_brightness(
     paint: NDArray[np.float32], surface: NDArray[np.int32], shade: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """One channel's brightness, 0 to 255.
@@ -91,24 +91,24 @@ def lidar_brightness(
     """Brightness 0 to 255 of points on surfaces, as a lidar's returns are strong."""
     import numpy as np
 
-    shade = pattern(room, surface, points, np.full(surface.shape, _LIDAR_LEVEL, np.int32))
-    return painted(paints(room, "mono8")[0], surface, shade)
+    shade = texture_values(room, surface, points, np.full(surface.shape, _LIDAR_LEVEL, np.int32))
+    return surface_brightness(brightness_ranges(room, "mono8")[0], surface, shade)
 
 
 @lru_cache(maxsize=16)
-def paints(room: Room, encoding: str) -> NDArray[np.float32]:
+def brightness_ranges(room: Room, encoding: str) -> NDArray[np.float32]:
     """Dark and light end of each surface's range, 0 to 255, (channels, 2, surfaces)."""
     import numpy as np
 
     if encoding == "mono8":
-        colour = paints(room, "rgb8")
+        colour = brightness_ranges(room, "rgb8")
         red, green, blue = (np.float32(weight) for weight in _LUMINANCE)
         grey: NDArray[np.float32] = (colour[:1] * red + colour[1:2] * green) + colour[2:] * blue
         return grey
-    choose = random.Random(room.seed + 1000)  # noqa: S311 -- scenery, not secrets
+    rng = random.Random(room.seed + 1000)  # noqa: S311 -- scenery, not secrets
     table = np.empty((3, 2, room.surface_count), np.float32)
     for box in range(room.surface_count // FACES_PER_BOX):
-        tint, accent = _colour(choose), _colour(choose)
+        tint, accent = _colour(rng), _colour(rng)
         for face, light in enumerate(_LIGHT_BY_FACE):
             bright = _SHELL[face] if box == 0 else tint
             for channel in range(3):
@@ -119,19 +119,19 @@ def paints(room: Room, encoding: str) -> NDArray[np.float32]:
     return table
 
 
-def _colour(choose: random.Random) -> tuple[float, float, float]:
+def _colour(rng: random.Random) -> tuple[float, float, float]:
     """A colour of moderate saturation, each channel 0 to 1."""
-    grey = choose.uniform(0.5, 0.8)
-    red, green, blue = (grey * choose.uniform(0.7, 1.25) for _ in range(3))
+    grey = rng.uniform(0.5, 0.8)
+    red, green, blue = (grey * rng.uniform(0.7, 1.25) for _ in range(3))
     return (red, green, blue)
 
 
 @lru_cache(maxsize=16)
-def _shifts(room: Room) -> NDArray[np.float32]:
+def _texture_offsets(room: Room) -> NDArray[np.float32]:
     """Where in the texture each surface lies, metres, (2, surfaces): no two look alike."""
     import numpy as np
 
-    choose = random.Random(room.seed)  # noqa: S311 -- scenery, not secrets
+    rng = random.Random(room.seed)  # noqa: S311 -- scenery, not secrets
     return np.array(
-        [[choose.uniform(0, 5) for _ in range(room.surface_count)] for _ in range(2)], np.float32
+        [[rng.uniform(0, 5) for _ in range(room.surface_count)] for _ in range(2)], np.float32
     )

@@ -39,7 +39,7 @@ _FINEST_M: Final = 0.01
 LEVEL_LIMITS_M: Final = tuple(_FINEST_M / 2 * 2**level for level in range(LEVELS - 1))
 
 
-def hashed(x: NDArray[np.uint32], y: NDArray[np.uint32], seed: int) -> NDArray[np.float32]:
+def hash_noise(x: NDArray[np.uint32], y: NDArray[np.uint32], seed: int) -> NDArray[np.float32]:
     """Noise in [0, 1) for whole-number points, by multiplying and folding 32-bit integers."""
     import numpy as np
 
@@ -92,7 +92,7 @@ def _octave(points: int, seed: int) -> NDArray[np.float32]:
     import numpy as np
 
     lattice = np.arange(points, dtype=np.uint32)
-    values = hashed(lattice[None, :], lattice[:, None], seed)
+    values = hash_noise(lattice[None, :], lattice[:, None], seed)
     place = np.arange(TEXELS, dtype=np.float32) * np.float32(points / TEXELS)
     before = place.astype(np.intp)
     share = place - before

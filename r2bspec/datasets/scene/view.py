@@ -9,7 +9,7 @@ from r2bspec.datasets.scene.geometry import Vector
 from r2bspec.datasets.scene.rig import Camera
 
 # Nearer than this, perspective is no longer computed.
-NEAR_M = 0.05
+MIN_DEPTH_M = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,14 +27,14 @@ class Bounds:
         return slice(self.left, self.right)
 
 
-def bounds_of(camera: Camera, points_m: Sequence[Vector]) -> Bounds | None:
+def image_bounds(camera: Camera, points_m: Sequence[Vector]) -> Bounds | None:
     """The pixels that the hull of points may touch; None where that is outside the image.
 
     Args:
         camera: the camera.
         points_m: in its optical frame. If one is behind or too near, the whole image is given.
     """
-    if any(z < NEAR_M for _, _, z in points_m):
+    if any(z < MIN_DEPTH_M for _, _, z in points_m):
         return Bounds(0, camera.height, 0, camera.width)
     across = [camera.focal_px * x / z + camera.center_px[0] for x, _, z in points_m]
     down = [camera.focal_px * y / z + camera.center_px[1] for _, y, z in points_m]

@@ -117,7 +117,7 @@ class Prober:
                 measured = value(metric, monitor, samples)
                 per_step = samples.monitors[monitor].per_step if metric.scope == "monitor" else 1.0
                 limit = _limit(condition, rate_hz * per_step)
-                if limit is None or (measured is not None and condition.holds(measured, limit)):
+                if limit is None or (measured is not None and condition.is_met(measured, limit)):
                     continue
                 shown = "nothing was measured" if measured is None else f"it is {measured:.4g}"
                 return Judgement(holds=False, reason=f"{condition} does not hold: {shown}")

@@ -1,6 +1,6 @@
 """`extends`: documents that build on files, and entries that build on their siblings."""
 
-from r2bspec.language.extend.extended_files import Extended, extend
+from r2bspec.language.extend.extended_files import ExtendResult, extend
 from r2bspec.language.extend.extended_siblings import extend_siblings
 
-__all__ = ["Extended", "extend", "extend_siblings"]
+__all__ = ["ExtendResult", "extend", "extend_siblings"]

@@ -15,64 +15,64 @@ from typing import Any
 
 from r2bspec.diagnostics import Diagnostic, Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.extend.overlay import overlay
-from r2bspec.language.extend.rebase_paths import rebased
+from r2bspec.language.extend.rebase_paths import rebase_paths
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, without
 from r2bspec.language.source_text import Source, read_file
 from r2bspec.language.variable_references import OPENING
 from r2bspec.language.yaml_composer import compose
 
 KEY = "extends"
-DEEPEST = 20
+MAX_EXTENDS_DEPTH = 20
 """Files in a chain, each of which extends the next."""
-MOST_FILES = 100
+MAX_EXTENDED_FILES = 100
 """Files that one document may read, each counted as often as it is named."""
 
 
 @dataclass(slots=True)
-class Extended:
+class ExtendResult:
     """The merged tree, what was wrong, and the files that were read.
 
     Attributes:
-        ways: for each file, the places that led to it, the nearest first.
+        origins: for each file, the places that led to it, the nearest first.
         complete: whether all of them could be read.
     """
 
     tree: TreeNode
-    problems: Problems = field(default_factory=Problems)
+    problems: DiagnosticCollector = field(default_factory=DiagnosticCollector)
     sources: dict[str, Source] = field(default_factory=dict)
-    ways: dict[str, tuple[Related, ...]] = field(default_factory=dict)
+    origins: dict[str, tuple[Related, ...]] = field(default_factory=dict)
     complete: bool = True
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _FileContext:
     """A document that is being read: its name for the user, its real path, and the way to it."""
 
     file: str
     real: FilePath
-    way: tuple[Related, ...]
-    outer: tuple[FilePath, ...]
+    trace: tuple[Related, ...]
+    ancestors: tuple[FilePath, ...]
 
 
 def extend(
     root: TreeNode, file: str, schema: dict[str, Any], allowed: Iterable[FilePath] = ()
-) -> Extended:
+) -> ExtendResult:
     """Merge the files that a document extends; without `extends`, nothing is touched."""
-    result = Extended(root)
+    result = ExtendResult(root)
     if isinstance(root, MapNode) and KEY in root.entries:
         home = FilePath(file).parent.resolve()
         folders = (home, *(FilePath(each).resolve() for each in allowed))
-        work = _Files(result, folders, schema)
+        work = _FileMerger(result, folders, schema)
         real = home / FilePath(file).name
-        result.tree = work.merged(root, _Place(file, real, (), (real,)))
+        result.tree = work.merge(root, _FileContext(file, real, (), (real,)))
     return result
 
 
-class _Files:
+class _FileMerger:
     def __init__(
-        self, result: Extended, folders: tuple[FilePath, ...], schema: dict[str, Any]
+        self, result: ExtendResult, folders: tuple[FilePath, ...], schema: dict[str, Any]
     ) -> None:
         self._result = result
         self._problems = result.problems
@@ -80,8 +80,8 @@ class _Files:
         self._schema = schema
         self._read = 0
 
-    def merged(self, root: MapNode, place: _Place) -> MapNode:
-        named = list(_named(root))
+    def merge(self, root: MapNode, place: _FileContext) -> MapNode:
+        named = list(_extended_names(root))
         if not named:  # of a wrong type: the schema says so
             return root
         own = without(root, KEY)
@@ -94,7 +94,7 @@ class _Files:
                 base = below if base is None else overlay(base, below)
         return own if base is None else overlay(base, own)
 
-    def _base(self, node: ScalarNode, place: _Place) -> MapNode | None:
+    def _base(self, node: ScalarNode, place: _FileContext) -> MapNode | None:
         text = str(node.value)
         if OPENING in text:
             self._problems.error(
@@ -106,38 +106,42 @@ class _Files:
             return None
         folder = posixpath.dirname(place.file.replace(os.sep, "/"))
         file = posixpath.normpath(posixpath.join(folder, text))
-        real = self._found(node, FilePath(file), text)
+        real = self._readable_path(node, FilePath(file), text)
         if real is None:
             return None
-        way = (Related(f"{quote(text)} is extended here", node.span), *place.way)
-        if real in place.outer:
+        trace = (Related(f"{quote(text)} is extended here", node.span), *place.trace)
+        if real in place.ancestors:
             self._problems.error(
                 "R2B135",
                 f"{quote(text)} is extended by itself: it would never end",
                 node.span,
                 "remove one of the 'extends' of this circle",
-                related=place.way,
+                related=place.trace,
             )
             return None
         self._read += 1
-        if len(place.outer) > DEEPEST or self._read > MOST_FILES:
-            limit = f"{DEEPEST} files deep" if len(place.outer) > DEEPEST else f"{MOST_FILES} files"
+        if len(place.ancestors) > MAX_EXTENDS_DEPTH or self._read > MAX_EXTENDED_FILES:
+            limit = (
+                f"{MAX_EXTENDS_DEPTH} files deep"
+                if len(place.ancestors) > MAX_EXTENDS_DEPTH
+                else f"{MAX_EXTENDED_FILES} files"
+            )
             message = f"'extends' leads through more than {limit}"
-            self._problems.error("R2B135", message, node.span, "merge some of them", related=way)
+            self._problems.error("R2B135", message, node.span, "merge some of them", related=trace)
             return None
-        self._result.ways.setdefault(file, way)
-        below = self._composed(node, file)
+        self._result.origins.setdefault(file, trace)
+        below = self._compose_file(node, file)
         if below is None:
             return None
-        inner = _Place(file, real, way, (*place.outer, real))
-        whole = self.merged(below, inner) if KEY in below.entries else below
+        inner = _FileContext(file, real, trace, (*place.ancestors, real))
+        whole = self.merge(below, inner) if KEY in below.entries else below
         moved = posixpath.dirname(posixpath.normpath(text))
         if not moved:
             return whole
-        done = rebased(whole, self._schema, moved)
+        done = rebase_paths(whole, self._schema, moved)
         return done if isinstance(done, MapNode) else None
 
-    def _found(self, node: ScalarNode, path: FilePath, text: str) -> FilePath | None:
+    def _readable_path(self, node: ScalarNode, path: FilePath, text: str) -> FilePath | None:
         """The real path of a file that may be read; else why not has been said."""
         try:
             real = path.resolve()
@@ -155,12 +159,12 @@ class _Files:
             )
         elif not there:
             message = f"there is no file {quote(text)} to extend"
-            self._problems.error("R2B133", message, node.span, _nearby(path))
+            self._problems.error("R2B133", message, node.span, _suggest_file(path))
         else:
             return real
         return None
 
-    def _composed(self, node: ScalarNode, file: str) -> MapNode | None:
+    def _compose_file(self, node: ScalarNode, file: str) -> MapNode | None:
         read = read_file(FilePath(file))
         self._result.sources[file] = read.source
         if not read.usable:
@@ -182,11 +186,11 @@ class _Files:
 
     def _add(self, found: Iterable[Diagnostic]) -> None:
         for one in found:
-            if one not in self._problems.found:
-                self._problems.found.append(one)
+            if one not in self._problems.diagnostics:
+                self._problems.diagnostics.append(one)
 
 
-def _named(root: MapNode) -> Iterator[ScalarNode]:
+def _extended_names(root: MapNode) -> Iterator[ScalarNode]:
     """The values that name files; none if one of them is of a wrong type."""
     value = root.entries[KEY].value
     items = value.items if isinstance(value, ListNode) else (value,)
@@ -195,7 +199,7 @@ def _named(root: MapNode) -> Iterator[ScalarNode]:
         yield from texts
 
 
-def _nearby(path: FilePath) -> str:
+def _suggest_file(path: FilePath) -> str:
     try:
         names = sorted(each.name for each in path.parent.iterdir() if each.suffix == ".yaml")[:100]
     except (OSError, ValueError):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from r2bspec.diagnostics import Path, Related, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.diagnostic_collector import Problems
+from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.extend.overlay import overlay
 from r2bspec.language.located_tree import (
     Entry,
@@ -15,7 +15,7 @@ from r2bspec.language.located_tree import (
     ScalarNode,
     TreeNode,
     lookup,
-    replaced,
+    replace_at,
     without,
 )
 
@@ -28,12 +28,12 @@ SECTIONS: tuple[Path, ...] = (
     ("slos",),
 )
 """Maps whose entries may build on each other."""
-DEEPEST = 50
+MAX_CHAIN_LENGTH = 50
 """Entries in a chain, each of which builds on the next."""
 
 
 @dataclass(slots=True)
-class Siblings:
+class SiblingsResult:
     """The tree with all entries written out, what was wrong, and what was made of what.
 
     Attributes:
@@ -41,24 +41,26 @@ class Siblings:
     """
 
     tree: TreeNode
-    problems: Problems = field(default_factory=Problems)
+    problems: DiagnosticCollector = field(default_factory=DiagnosticCollector)
     incomplete: set[Path] = field(default_factory=set)
-    ways: dict[Path, tuple[Related, ...]] = field(default_factory=dict)
+    origins: dict[Path, tuple[Related, ...]] = field(default_factory=dict)
 
 
-def extend_siblings(root: TreeNode) -> Siblings:
+def extend_siblings(root: TreeNode) -> SiblingsResult:
     """Write out every entry that builds on a sibling."""
-    result = Siblings(root)
+    result = SiblingsResult(root)
     for section in SECTIONS:
         entries = lookup(root, section)
-        if isinstance(entries, MapNode) and any(_names_one(e.value) for e in _values(entries)):
-            done = _Section(result, section, entries).written_out()
-            result.tree = replaced(result.tree, section, done)
+        if isinstance(entries, MapNode) and any(
+            _extends_sibling(e.value) for e in _values(entries)
+        ):
+            done = _Section(result, section, entries).expanded()
+            result.tree = replace_at(result.tree, section, done)
     return result
 
 
 class _Section:
-    def __init__(self, result: Siblings, section: Path, entries: MapNode) -> None:
+    def __init__(self, result: SiblingsResult, section: Path, entries: MapNode) -> None:
         self._result = result
         self._section = section
         self._entries = entries
@@ -66,10 +68,10 @@ class _Section:
         self._done: dict[str, MapNode] = {}
         self._depth: dict[str, int] = {}
 
-    def written_out(self) -> MapNode:
+    def expanded(self) -> MapNode:
         entries = {
-            name: Entry(entry.key_span, self._resolved(name), entry.known)
-            if _names_one(entry.value)
+            name: Entry(entry.key_span, self._resolved(name), entry.key_resolved)
+            if _extends_sibling(entry.value)
             else entry
             for name, entry in self._entries.entries.items()
         }
@@ -93,7 +95,7 @@ class _Section:
                 continue
             own = self._map(each)
             named = own.entries.get(KEY)
-            if named is not None and _names_one(own):
+            if named is not None and _extends_sibling(own):
                 own = without(own, KEY)
             done = own if done is None else overlay(without(done, KEY), own)
             self._done[each] = done
@@ -123,15 +125,15 @@ class _Section:
             )
             self._failed.add(chain[-1])
             return None
-        self._result.ways[(*self._section, chain[-1])] = (
+        self._result.origins[(*self._section, chain[-1])] = (
             Related(f"'{chain[-1]}' builds on '{base}' here", span),
         )
-        if base in chain or len(chain) + self._depth.get(base, 0) >= DEEPEST:
+        if base in chain or len(chain) + self._depth.get(base, 0) >= MAX_CHAIN_LENGTH:
             circle = base in chain
             message = (
                 f"{quote(base)} builds on itself: it would never end"
                 if circle
-                else f"more than {DEEPEST} entries build on each other"
+                else f"more than {MAX_CHAIN_LENGTH} entries build on each other"
             )
             self._result.problems.error(
                 "R2B135", message, span, "remove one of the 'extends' of this chain"
@@ -149,7 +151,7 @@ def _values(entries: MapNode) -> Iterator[Entry]:
     yield from entries.entries.values()
 
 
-def _names_one(node: TreeNode) -> bool:
+def _extends_sibling(node: TreeNode) -> bool:
     """Whether an entry names a sibling; what is of a wrong type is left to the schema."""
     entry = node.entries.get(KEY) if isinstance(node, MapNode) else None
     value = entry.value if entry is not None else None

@@ -19,7 +19,9 @@ def overlay(base: MapNode, own: MapNode) -> MapNode:
         elif _is_null(entry.value):
             del entries[key]
         elif isinstance(entry.value, MapNode) and isinstance(below.value, MapNode):
-            entries[key] = Entry(entry.key_span, overlay(below.value, entry.value), entry.known)
+            entries[key] = Entry(
+                entry.key_span, overlay(below.value, entry.value), entry.key_resolved
+            )
         else:
             entries[key] = entry
     return MapNode(entries, own.span)

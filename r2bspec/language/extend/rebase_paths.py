@@ -17,14 +17,14 @@ from r2bspec.language.variable_references import OPENING
 _FILE_AND_NAME = ".py:"
 
 
-def rebased(node: TreeNode, rule: Any, folder: str) -> TreeNode:
+def rebase_paths(node: TreeNode, rule: Any, folder: str) -> TreeNode:
     """The tree with every relative path put below `folder`; `rule` is the schema of the node."""
     if not isinstance(rule, dict):
         return node
     if isinstance(node, ScalarNode):
         return _scalar(node, folder) if rule.get(PATH) else node
     if isinstance(node, ListNode):
-        items = tuple(rebased(item, rule.get("items"), folder) for item in node.items)
+        items = tuple(rebase_paths(item, rule.get("items"), folder) for item in node.items)
         return ListNode(items, node.span)
     if isinstance(node, MapNode):
         known = rule.get("properties", {})
@@ -33,8 +33,8 @@ def rebased(node: TreeNode, rule: Any, folder: str) -> TreeNode:
             {
                 key: Entry(
                     entry.key_span,
-                    rebased(entry.value, known.get(key, other), folder),
-                    entry.known,
+                    rebase_paths(entry.value, known.get(key, other), folder),
+                    entry.key_resolved,
                 )
                 for key, entry in node.entries.items()
             },

@@ -7,25 +7,25 @@ from collections.abc import Iterator, Sequence
 from r2bspec.diagnostics import Diagnostic, Path, Related, Severity, did_you_mean, format_path
 from r2bspec.language.located_tree import MapNode, ScalarNode, TreeNode, child, lookup
 from r2bspec.language.quantities import QuantityError, Rate
-from r2bspec.language.shorthand import MOST_RATES
+from r2bspec.language.shorthand import MAX_RANGE_RATES
 
 _ONE_OF: dict[str, tuple[str, ...]] = {
     "ready": ("file", "service", "log", "topic"),
     "after_ready": ("command", "service"),
 }
 _TIMELINE_ONLY = ("timeline", "record_timeline", "tf")
-_NOTHING_PLAYED = ("data_loader", "preprocessors")
-_HARNESS_PARTS = ("data_loader", "playback", "monitor")
+_PLAYBACK_SECTIONS = ("data_loader", "preprocessors")
+_HARNESS_COMPONENTS = ("data_loader", "playback", "monitor")
 
 
-def together_errors(root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
+def section_constraint_errors(root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
     """What contradicts itself; in maps at `misspelt`, a missing key may be there, misspelt."""
     for name, keys in _ONE_OF.items():
-        for path, entry in _named(root, (name,)):
+        for path, entry in _map_entries(root, (name,)):
             yield from _one_of(entry, path, keys, misspelt)
     sections: tuple[Path, ...] = (("preprocessors",), ("graph", "nodes"))
     for section in sections:
-        for path, node in _named(root, section):
+        for path, node in _map_entries(root, section):
             launch = child(node, "launch")
             if isinstance(launch, MapNode):
                 yield from _launch(launch, (*path, "launch"), misspelt)
@@ -36,7 +36,7 @@ def together_errors(root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]
     yield from _conditions(root)
 
 
-def _named(root: TreeNode, section: Path) -> Iterator[tuple[Path, MapNode]]:
+def _map_entries(root: TreeNode, section: Path) -> Iterator[tuple[Path, MapNode]]:
     entries = lookup(root, section)
     if isinstance(entries, MapNode):
         for name, entry in entries.entries.items():
@@ -81,7 +81,7 @@ def _playback(root: TreeNode) -> Iterator[Diagnostic]:
         return
     mode = _word(playback, "mode") if "mode" in playback.entries else "looping"
     if mode == "live":
-        for key in _NOTHING_PLAYED:
+        for key in _PLAYBACK_SECTIONS:
             if isinstance(root, MapNode) and key in root.entries:
                 message = f"'{key}' has no use here: a live benchmark plays nothing"
                 yield _at_key(root, (), key, message, f"remove '{key}', or change playback.mode")
@@ -105,7 +105,7 @@ def _translations(playback: MapNode) -> Iterator[Diagnostic]:
     if not isinstance(inputs, MapNode) or not isinstance(translations, MapNode):
         return
     for topic, entry in translations.entries.items():
-        if topic not in inputs.entries and entry.known:
+        if topic not in inputs.entries and entry.key_resolved:
             close = did_you_mean(topic, inputs.entries)
             known = "the inputs are " + ", ".join(list(inputs.entries)[:10])
             yield _at_key(
@@ -121,13 +121,13 @@ def _harness(root: TreeNode) -> Iterator[Diagnostic]:
     harness = child(root, "harness")
     other = isinstance(harness, MapNode) and _word(harness, "kind") not in ("", "r2bspec")
     if isinstance(harness, MapNode) and not other:
-        for key in _HARNESS_PARTS:
+        for key in _HARNESS_COMPONENTS:
             if key in harness.entries:
                 message = f"'harness.{key}' has no use with the harness r2bspec"
                 help_text = "write 'kind: ros2_benchmark', or remove it"
                 yield _at_key(harness, ("harness",), key, message, help_text)
     if not other:
-        for path, monitor in _named(root, ("monitors",)):
+        for path, monitor in _map_entries(root, ("monitors",)):
             if "parameters" in monitor.entries:
                 message = f"'{format_path((*path, 'parameters'))}' has no use here: the monitors "
                 message += "of the harness r2bspec take none"
@@ -149,12 +149,15 @@ def _benchmark(root: TreeNode) -> Iterator[Diagnostic]:
     benchmark = child(root, "benchmark")
     if not isinstance(benchmark, MapNode):
         return
-    fewest = _number(benchmark, "iterations", 5)
-    most = _number(benchmark, "max_iterations", 0)
-    if fewest is not None and most and most < fewest:
-        message = f"'benchmark.max_iterations' is {most}, fewer than the {fewest} 'iterations'"
+    iterations = _number(benchmark, "iterations", 5)
+    max_iterations = _number(benchmark, "max_iterations", 0)
+    if iterations is not None and max_iterations and max_iterations < iterations:
+        message = (
+            f"'benchmark.max_iterations' is {max_iterations}, fewer than the {iterations} "
+            "'iterations'"
+        )
         yield _at_key(
-            benchmark, ("benchmark",), "max_iterations", message, f"write {fewest} or more"
+            benchmark, ("benchmark",), "max_iterations", message, f"write {iterations} or more"
         )
     rates = child(benchmark, "rates")
     if isinstance(rates, MapNode):
@@ -186,8 +189,8 @@ def _range(rates: MapNode) -> Iterator[Diagnostic]:
         if step.hz > last.hz - first.hz:
             message = f"a step of {step} leads out of the range from {first} to {last}"
             yield _at_key(rates, path, "step", message, "make it smaller")
-        elif (last.hz - first.hz) / step.hz >= MOST_RATES:
-            message = f"the range holds more than {MOST_RATES:,} rates"
+        elif (last.hz - first.hz) / step.hz >= MAX_RANGE_RATES:
+            message = f"the range holds more than {MAX_RANGE_RATES:,} rates"
             yield _at_key(rates, path, "step", message, "make the step larger")
 
 
@@ -195,7 +198,7 @@ def _conditions(root: TreeNode) -> Iterator[Diagnostic]:
     """Variables named by the `when` of an objective."""
     declared = child(root, "variables")
     known = declared.entries if isinstance(declared, MapNode) else {}
-    for path, objective in _named(root, ("slos",)):
+    for path, objective in _map_entries(root, ("slos",)):
         when = child(objective, "when")
         if not isinstance(when, MapNode):
             continue

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from r2bspec.diagnostics import Diagnostic, Path, Related, Severity, format_path
-from r2bspec.language.key_constraints.document_keys import together_errors
+from r2bspec.language.key_constraints.document_keys import section_constraint_errors
 from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
@@ -20,7 +20,7 @@ from r2bspec.language.located_tree import (
     span_at,
 )
 
-_KIND_OF = {
+_KIND_BY_KEY = {
     "python": "python",
     "package": "package",
     "plugin": "package",
@@ -36,7 +36,7 @@ _KIND_HELP = (
 )
 _RESOURCES = ("cpus", "nice", "prefix", "memory_limit")
 _PROCESS_KINDS = ("executable", "command")
-_NOT_FOR: Mapping[str, tuple[tuple[str, ...], str]] = {
+_UNSUPPORTED_KEYS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "arguments": (
         ("python", "plugin", "external", "launch"),
         "only an executable or a command takes 'arguments'",
@@ -53,14 +53,14 @@ _NOT_FOR: Mapping[str, tuple[tuple[str, ...], str]] = {
 }
 """Keys that mean nothing for some kinds of node, and why."""
 
-_NOT_FOR_HELP = {
+_UNSUPPORTED_KEYS_HELP = {
     ("arguments", "launch"): "put them under 'launch.arguments'",
     ("arguments", "python"): "a Python node takes 'parameters'",
     ("arguments", "plugin"): "a plugin takes 'parameters'",
 }
 
 
-def exclusive_errors(root: TreeNode, found: Sequence[Diagnostic] = ()) -> Iterator[Diagnostic]:
+def key_constraint_errors(root: TreeNode, found: Sequence[Diagnostic] = ()) -> Iterator[Diagnostic]:
     """Nodes that are not exactly one kind of node, bags that are not exactly one source, and more.
 
     `found` is what the schema says: a map in which it found an unknown key may well have the
@@ -74,15 +74,15 @@ def exclusive_errors(root: TreeNode, found: Sequence[Diagnostic] = ()) -> Iterat
                 if isinstance(entry.value, MapNode):
                     yield from _node(entry.value, (*path, name), root, misspelt)
     yield from _bags(root, misspelt)
-    yield from together_errors(root, misspelt)
+    yield from section_constraint_errors(root, misspelt)
 
 
 def _node(node: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
-    given = [key for key in node.entries if key in _KIND_OF and not _is_false(node, key)]
+    given = [key for key in node.entries if key in _KIND_BY_KEY and not _is_false(node, key)]
     name = f"'{format_path(path)}'"
     first_of: dict[str, str] = {}
     for key in given:
-        first_of.setdefault(_KIND_OF[key], key)
+        first_of.setdefault(_KIND_BY_KEY[key], key)
     if not first_of:
         if path not in misspelt:
             yield _error("R2B113", f"{name} does not say what it runs", root, path, _KIND_HELP)
@@ -97,14 +97,14 @@ def _node(node: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Ite
             yield _both(name, path, node, (parts[0], parts[1]), "R2B113", _KIND_HELP)
             return
         if len(given) == 1 and path not in misspelt:
-            yield _half(name, path, given[0], root)
+            yield _incomplete_package(name, path, given[0], root)
             return
         kind = "plugin" if "plugin" in given else "executable"
     else:
         kind = next(iter(first_of))
-    for key, (kinds, why) in _NOT_FOR.items():
+    for key, (kinds, why) in _UNSUPPORTED_KEYS.items():
         if key in node.entries and kind in kinds:
-            help_text = _NOT_FOR_HELP.get((key, kind), f"remove '{key}'")
+            help_text = _UNSUPPORTED_KEYS_HELP.get((key, kind), f"remove '{key}'")
             message = f"{name} cannot have '{key}': {why}"
             yield _error("R2B119", message, root, (*path, key), help_text)
     if "container" in node.entries:
@@ -115,7 +115,7 @@ def _node(node: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Ite
                 yield _error("R2B119", message, root, (*path, key), help_text)
 
 
-def _half(name: str, path: Path, given: str, root: TreeNode) -> Diagnostic:
+def _incomplete_package(name: str, path: Path, given: str, root: TreeNode) -> Diagnostic:
     if given == "package":
         message = f"{name} has 'package' but no 'executable' and no 'plugin'"
         way_out = "add one of them; ros2 pkg executables and ros2 component types list both"

@@ -6,17 +6,17 @@ from r2bspec.language.quantities import Duration, Rate, Share
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.reuse import sibling, when
 from r2bspec.language.schema.schema_builder import (
-    ALONE,
+    SINGLE_ITEM,
     Schema,
+    array,
+    boolean,
     choice,
     integer,
-    listing,
-    named,
+    loader_key,
+    name_map,
     quantity,
     record,
     requirement,
-    truth,
-    used_up,
 )
 
 _SEARCH = record(
@@ -35,13 +35,13 @@ _SEARCH = record(
             positive=True,
         ),
         "holds": {
-            **listing(
+            **array(
                 "What else must hold for a rate to count: one requirement or several.",
                 requirement("A condition on one probe.", examples=["drop_rate <= 5 %"]),
                 examples=["drop_rate <= 5 %", ["drop_rate <= 5 %", "latency.p99 < 100 ms"]],
             ),
             "type": ["array", "string"],
-            ALONE: True,
+            SINGLE_ITEM: True,
         },
         "probe": quantity(
             Duration,
@@ -78,7 +78,7 @@ _GATE = record(
             ["report", "pass", "fail"],
             "report",
         ),
-        "confirm": truth(
+        "confirm": boolean(
             "Whether a failure must be found again, in fresh processes, before it counts.",
             default=True,
         ),
@@ -100,9 +100,11 @@ _RATES: Schema = {
         "The rates at which the inputs are played: a list, or a range with 'count' rates or a "
         "'step'.",
         {
-            "from": used_up(quantity(Rate, "The first rate.", examples=["10 Hz"], positive=True)),
-            "to": used_up(quantity(Rate, "The last rate.", examples=["60 Hz"], positive=True)),
-            "count": used_up(
+            "from": loader_key(
+                quantity(Rate, "The first rate.", examples=["10 Hz"], positive=True)
+            ),
+            "to": loader_key(quantity(Rate, "The last rate.", examples=["60 Hz"], positive=True)),
+            "count": loader_key(
                 integer(
                     "How many rates there are, evenly spaced.",
                     minimum=2,
@@ -110,7 +112,7 @@ _RATES: Schema = {
                     examples=[6],
                 )
             ),
-            "step": used_up(
+            "step": loader_key(
                 quantity(Rate, "The distance of two rates.", examples=["10 Hz"], positive=True)
             ),
         },
@@ -169,7 +171,7 @@ BENCHMARK: Schema = record(
     default={},
 )
 
-SLOS: Schema = named(
+SLOS: Schema = name_map(
     "The objectives that decide the verdict, by name.",
     name_patterns.NAME,
     record(
@@ -198,7 +200,7 @@ SLOS: Schema = named(
                 examples=["99 %"],
                 positive=True,
             ),
-            "require": listing(
+            "require": array(
                 "What must hold: 'metric op bound', such as latency.p99 < 50 ms; or sustained. "
                 "'in 99 % of 1 s windows' behind it asks it of parts of the time.",
                 requirement(

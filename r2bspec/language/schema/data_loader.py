@@ -7,12 +7,12 @@ from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.schema_builder import (
     PATH,
     Schema,
-    listing,
-    named,
+    array,
+    boolean,
+    name_map,
     quantity,
     record,
     text,
-    truth,
 )
 
 
@@ -73,14 +73,14 @@ DATA_LOADER: Schema = record(
     "Which recorded topics are loaded, and what they are called in the graph.",
     {
         "bag": _bag("The recording"),
-        "bags": listing(
+        "bags": array(
             "Several recordings in place of one, in the order in which they were made; their "
             "topics are joined.",
             _bag("A recording"),
             examples=[["./bags/part_1", "./bags/part_2"]],
         ),
         "window": _WINDOW,
-        "topics": named(
+        "topics": name_map(
             "What is loaded: topic of the bag, and the topic that it becomes in the graph. Topics "
             "of the bag that are not named here are never touched.",
             name_patterns.TOPIC,
@@ -93,11 +93,11 @@ DATA_LOADER: Schema = record(
             at_least=1,
             examples=[{"/d455_1_rgb_image": "data_loader/image"}],
         ),
-        "publish_tf": truth("Whether recorded /tf is played with the inputs.", default=False),
-        "publish_tf_static": truth(
+        "publish_tf": boolean("Whether recorded /tf is played with the inputs.", default=False),
+        "publish_tf_static": boolean(
             "Whether recorded /tf_static is published before anything is played.", default=False
         ),
-        "real_time": truth(
+        "real_time": boolean(
             "Whether the preprocessors get the messages in the time in which they were recorded, "
             "instead of as fast as they take them.",
             default=False,

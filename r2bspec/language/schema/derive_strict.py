@@ -14,28 +14,38 @@ from typing import Any
 
 from r2bspec.language.schema.document_root import DOCUMENT
 from r2bspec.language.schema.schema_builder import (
-    ALONE,
+    ALLOWED_WORDS,
     KIND,
-    LOADER,
+    LOADER_ONLY,
     NOUN,
     PATH,
     POSITIVE,
     QUANTITIES,
+    SINGLE_ITEM,
     TOPIC_KEYS,
     UNLESS_LIVE,
-    WORDS,
     Schema,
 )
 
 TITLE = "r2bspec, version 1"
 FILE_NAME = "r2bspec-v1.schema.json"
 
-_KEPT = "nothing_is_removed"
-_OWN = (ALONE, KIND, LOADER, NOUN, PATH, POSITIVE, TOPIC_KEYS, UNLESS_LIVE, WORDS)
+_NULL_RULE = "nothing_is_removed"
+_PRIVATE_KEYWORDS = (
+    SINGLE_ITEM,
+    KIND,
+    LOADER_ONLY,
+    NOUN,
+    PATH,
+    POSITIVE,
+    TOPIC_KEYS,
+    UNLESS_LIVE,
+    ALLOWED_WORDS,
+)
 _REFERENCE = r"\$\((?:var|env) +[A-Za-z_][A-Za-z0-9_]* *\)"
-_WHOLE = f"^{_REFERENCE}$"
+_WHOLE_REFERENCE = f"^{_REFERENCE}$"
 _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
-_OTHER_SCALARS = {"integer": "a whole number", "boolean": "true or false"}
+_SCALAR_NAMES = {"integer": "a whole number", "boolean": "true or false"}
 _METRIC = r"[A-Za-z][A-Za-z0-9_]*(?:\.[A-Za-z][A-Za-z0-9_]*)*"
 _REQUIREMENT = rf"^\s*(?:sustained|{_METRIC}\s*(?:[<>]=?|[=!]=)\s*\d.*?)\s*$"
 
@@ -66,8 +76,8 @@ def published_schema() -> Schema:
         "$schema": "http://json-schema.org/draft-07/schema#",
         "$id": FILE_NAME,
         "title": TITLE,
-        **_removable(_rewrite(DOCUMENT, _publish)),
-        "definitions": {_KEPT: _kept()},
+        **_with_removable_keys(_rewrite(DOCUMENT, _publish)),
+        "definitions": {_NULL_RULE: _null_rule()},
     }
 
 
@@ -76,7 +86,7 @@ def published_schema_text() -> str:
     return json.dumps(published_schema(), indent=2, ensure_ascii=False) + "\n"
 
 
-def _removable(schema: Schema) -> Schema:
+def _with_removable_keys(schema: Schema) -> Schema:
     """The schema with null allowed wherever it may remove a key, and refused where nothing extends.
 
     Only what `extends` can be removed from. The check is one small schema of its own, so that the
@@ -86,7 +96,7 @@ def _removable(schema: Schema) -> Schema:
     # Of the document itself, and of this one key, nothing can be removed.
     allowed["type"] = schema["type"]
     allowed["properties"]["r2bspec"] = schema["properties"]["r2bspec"]
-    return allowed | {"allOf": [{"$ref": f"#/definitions/{_KEPT}"}]}
+    return allowed | {"allOf": [{"$ref": f"#/definitions/{_NULL_RULE}"}]}
 
 
 def _with_null(schema: Schema) -> Schema:
@@ -110,12 +120,12 @@ def _or_null(schema: Schema) -> Schema:
     return changed
 
 
-def _kept() -> Schema:
+def _null_rule() -> Schema:
     """No value is null, except below a map that extends another.
 
     By 'not' and without 'type': editors then propose nothing because of it.
     """
-    itself = {"$ref": f"#/definitions/{_KEPT}"}
+    itself = {"$ref": f"#/definitions/{_NULL_RULE}"}
     return {
         "if": {"type": "object", "required": ["extends"]},
         "else": {
@@ -128,36 +138,40 @@ def _kept() -> Schema:
 
 
 def _publish(schema: Schema) -> Schema:
-    public = {key: value for key, value in schema.items() if key not in _OWN}
+    public = {key: value for key, value in schema.items() if key not in _PRIVATE_KEYWORDS}
     if "extends" in schema.get("properties", {}) and "required" in public:
         # What is missing here may stand where this builds on.
         public["if"] = {"not": {"required": ["extends"]}}
         public["then"] = {"required": public.pop("required")}
     kind = schema.get(KIND)
     if kind is not None:
-        public |= _judged_by_pattern(kind)
-    if ALONE in schema:
+        public |= _quantity_pattern(kind)
+    if SINGLE_ITEM in schema:
         alone = ("pattern", "patternErrorMessage")
         public |= {key: public["items"][key] for key in alone}
-    if WORDS in schema:
-        public |= _or_words(schema[WORDS], public.get("pattern"))
+    if ALLOWED_WORDS in schema:
+        public |= _or_words(schema[ALLOWED_WORDS], public.get("pattern"))
     if schema.get("additionalProperties") is False:
         public["patternProperties"] = {"^x-": {"description": "Ignored."}}
     if "propertyNames" in public:
-        keys = {key: value for key, value in public["propertyNames"].items() if key not in _OWN}
+        keys = {
+            key: value
+            for key, value in public["propertyNames"].items()
+            if key not in _PRIVATE_KEYWORDS
+        }
         if TOPIC_KEYS in schema:
             keys["pattern"] = _or_reference(keys["pattern"])
         public["propertyNames"] = keys
     if "enum" in public:
         values = public.pop("enum")
-        return public | {"anyOf": [{"enum": values}, {"pattern": _WHOLE}]}
+        return public | {"anyOf": [{"enum": values}, {"pattern": _WHOLE_REFERENCE}]}
     if "pattern" in public and "type" in public:
         public["pattern"] = _or_reference(public["pattern"])
-    for kind, meant in _OTHER_SCALARS.items():
+    for kind, meant in _SCALAR_NAMES.items():
         if public.get("type") == kind and "const" not in public:
             public |= {
                 "type": [kind, "string"],
-                "pattern": _WHOLE,
+                "pattern": _WHOLE_REFERENCE,
                 "patternErrorMessage": f"{meant}, or $(var name)",
             }
     return public
@@ -171,7 +185,7 @@ def _or_words(words: list[str], pattern: str | None) -> Schema:
     return {"pattern": only, "patternErrorMessage": f"one of {', '.join(words)}; or a map"}
 
 
-def _judged_by_pattern(kind: str) -> Schema:
+def _quantity_pattern(kind: str) -> Schema:
     if kind == "requirement":
         return {
             "pattern": _REQUIREMENT,

@@ -11,7 +11,7 @@ from r2bspec.language.schema.node import nodes
 from r2bspec.language.schema.playback import PLAYBACK
 from r2bspec.language.schema.process import CONTAINERS
 from r2bspec.language.schema.reuse import EXTENDS, MATRIX, VARIABLES
-from r2bspec.language.schema.schema_builder import Schema, listing, named, record, scalar, text
+from r2bspec.language.schema.schema_builder import Schema, array, name_map, record, scalar, text
 from r2bspec.language.schema.steps import AFTER_READY, READY, SETUP
 
 _VERSION: Schema = {
@@ -35,13 +35,13 @@ DOCUMENT: Schema = record(
             "What is measured, and why.", examples=["Detection on a colour camera at 720p."]
         ),
         "extends": EXTENDS,
-        "labels": named(
+        "labels": name_map(
             "Anything that the report shall show.",
             name_patterns.LABEL_KEY,
             scalar("The label's value.", examples=["720p"]),
             examples=[{"resolution": "720p", "robot": "carter"}],
         ),
-        "environment": listing(
+        "environment": array(
             "The environment variables that $(env NAME) may read.",
             text("A variable's name.", form=name_patterns.ENVIRONMENT, examples=["DATA_DIR"]),
             examples=[["DATA_DIR"]],

@@ -9,13 +9,13 @@ from r2bspec.language.schema.qos import qos
 from r2bspec.language.schema.reuse import repeat, sibling
 from r2bspec.language.schema.schema_builder import (
     Schema,
+    array,
+    boolean,
     choice,
     integer,
-    listing,
-    named,
+    name_map,
     record,
     text,
-    truth,
 )
 
 GRAPH: Schema = record(
@@ -33,7 +33,7 @@ GRAPH: Schema = record(
     examples=[{"nodes": {"apriltag": {"python": "r2bspec.nodes.AprilTagNode"}}}],
 )
 
-MONITORS: Schema = named(
+MONITORS: Schema = name_map(
     "The topics that are watched, by a name that requirements use.",
     name_patterns.MONITOR_NAME,
     record(
@@ -55,7 +55,7 @@ MONITORS: Schema = named(
                 ["stamp", "order"],
                 "stamp",
             ),
-            "answers": listing(
+            "answers": array(
                 "With mode timeline and inputs of different rates: the inputs that its messages "
                 "answer. Only steps that have messages of all of them count for it; without this, "
                 "all inputs from which a way leads to it.",
@@ -73,7 +73,7 @@ MONITORS: Schema = named(
             ),
             "qos": qos("The profile with which the monitor reads; else what the writer offers."),
             "label": text("What reports call it.", examples=["Tag detections"]),
-            "taps": truth(
+            "taps": boolean(
                 "Whether the topics on the way to it are watched, too, so that the report shows "
                 "where time goes. It costs some of it.",
                 default=False,

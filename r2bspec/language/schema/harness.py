@@ -8,11 +8,11 @@ from r2bspec.language.schema.parameters import values
 from r2bspec.language.schema.schema_builder import (
     Schema,
     choice,
+    loader_key,
     or_words,
     quantity,
     record,
     text,
-    used_up,
 )
 
 _KINDS = ["inherit", "shared_memory", "udp"]
@@ -23,7 +23,7 @@ TRANSPORT: Schema = or_words(
         "what the environment says. As a map it can also set the size.",
         {
             "kind": choice("How messages travel.", _KINDS, "shared_memory"),
-            "segment": used_up(
+            "segment": loader_key(
                 quantity(
                     Size,
                     "The size of each writer's shared memory; without it, it follows from the "

@@ -14,12 +14,12 @@ from r2bspec.language.schema.qos import qos
 from r2bspec.language.schema.reuse import repeat, sibling
 from r2bspec.language.schema.schema_builder import (
     Schema,
-    listing,
-    named,
+    array,
+    boolean,
+    name_map,
     record,
     scalar,
     text,
-    truth,
 )
 
 _TYPE = text(
@@ -48,7 +48,7 @@ _LAUNCH = record(
             examples=["./detector.launch.py"],
             path=True,
         ),
-        "arguments": named(
+        "arguments": name_map(
             "The arguments of the launch file.",
             name_patterns.PARAMETER,
             scalar("The argument's value.", examples=["false"]),
@@ -88,7 +88,7 @@ NODE: Schema = record(
             form=name_patterns.FILE_NAME,
             examples=["rectify_node"],
         ),
-        "command": listing(
+        "command": array(
             "Any program, with its arguments, one item each; no shell reads it. Remappings, "
             "parameters and the namespace are appended in ROS's own way (--ros-args).",
             text("A word of the command line.", examples=["./build/detector"]),
@@ -96,7 +96,7 @@ NODE: Schema = record(
             examples=[["./build/detector", "--fast"]],
         ),
         "launch": _LAUNCH,
-        "external": truth(
+        "external": boolean(
             "Whether the node runs already, started by somebody else; it is waited for, and left "
             "alone.",
             default=False,
@@ -106,7 +106,7 @@ NODE: Schema = record(
             form=name_patterns.NODE_NAME,
             examples=["vision"],
         ),
-        "arguments": listing(
+        "arguments": array(
             "Further words of the command line of an executable.",
             text("A word of the command line.", examples=["--fast"]),
             examples=[["--fast"]],
@@ -117,14 +117,14 @@ NODE: Schema = record(
             examples=["left"],
         ),
         "parameters": PARAMETERS,
-        "remappings": named(
+        "remappings": name_map(
             "Topics as the node's code names them, and the topics that are meant.",
             name_patterns.TOPIC,
             text("The topic that is meant.", form=name_patterns.TOPIC, examples=["tag_detections"]),
             topics=True,
             examples=[{"image": "camera/image_raw"}],
         ),
-        "publishes": named(
+        "publishes": name_map(
             "What the node is known to publish: topic, as its code names it, and type. It lets "
             "validate check the wiring of a node that it cannot look into.",
             name_patterns.TOPIC,
@@ -132,14 +132,14 @@ NODE: Schema = record(
             topics=True,
             examples=[{"detections": "geometry_msgs/msg/PoseArray"}],
         ),
-        "subscribes": named(
+        "subscribes": name_map(
             "What the node is known to read: topic, as its code names it, and type.",
             name_patterns.TOPIC,
             _TYPE,
             topics=True,
             examples=[{"image": "sensor_msgs/msg/Image"}],
         ),
-        "qos": named(
+        "qos": name_map(
             "What is known of the profiles of its topics, as its code names them.",
             name_patterns.TOPIC,
             qos("The profile of the topic."),
@@ -171,7 +171,7 @@ NODE: Schema = record(
 
 def nodes(description: str) -> Schema:
     """A map of nodes by their names."""
-    return named(
+    return name_map(
         description,
         name_patterns.NODE_NAME,
         NODE,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from r2bspec.language.schema import name_patterns
-from r2bspec.language.schema.schema_builder import PATH, SCALAR_TYPES, Schema, named, scalar
+from r2bspec.language.schema.schema_builder import PATH, SCALAR_TYPES, Schema, name_map, scalar
 
 
 def values(description: str) -> Schema:
     """Parameters by their names."""
-    return named(
+    return name_map(
         description,
         name_patterns.PARAMETER,
         {

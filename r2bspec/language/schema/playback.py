@@ -7,13 +7,13 @@ from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.qos import qos
 from r2bspec.language.schema.schema_builder import (
     Schema,
+    boolean,
     choice,
     integer,
-    named,
+    name_map,
     quantity,
     record,
     text,
-    truth,
 )
 
 _INPUT = record(
@@ -57,7 +57,7 @@ PLAYBACK: Schema = record(
             default=0,
             examples=[30, 0],
         ),
-        "inputs": named(
+        "inputs": name_map(
             "The topics that the graph reads. All inputs of one step are played together, with "
             "the same stamp.",
             name_patterns.TOPIC,
@@ -87,7 +87,7 @@ PLAYBACK: Schema = record(
                     examples=["50 %", "200 %"],
                     positive=True,
                 ),
-                "translations": named(
+                "translations": name_map(
                     "By how much an input is played, and stamped, later than it was recorded.",
                     name_patterns.TOPIC,
                     quantity(Duration, "The delay of one input.", examples=["20 ms"]),
@@ -98,7 +98,7 @@ PLAYBACK: Schema = record(
             examples=[{"speed": "50 %"}],
             default={},
         ),
-        "record_timeline": truth(
+        "record_timeline": boolean(
             "Whether the timeline is that of the messages as they came out of the preprocessors, "
             "instead of that of the recording.",
             default=False,

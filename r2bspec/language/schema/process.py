@@ -7,16 +7,16 @@ from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.reuse import sibling
 from r2bspec.language.schema.schema_builder import (
     Schema,
+    array,
     choice,
     integer,
-    listing,
-    named,
+    name_map,
     quantity,
     record,
     text,
 )
 
-ENV: Schema = named(
+ENV: Schema = name_map(
     "Environment variables of the process.",
     name_patterns.ENVIRONMENT,
     text("The variable's value.", examples=["4"]),
@@ -27,11 +27,11 @@ ENV: Schema = named(
 def words(description: str, *, at_least: int = 0, examples: list[list[str]]) -> Schema:
     """A command line, or a part of one."""
     word = text("A word of the command line.", examples=[examples[0][0]])
-    return listing(description, word, at_least=at_least, examples=examples)
+    return array(description, word, at_least=at_least, examples=examples)
 
 
 RESOURCES: dict[str, Schema] = {
-    "cpus": listing(
+    "cpus": array(
         "The processor cores on which the process may run; empty for all.",
         integer("The number of a core, counted from 0.", minimum=0, examples=[0, 2]),
         examples=[[2, 3]],
@@ -57,7 +57,7 @@ RESOURCES: dict[str, Schema] = {
 }
 """What a process is given, in the order of the language."""
 
-CONTAINERS: Schema = named(
+CONTAINERS: Schema = name_map(
     "Processes that hold several nodes, by a name that nodes refer to.",
     name_patterns.NODE_NAME,
     record(

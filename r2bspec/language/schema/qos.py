@@ -7,9 +7,9 @@ from r2bspec.language.schema.schema_builder import (
     Schema,
     choice,
     integer,
+    loader_key,
     or_words,
     record,
-    used_up,
 )
 
 
@@ -18,7 +18,7 @@ def qos(description: str, *, default: object = None) -> Schema:
     fields = record(
         f"{description} A name of ROS's profiles, or a map.",
         {
-            "profile": used_up(
+            "profile": loader_key(
                 choice(
                     "The profile from which the other keys of this map depart.",
                     list(PROFILES),

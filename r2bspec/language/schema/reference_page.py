@@ -7,9 +7,9 @@ import re
 from typing import Any
 
 from r2bspec.language.schema.document_root import DOCUMENT
-from r2bspec.language.schema.schema_builder import KIND, UNLESS_LIVE, WORDS, Schema
+from r2bspec.language.schema.schema_builder import ALLOWED_WORDS, KIND, UNLESS_LIVE, Schema
 
-_BEGIN = re.compile(r"<!-- keys of (?P<path>\S+) -->\n.*?<!-- end -->", re.DOTALL)
+_TABLE_BLOCK = re.compile(r"<!-- keys of (?P<path>\S+) -->\n.*?<!-- end -->", re.DOTALL)
 
 
 def with_tables(text: str) -> str:
@@ -22,12 +22,12 @@ def with_tables(text: str) -> str:
     def table(found: re.Match[str]) -> str:
         return f"<!-- keys of {found['path']} -->\n{key_table(found['path'])}<!-- end -->"
 
-    return _BEGIN.sub(table, text)
+    return _TABLE_BLOCK.sub(table, text)
 
 
 def key_table(path: str) -> str:
     """The table of the keys that the map at a path has."""
-    schema = _at(path)
+    schema = _schema_at(path)
     required = {*schema.get("required", ()), *schema.get(UNLESS_LIVE, ())}
     lines = ["| key | value | default | meaning | example |", "| --- | --- | --- | --- | --- |"]
     for key, below in schema["properties"].items():
@@ -37,7 +37,7 @@ def key_table(path: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _at(path: str) -> Schema:
+def _schema_at(path: str) -> Schema:
     schema = DOCUMENT
     for part in path.split(".") if path != "spec" else ():
         below: Any = schema["properties"][part] if part != "<name>" else None
@@ -47,7 +47,9 @@ def _at(path: str) -> Schema:
 
 def _kind(schema: Schema) -> str:
     if KIND in schema:
-        return _cell(" or ".join([schema[KIND], *(f"`{word}`" for word in schema.get(WORDS, ()))]))
+        return _cell(
+            " or ".join([schema[KIND], *(f"`{word}`" for word in schema.get(ALLOWED_WORDS, ()))])
+        )
     if "enum" in schema:
         return ", ".join(f"`{word}`" for word in schema["enum"])
     if "const" in schema:
@@ -55,7 +57,7 @@ def _kind(schema: Schema) -> str:
     types = schema.get("type", "any")
     names = [types] if isinstance(types, str) else types
     called = {"string": "text", "object": "map", "array": "list", "boolean": "true or false"}
-    words = [f"`{word}`" for word in schema.get(WORDS, ())]
+    words = [f"`{word}`" for word in schema.get(ALLOWED_WORDS, ())]
     kinds = [called.get(name, name) for name in names if not (words and name == "string")]
     return ", ".join([*words, *kinds])
 

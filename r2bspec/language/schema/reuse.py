@@ -7,21 +7,21 @@ from r2bspec.language.schema.schema_builder import (
     PATH,
     SCALAR_TYPES,
     Schema,
+    array,
     choice,
-    listing,
-    named,
+    loader_key,
+    name_map,
     record,
     scalar,
     text,
-    used_up,
 )
 
 TYPES = ("string", "integer", "number", "boolean", "duration", "rate", "size", "share")
 """What a variable may be declared to be."""
 
-EXTENDS: Schema = used_up(
+EXTENDS: Schema = loader_key(
     {
-        **listing(
+        **array(
             "The file that this one builds on, relative to it, or several, of which the later ones "
             "win. Maps are merged, lists replaced, and null removes.",
             text(
@@ -42,7 +42,7 @@ EXTENDS: Schema = used_up(
 
 def sibling(what: str) -> Schema:
     """`extends` inside an entry of a map of named things."""
-    return used_up(
+    return loader_key(
         text(
             f"The name of another {what} of the same map that this one builds on. Maps are "
             "merged, lists replaced, and null removes.",
@@ -54,7 +54,7 @@ def sibling(what: str) -> Schema:
 
 def _values(description: str, value: str) -> Schema:
     """Values of variables by their names."""
-    return named(
+    return name_map(
         description,
         name_patterns.VARIABLE,
         scalar(value, examples=[2, "30 Hz"]),
@@ -64,8 +64,8 @@ def _values(description: str, value: str) -> Schema:
 
 def repeat(what: str) -> Schema:
     """Named instances of one entry."""
-    return used_up(
-        named(
+    return loader_key(
+        name_map(
             f"Instances of the {what} by their names, each with variables of its own, which "
             "$(var NAME) means here before all others. The instance left of camera is called "
             "camera_left.",
@@ -85,7 +85,7 @@ def when() -> Schema:
     )
 
 
-VARIABLES: Schema = named(
+VARIABLES: Schema = name_map(
     "Values that $(var name) stands for; --var name=value replaces one.",
     name_patterns.VARIABLE,
     {
@@ -95,7 +95,7 @@ VARIABLES: Schema = named(
                 "type": choice("What the value must be.", list(TYPES), "string"),
                 "value": scalar("The value.", examples=["30 Hz", 1280]),
                 "default": scalar("The same as 'value'.", examples=["30 Hz", 1280]),
-                "choices": listing(
+                "choices": array(
                     "The values that it may have; empty for all.",
                     scalar("One of the values.", examples=["10 Hz"]),
                     examples=[["10 Hz", "30 Hz"]],
@@ -114,15 +114,15 @@ VARIABLES: Schema = named(
     examples=[{"width": 1280, "rate": "30 Hz"}],
 )
 
-MATRIX: Schema = used_up(
+MATRIX: Schema = loader_key(
     record(
         "Cases of this benchmark that differ in variables. Each has a verdict of its own, under "
         "the name of the benchmark with the case in brackets: name[threads=2].",
         {
-            "axes": named(
+            "axes": name_map(
                 "Variables with the values that are combined, each with each.",
                 name_patterns.VARIABLE,
-                listing(
+                array(
                     "The values of the variable.",
                     scalar("One value.", examples=[1, "30 Hz"]),
                     examples=[[1, 2, 4]],
@@ -130,12 +130,12 @@ MATRIX: Schema = used_up(
                 ),
                 examples=[{"threads": [1, 2, 4]}],
             ),
-            "exclude": listing(
+            "exclude": array(
                 "Combinations that are left out: all that have these values.",
                 _values("Variables and values.", "The value."),
                 examples=[[{"threads": 4, "rate": "60 Hz"}]],
             ),
-            "cases": named(
+            "cases": name_map(
                 "Further cases by their names, with the variables in which each differs.",
                 name_patterns.NAME,
                 _values("The variables of the case.", "The value."),

@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from r2bspec.language.quantities import Duration, Quantity, Rate, Share, Size
-from r2bspec.language.schema.name_patterns import Form
+from r2bspec.language.schema.name_patterns import NamePattern
 
 Schema = dict[str, Any]
 
@@ -29,11 +29,11 @@ KIND = "r2b-kind"
 POSITIVE = "r2b-positive"
 TOPIC_KEYS = "r2b-keys"
 NOUN = "r2b-noun"
-WORDS = "r2b-words"
+ALLOWED_WORDS = "r2b-words"
 PATH = "r2b-path"
-LOADER = "r2b-loader"
+LOADER_ONLY = "r2b-loader"
 UNLESS_LIVE = "r2b-unless-live"
-ALONE = "r2b-alone"
+SINGLE_ITEM = "r2b-alone"
 SCALAR_TYPES = ["string", "number", "boolean"]
 
 QUANTITIES: dict[str, type[Quantity]] = {kind.kind: kind for kind in (Duration, Rate, Size, Share)}
@@ -43,7 +43,7 @@ def text(
     description: str,
     *,
     examples: Sequence[str],
-    form: Form | None = None,
+    form: NamePattern | None = None,
     default: str = "",
     path: bool = False,
 ) -> Schema:
@@ -74,7 +74,7 @@ def integer(
     return schema | {"examples": list(examples)}
 
 
-def truth(description: str, *, default: bool) -> Schema:
+def boolean(description: str, *, default: bool) -> Schema:
     """A truth value."""
     return {
         "type": "boolean",
@@ -119,7 +119,7 @@ def quantity(
     if positive:
         schema[POSITIVE] = True
     if words:
-        schema[WORDS] = list(words)
+        schema[ALLOWED_WORDS] = list(words)
     return schema if default is None else schema | {"default": default}
 
 
@@ -133,7 +133,7 @@ def requirement(description: str, *, examples: Sequence[str]) -> Schema:
     }
 
 
-def listing(
+def array(
     description: str,
     items: Schema,
     *,
@@ -181,9 +181,9 @@ def record(
     return schema
 
 
-def named(
+def name_map(
     description: str,
-    keys: Form,
+    keys: NamePattern,
     values: Schema,
     *,
     examples: Sequence[object],
@@ -215,15 +215,15 @@ def or_words(schema: Schema, words: Sequence[str], examples: Sequence[object]) -
     return {
         **schema,
         "type": ["string", "object"],
-        WORDS: list(words),
+        ALLOWED_WORDS: list(words),
         "examples": [*examples, *schema["examples"]],
     }
 
 
-def used_up(schema: Schema) -> Schema:
+def loader_key(schema: Schema) -> Schema:
     """The same, as a key that the loader uses up."""
-    return schema | {LOADER: True}
+    return schema | {LOADER_ONLY: True}
 
 
-def _pattern(form: Form) -> Schema:
+def _pattern(form: NamePattern) -> Schema:
     return {"pattern": form.pattern, "patternErrorMessage": form.message, NOUN: form.noun}

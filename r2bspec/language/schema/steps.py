@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.language.quantities import Duration
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.process import ENV, words
-from r2bspec.language.schema.schema_builder import Schema, named, quantity, record, text
+from r2bspec.language.schema.schema_builder import Schema, name_map, quantity, record, text
 
 
 def _timeout(what: str, default: str) -> Schema:
@@ -23,7 +23,7 @@ _MODEL = {
     "creates": "model.plan",
 }
 
-SETUP: Schema = named(
+SETUP: Schema = name_map(
     "Commands that run once, in this order, before anything else is started.",
     name_patterns.NAME,
     record(
@@ -57,7 +57,7 @@ SETUP: Schema = named(
     ],
 )
 
-READY: Schema = named(
+READY: Schema = name_map(
     "What must be so before the graph counts as ready, beyond writers and readers that found each "
     "other.",
     name_patterns.NAME,
@@ -112,7 +112,7 @@ _CALL = record(
             form=name_patterns.SERVICE_TYPE,
             examples=["std_srvs/srv/SetBool"],
         ),
-        "request": named(
+        "request": name_map(
             "The fields of the request; those left out have their defaults.",
             name_patterns.PARAMETER,
             {
@@ -128,7 +128,7 @@ _CALL = record(
     ],
 )
 
-AFTER_READY: Schema = named(
+AFTER_READY: Schema = name_map(
     "What is done once, in this order, when the graph stands and before anything is played.",
     name_patterns.NAME,
     record(

@@ -14,21 +14,21 @@ import yaml
 from r2bspec.diagnostics import Diagnostic, Span
 from r2bspec.language.source_text import Source
 from r2bspec.language.syntax import yaml_layout, yaml_marks
-from r2bspec.language.syntax.scanner_report import Report
+from r2bspec.language.syntax.scanner_report import ScannerReport
 
-_CASES: tuple[Callable[[Report], Diagnostic | None], ...] = (
-    yaml_marks.tab,
-    yaml_marks.reserved,
+_EXPLAINERS: tuple[Callable[[ScannerReport], Diagnostic | None], ...] = (
+    yaml_marks.tab_indentation,
+    yaml_marks.reserved_character,
     yaml_marks.unclosed_quote,
     yaml_marks.unclosed_bracket,
     yaml_marks.stray_bracket,
-    yaml_layout.colon,
-    yaml_layout.no_colon,
+    yaml_layout.unexpected_colon,
+    yaml_layout.missing_colon,
     yaml_layout.wrong_indentation,
-    yaml_layout.list_in_line,
-    yaml_marks.escape,
-    yaml_marks.name_missing,
-    yaml_layout.document,
+    yaml_layout.inline_list,
+    yaml_marks.invalid_escape,
+    yaml_marks.missing_anchor_name,
+    yaml_layout.document_marker,
 )
 """Asked in this order; the first that recognises the report explains it."""
 
@@ -36,17 +36,17 @@ _CASES: tuple[Callable[[Report], Diagnostic | None], ...] = (
 def explain_syntax_error(error: yaml.YAMLError, source: Source) -> Diagnostic:
     """The diagnostic for an error of PyYAML's scanner or parser."""
     mark = getattr(error, "problem_mark", None)
-    place = _span(source, mark.line, mark.column) if mark else Span.of_file(source.file)
+    problem_span = _span(source, mark.line, mark.column) if mark else Span.of_file(source.file)
     began_mark = getattr(error, "context_mark", None)
-    began = _span(source, began_mark.line, began_mark.column) if began_mark else place
-    report = Report(
+    context_span = _span(source, began_mark.line, began_mark.column) if began_mark else problem_span
+    report = ScannerReport(
         problem=str(getattr(error, "problem", None) or error),
         context=str(getattr(error, "context", None) or ""),
-        place=place,
-        began=began,
+        problem_span=problem_span,
+        context_span=context_span,
         source=source,
     )
-    for case in _CASES:
+    for case in _EXPLAINERS:
         found = case(report)
         if found is not None:
             return found

@@ -9,29 +9,29 @@ from r2bspec.language.source_text import Source
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class ScannerReport:
     """The scanner's report: where it gave up, what it was reading, and the text there."""
 
     problem: str
     context: str
-    place: Span
-    began: Span
+    problem_span: Span
+    context_span: Span
     source: Source
 
     @property
     def line(self) -> str:
         """The line of the place."""
-        return self.source.line(self.place.line)
+        return self.source.line(self.problem_span.line)
 
     @property
     def rest(self) -> str:
         """The text of the line from the place on."""
-        return self.line[self.place.column - 1 :]
+        return self.line[self.problem_span.column - 1 :]
 
     @property
     def before(self) -> str:
         """The text of the line up to the place."""
-        return self.line[: self.place.column - 1]
+        return self.line[: self.problem_span.column - 1]
 
     def error(
         self,
@@ -48,7 +48,7 @@ class Report:
             code,
             Severity.ERROR,
             message,
-            span or self.place,
+            span or self.problem_span,
             help=help_text,
             related=related,
             edit=edit,
@@ -56,22 +56,26 @@ class Report:
 
     def rest_span(self) -> Span:
         """The content of the line from the place on."""
-        start = self.place.column
+        start = self.problem_span.column
         end = start + max(len(self.rest.rstrip()), 1)
-        return Span(self.place.file, self.place.line, start, self.place.line, end)
+        return Span(
+            self.problem_span.file, self.problem_span.line, start, self.problem_span.line, end
+        )
 
     def line_span(self, number: int) -> Span:
         """The content of one line, without its indentation."""
         text = self.source.line(number)
-        return Span(self.place.file, number, indentation(text) + 1, number, len(text.rstrip()) + 1)
+        return Span(
+            self.problem_span.file, number, indentation(text) + 1, number, len(text.rstrip()) + 1
+        )
 
     def line_above(self) -> tuple[int, str]:
         """The nearest line above that has content: its number, and its text."""
-        for number in range(self.place.line - 1, 0, -1):
+        for number in range(self.problem_span.line - 1, 0, -1):
             text = self.source.line(number)
             if text.strip() and not text.lstrip().startswith("#"):
                 return number, text
-        return self.place.line, ""
+        return self.problem_span.line, ""
 
 
 def indentation(line: str) -> int:

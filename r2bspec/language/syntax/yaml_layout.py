@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 
 from r2bspec.diagnostics import Diagnostic, Edit, Related, Span
-from r2bspec.language.syntax.scanner_report import Report, indentation
+from r2bspec.language.syntax.scanner_report import ScannerReport, indentation
 
 
-def colon(report: Report) -> Diagnostic | None:
+def unexpected_colon(report: ScannerReport) -> Diagnostic | None:
     """A ``:`` where no map can begin."""
     if "mapping values are not allowed" not in report.problem:
         return None
@@ -18,7 +18,11 @@ def colon(report: Report) -> Diagnostic | None:
         start += len(value) - len(value.lstrip())
         value = value.strip()
         span = Span(
-            report.place.file, report.place.line, start + 1, report.place.line, len(value) + start
+            report.problem_span.file,
+            report.problem_span.line,
+            start + 1,
+            report.problem_span.line,
+            len(value) + start,
         )
         quotable = '"' not in value and "\\" not in value and " #" not in value
         return report.error(
@@ -41,31 +45,31 @@ def colon(report: Report) -> Diagnostic | None:
             "R2B014",
             f"a space is missing after '{no_space[1]}:'",
             f"write '{no_space[1]}: {no_space[2].strip()}'",
-            span=Span(report.place.file, number, column - 1, number, column),
-            edit=Edit(Span(report.place.file, number, column, number, column), " "),
+            span=Span(report.problem_span.file, number, column - 1, number, column),
+            edit=Edit(Span(report.problem_span.file, number, column, number, column), " "),
         )
     if indentation(report.line) > indentation(above[1]) and above[1].strip():
         return report.error(
             "R2B015",
             "this line is indented as if it belonged to the one above, which has a value already",
             "indent it like the line above, or move that line's value into a line of its own",
-            span=report.line_span(report.place.line),
+            span=report.line_span(report.problem_span.line),
             related=(Related("the line above", report.line_span(above[0])),),
         )
     return report.error("R2B014", "a ':' is not expected here", "quote the value that holds it")
 
 
-def no_colon(report: Report) -> Diagnostic | None:
+def missing_colon(report: ScannerReport) -> Diagnostic | None:
     """A line that should be a key."""
     if "could not find expected ':'" not in report.problem:
         return None
-    text = report.source.line(report.began.line)[report.began.column - 1 :].rstrip()
+    text = report.source.line(report.context_span.line)[report.context_span.column - 1 :].rstrip()
     span = Span(
-        report.began.file,
-        report.began.line,
-        report.began.column,
-        report.began.line,
-        report.began.column + max(len(text), 1),
+        report.context_span.file,
+        report.context_span.line,
+        report.context_span.column,
+        report.context_span.line,
+        report.context_span.column + max(len(text), 1),
     )
     glued = re.match(r"[A-Za-z_][A-Za-z0-9_]*:(?=[^\s:/])", text)
     if glued is not None:
@@ -85,7 +89,7 @@ def no_colon(report: Report) -> Diagnostic | None:
     )
 
 
-def wrong_indentation(report: Report) -> Diagnostic | None:
+def wrong_indentation(report: ScannerReport) -> Diagnostic | None:
     """A line that belongs to no level above it."""
     expected = ("did not find expected key", "did not find expected '-'", "expected <block end>")
     if not report.problem.startswith(expected):
@@ -108,18 +112,18 @@ def wrong_indentation(report: Report) -> Diagnostic | None:
             "a key stands where the list above would go on with '-'",
             "indent the key like the keys above the list, or begin the line with '- '",
             span=report.rest_span(),
-            related=(Related("the list begins here", report.began),),
+            related=(Related("the list begins here", report.context_span),),
         )
     return report.error(
         "R2B015",
         "the indentation of this line matches none of the levels above it",
         "indent it exactly like the other keys of its map",
         span=report.rest_span(),
-        related=(Related("the map around it begins here", report.began),),
+        related=(Related("the map around it begins here", report.context_span),),
     )
 
 
-def list_in_line(report: Report) -> Diagnostic | None:
+def inline_list(report: ScannerReport) -> Diagnostic | None:
     """A ``-`` behind a key."""
     if "sequence entries are not allowed" not in report.problem:
         return None
@@ -131,7 +135,7 @@ def list_in_line(report: Report) -> Diagnostic | None:
     )
 
 
-def document(report: Report) -> Diagnostic | None:
+def document_marker(report: ScannerReport) -> Diagnostic | None:
     """What stands around a document, or in front of a value."""
     if "<document start>" in report.problem:
         return report.error(
@@ -147,7 +151,7 @@ def document(report: Report) -> Diagnostic | None:
             "R2B022",
             "tags, which begin with '!', are not part of the language",
             "remove it, or quote the value",
-            span=report.began,
+            span=report.context_span,
         )
     if "block scalar" in report.context:
         return report.error(

@@ -5,17 +5,19 @@ from __future__ import annotations
 import re
 
 from r2bspec.diagnostics import Diagnostic, Edit, Related, Span
-from r2bspec.language.syntax.scanner_report import Report
+from r2bspec.language.syntax.scanner_report import ScannerReport
 
 
-def tab(report: Report) -> Diagnostic | None:
+def tab_indentation(report: ScannerReport) -> Diagnostic | None:
     """A tab for indentation."""
     at_tab = report.rest.startswith("\t") and "start any token" in report.problem
     if not at_tab and "tab character" not in report.problem:
         return None
     indent = re.match(r"[ \t]*", report.line)
     width = len(indent[0]) if indent is not None else 0
-    span = Span(report.place.file, report.place.line, 1, report.place.line, width + 1)
+    span = Span(
+        report.problem_span.file, report.problem_span.line, 1, report.problem_span.line, width + 1
+    )
     return report.error(
         "R2B011",
         "a tab stands where the indentation is counted",
@@ -24,13 +26,13 @@ def tab(report: Report) -> Diagnostic | None:
     )
 
 
-def reserved(report: Report) -> Diagnostic | None:
+def reserved_character(report: ScannerReport) -> Diagnostic | None:
     """A character with which no unquoted text begins."""
     if "start any token" not in report.problem:
         return None
     char = report.rest[:1]
     word = _word(report.rest)
-    span = report.place
+    span = report.problem_span
     span = Span(span.file, span.line, span.column, span.line, span.column + max(len(word), 1))
     text = f'"{word}"'
     simple = word and not set(word) & {'"', "\\"}
@@ -43,28 +45,28 @@ def reserved(report: Report) -> Diagnostic | None:
     )
 
 
-def unclosed_quote(report: Report) -> Diagnostic | None:
+def unclosed_quote(report: ScannerReport) -> Diagnostic | None:
     """A quote without its partner."""
     ended = "unexpected end of stream" in report.problem
     if not ended and "document indicator" not in report.problem:
         return None
-    mark = report.source.line(report.began.line)[report.began.column - 1 :][:1]
+    mark = report.source.line(report.context_span.line)[report.context_span.column - 1 :][:1]
     return report.error(
         "R2B012",
         f"the quote {mark} that opens here is never closed",
         f"close it with {mark}; inside single quotes, write '' for an apostrophe"
         if mark == "'"
         else f"close it with {mark}",
-        span=report.began,
+        span=report.context_span,
     )
 
 
-def unclosed_bracket(report: Report) -> Diagnostic | None:
+def unclosed_bracket(report: ScannerReport) -> Diagnostic | None:
     """A list or map in brackets that meets something else than a comma or its end."""
     if "flow" not in report.context:
         return None
     at_end = not report.rest.strip() or "stream end" in report.problem
-    opener = report.source.line(report.began.line)[report.began.column - 1 :][:1]
+    opener = report.source.line(report.context_span.line)[report.context_span.column - 1 :][:1]
     if opener not in ("[", "{"):
         if not at_end:
             return None
@@ -79,26 +81,26 @@ def unclosed_bracket(report: Report) -> Diagnostic | None:
             "R2B012",
             f"'{report.rest[:1]}' cannot close what '{opener}' opened",
             f"write '{closer}'",
-            related=(Related("opened here", report.began),),
+            related=(Related("opened here", report.context_span),),
         )
-    if at_end or report.place.line != report.began.line:
+    if at_end or report.problem_span.line != report.context_span.line:
         return report.error(
             "R2B012",
             f"the '{opener}' that opens here is not closed before what follows",
             f"close it with '{closer}', and put a comma between its items",
-            span=report.began,
-            related=(Related("the text stops making sense here", report.place),),
+            span=report.context_span,
+            related=(Related("the text stops making sense here", report.problem_span),),
         )
     return report.error(
         "R2B012",
         f"a ',' or '{closer}' is missing before this",
         f"put a comma between the items, and close with '{closer}'; quote a value that holds a "
         "bracket, a brace or a comma",
-        related=(Related("opened here", report.began),),
+        related=(Related("opened here", report.context_span),),
     )
 
 
-def stray_bracket(report: Report) -> Diagnostic | None:
+def stray_bracket(report: ScannerReport) -> Diagnostic | None:
     """A closing bracket, or a comma, without anything open."""
     if report.rest[:1] not in ("]", "}", ","):
         return None
@@ -111,13 +113,23 @@ def stray_bracket(report: Report) -> Diagnostic | None:
     )
 
 
-def escape(report: Report) -> Diagnostic | None:
+def invalid_escape(report: ScannerReport) -> Diagnostic | None:
     """A backslash before a character that needs none."""
     if "escape character" not in report.problem and "hexdecimal" not in report.problem:
         return None
     # libyaml points to the backslash, the Python scanner behind it.
-    column = report.place.column if report.rest.startswith("\\") else report.place.column - 1
-    span = Span(report.place.file, report.place.line, column, report.place.line, column + 2)
+    column = (
+        report.problem_span.column
+        if report.rest.startswith("\\")
+        else report.problem_span.column - 1
+    )
+    span = Span(
+        report.problem_span.file,
+        report.problem_span.line,
+        column,
+        report.problem_span.line,
+        column + 2,
+    )
     shown = report.line[column - 1 : column + 1]
     return report.error(
         "R2B016",
@@ -127,7 +139,7 @@ def escape(report: Report) -> Diagnostic | None:
     )
 
 
-def name_missing(report: Report) -> Diagnostic | None:
+def missing_anchor_name(report: ScannerReport) -> Diagnostic | None:
     """A ``*`` or ``&`` with which text begins."""
     if "alphabetic or numeric" not in report.problem:
         return None
@@ -137,7 +149,7 @@ def name_missing(report: Report) -> Diagnostic | None:
         f"unquoted text cannot begin with '{char}', which marks an "
         f"{'alias' if char == '*' else 'anchor'}",
         "quote it",
-        span=report.began,
+        span=report.context_span,
     )
 
 

@@ -12,44 +12,44 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from r2bspec.diagnostics import Diagnostic, Path
-from r2bspec.language.diagnostic_collector import MOST
+from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
 from r2bspec.language.located_tree import MapNode, TreeNode, UnknownNode, lookup
-from r2bspec.language.schema.schema_builder import KIND, WORDS
+from r2bspec.language.schema.schema_builder import ALLOWED_WORDS, KIND
 from r2bspec.language.schema_validator import schema_errors
 from r2bspec.language.source_text import Source
-from r2bspec.language.violations.key_violations import misnamed, missing_keys, name_forgotten
-from r2bspec.language.violations.swapped_keys import exchanged
+from r2bspec.language.violations.key_violations import invalid_key_name, missing_keys, missing_names
+from r2bspec.language.violations.swapped_keys import swapped_keys
 from r2bspec.language.violations.unknown_keys import unknown_keys
 from r2bspec.language.violations.value_violations import (
-    not_a_choice,
-    not_of_kind,
-    not_of_pattern,
-    not_of_type,
-    not_this_version,
-    too_few,
+    empty_value,
+    invalid_choice,
+    invalid_quantity_or_requirement,
+    pattern_mismatch,
     too_large,
     too_small,
+    unsupported_version,
+    wrong_type,
 )
 from r2bspec.language.violations.violation import Violation
 
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
 
-_MOST_ERRORS = 2 * MOST  # of jsonschema: one mistake may be several
+_MAX_ERRORS = 2 * MAX_PROBLEMS  # of jsonschema: one mistake may be several
 
 _EXPLANATIONS: dict[str, Callable[[Violation], Diagnostic]] = {
-    "type": not_of_type,
-    "enum": not_a_choice,
-    "const": not_this_version,
-    "pattern": not_of_pattern,
+    "type": wrong_type,
+    "enum": invalid_choice,
+    "const": unsupported_version,
+    "pattern": pattern_mismatch,
     "minimum": too_small,
     "maximum": too_large,
-    "minLength": too_few,
-    "minItems": too_few,
-    "minProperties": too_few,
-    "propertyNames": misnamed,
-    KIND: not_of_kind,
-    WORDS: not_a_choice,
+    "minLength": empty_value,
+    "minItems": empty_value,
+    "minProperties": empty_value,
+    "propertyNames": invalid_key_name,
+    KIND: invalid_quantity_or_requirement,
+    ALLOWED_WORDS: invalid_choice,
 }
 
 
@@ -57,18 +57,18 @@ def explain_violations(
     root: TreeNode, plain: Any, sources: Mapping[str, Source]
 ) -> list[Diagnostic]:
     """Judge the document, of which `plain` is the plain data, by the strict schema, in words."""
-    errors = islice(schema_errors(plain), _MOST_ERRORS)
+    errors = islice(schema_errors(plain), _MAX_ERRORS)
     all_violations = (_violation(error, root, sources) for error in errors)
     violations = [one for one in all_violations if not _unknown(one)]
     found: list[Diagnostic] = []
-    unnamed = list(name_forgotten(violations))
+    unnamed = list(missing_names(violations))
     found += (diagnostic for _, diagnostic in unnamed)
     explained = {path for path, _ in unnamed}
-    for paths, diagnostic in exchanged(violations):
+    for paths, diagnostic in swapped_keys(violations):
         if not explained & set(paths):
             found.append(diagnostic)
             explained |= set(paths)
-    violations = [one for one in violations if not _below(one.path, explained)]
+    violations = [one for one in violations if not _is_explained(one.path, explained)]
     renamed: set[Path] = set()
     for one in violations:
         if one.keyword == "additionalProperties":
@@ -80,7 +80,7 @@ def explain_violations(
         explanation = _EXPLANATIONS.get(one.keyword)
         if explanation is not None:
             found.append(explanation(one))
-    return list(_once(found))
+    return list(_without_duplicates(found))
 
 
 def _violation(error: ValidationError, root: TreeNode, sources: Mapping[str, Source]) -> Violation:
@@ -99,16 +99,16 @@ def _unknown(violation: Violation) -> bool:
     if violation.keyword == "propertyNames":
         owner = lookup(violation.root, violation.path)
         entry = owner.entries.get(violation.value) if isinstance(owner, MapNode) else None
-        return entry is not None and not entry.known
+        return entry is not None and not entry.key_resolved
     return isinstance(violation.node, UnknownNode)
 
 
-def _below(path: Path, explained: set[Path]) -> bool:
+def _is_explained(path: Path, explained: set[Path]) -> bool:
     """Whether the path leads to or into something that has been explained as a whole."""
     return any(path[:length] in explained for length in range(len(path) + 1))
 
 
-def _once(found: list[Diagnostic]) -> Iterator[Diagnostic]:
+def _without_duplicates(found: list[Diagnostic]) -> Iterator[Diagnostic]:
     """Without the echoes of an anchored value that is used in several places."""
     seen = set()
     for one in found:

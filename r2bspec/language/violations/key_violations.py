@@ -9,8 +9,13 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.language.located_tree import span_at
 from r2bspec.language.schema.schema_builder import NOUN
 from r2bspec.language.schema_validator import schema_at
-from r2bspec.language.violations.schema_words import either, example, example_line, listed
-from r2bspec.language.violations.text_repairs import repaired_name
+from r2bspec.language.violations.schema_words import (
+    comma_separated,
+    example,
+    example_line,
+    join_words,
+)
+from r2bspec.language.violations.text_repairs import repair_name
 from r2bspec.language.violations.violation import Violation
 
 
@@ -30,20 +35,20 @@ def missing_keys(violations: Iterable[Violation], renamed: set[Path]) -> Iterato
             continue
         properties = violation.schema["properties"]
         lines = [example_line(key, properties[key]) for key in missing]
-        names = either([f"'{key}'" for key in missing], "and")
+        names = join_words([f"'{key}'" for key in missing], "and")
         yield violation.error(
             "R2B102",
             f"{violation.name} lacks {names}",
-            f"add {either(lines, 'and')}",
+            f"add {join_words(lines, 'and')}",
             span=span_at(violation.root, violation.path, key=True),
         )
 
 
-def misnamed(violation: Violation) -> Diagnostic:
+def invalid_key_name(violation: Violation) -> Diagnostic:
     """A key whose form is not that of the names or topics that belong there."""
     path = (*violation.path, violation.value)
     span = span_at(violation.root, path, key=True)
-    better = repaired_name(violation.value, violation.schema)
+    better = repair_name(violation.value, violation.schema)
     message = violation.schema["patternErrorMessage"]
     return violation.error(
         "R2B106",
@@ -54,7 +59,7 @@ def misnamed(violation: Violation) -> Diagnostic:
     )
 
 
-def name_forgotten(violations: Sequence[Violation]) -> Iterator[tuple[Path, Diagnostic]]:
+def missing_names(violations: Sequence[Violation]) -> Iterator[tuple[Path, Diagnostic]]:
     """Maps whose values should each stand under a name, written without the name.
 
     ``monitors: {topic: a, format: b}`` violates the schema twice; the mistake is one.
@@ -75,7 +80,7 @@ def name_forgotten(violations: Sequence[Violation]) -> Iterator[tuple[Path, Diag
             path,
             inside[0].error(
                 "R2B117",
-                f"'{format_path(path)}' needs a name above {listed(keys)}",
+                f"'{format_path(path)}' needs a name above {comma_separated(keys)}",
                 f"for example: '{format_path(path)}: {example(owner)}'",
                 span=span_at(inside[0].root, path, key=True),
                 path=path,

@@ -18,7 +18,7 @@ _TYPES = {
 }
 
 
-def called(value: object) -> str:
+def describe_value(value: object) -> str:
     """What a plain value is: ``the number 720``, ``a list``."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -31,37 +31,37 @@ def called(value: object) -> str:
     return "a list" if isinstance(value, list) else "nothing"
 
 
-def expected(schema: dict[str, Any]) -> str:
+def describe_type(schema: dict[str, Any]) -> str:
     """What a schema wants: ``text``, ``a list``, ``a duration``."""
     kind = schema.get(KIND)
     if kind is not None:
         return f"a {kind}"
     types = schema.get("type", "object")
     names = [types] if isinstance(types, str) else types
-    return either([_TYPES[name] for name in names])
+    return join_words([_TYPES[name] for name in names])
 
 
-def either(words: Sequence[str], joint: str = "or") -> str:
+def join_words(words: Sequence[str], joint: str = "or") -> str:
     """``a``, ``a or b``, ``a, b or c``."""
     if len(words) < 2:
         return "".join(words)
     return f"{', '.join(words[:-1])} {joint} {words[-1]}"
 
 
-def listed(words: Iterable[str], most: int = 16) -> str:
-    """The words, the first `most` of them, separated by commas."""
+def comma_separated(words: Iterable[str], max_shown: int = 16) -> str:
+    """The words, the first `max_shown` of them, separated by commas."""
     all_words = [clip(word) for word in words]
-    more = len(all_words) - most
-    return ", ".join(all_words[:most]) + (f" and {more} more" if more > 0 else "")
+    more = len(all_words) - max_shown
+    return ", ".join(all_words[:max_shown]) + (f" and {more} more" if more > 0 else "")
 
 
 def example(schema: dict[str, Any]) -> str:
     """The first example of a schema as YAML on one line, or an empty string."""
     examples = schema.get("examples")
-    return flow(examples[0]) if examples else ""
+    return to_flow_yaml(examples[0]) if examples else ""
 
 
-def flow(value: object) -> str:
+def to_flow_yaml(value: object) -> str:
     """A plain value as YAML on one line."""
     import yaml
 

@@ -11,11 +11,11 @@ from r2bspec.language.located_tree import MapNode, lookup, to_plain
 from r2bspec.language.schema_validator import schema_at
 from r2bspec.language.violations.violation import Violation
 
-_MOST_OWNERS = 50
-_MOST_KEYS = 20
+_MAX_OWNERS = 50
+_MAX_KEYS = 20
 
 
-def exchanged(violations: Sequence[Violation]) -> Iterator[tuple[tuple[Path, Path], Diagnostic]]:
+def swapped_keys(violations: Sequence[Violation]) -> Iterator[tuple[tuple[Path, Path], Diagnostic]]:
     """The paths of two keys with each other's content, and what is said of them.
 
     Both contents violate the schema where they are, often many times, and neither would under
@@ -26,16 +26,16 @@ def exchanged(violations: Sequence[Violation]) -> Iterator[tuple[tuple[Path, Pat
         for depth, key in enumerate(one.path):
             if isinstance(key, str):
                 broken.setdefault(one.path[:depth], {}).setdefault(key, one)
-    for owner, keys in list(broken.items())[:_MOST_OWNERS]:
+    for owner, keys in list(broken.items())[:_MAX_OWNERS]:
         known = (schema_at(owner) or {}).get("properties", {})
-        candidates = [key for key in keys if key in known][:_MOST_KEYS]
+        candidates = [key for key in keys if key in known][:_MAX_KEYS]
         for first, second in combinations(candidates, 2):
-            if _fit(keys[first], owner, (first, second), known):
+            if _are_swapped(keys[first], owner, (first, second), known):
                 paths = ((*owner, first), (*owner, second))
                 yield paths, _diagnostic(keys[first], owner, (first, second))
 
 
-def _fit(
+def _are_swapped(
     violation: Violation, owner: Path, keys: tuple[str, str], known: dict[str, dict[str, Any]]
 ) -> bool:
     first, second = (lookup(violation.root, (*owner, key)) for key in keys)
@@ -45,11 +45,11 @@ def _fit(
     if not (isinstance(one, dict | list) and isinstance(other, dict | list)):
         return False
     here, there = known[keys[0]], known[keys[1]]
-    wrong_here = not _has_form(one, here) and not _has_form(other, there)
-    return wrong_here and _has_form(one, there) and _has_form(other, here)
+    wrong_here = not _has_shape(one, here) and not _has_shape(other, there)
+    return wrong_here and _has_shape(one, there) and _has_shape(other, here)
 
 
-def _has_form(plain: object, schema: dict[str, Any]) -> bool:
+def _has_shape(plain: object, schema: dict[str, Any]) -> bool:
     """Whether a value has the keys and levels that a schema wants, whatever its scalars say.
 
     References to variables are not yet replaced where no schema knows the key, so that scalars
@@ -59,7 +59,7 @@ def _has_form(plain: object, schema: dict[str, Any]) -> bool:
     types = {types} if isinstance(types, str) else set(types)
     if isinstance(plain, list):
         items = schema.get("items", {})
-        return "array" in types and all(_has_form(item, items) for item in plain)
+        return "array" in types and all(_has_shape(item, items) for item in plain)
     if not isinstance(plain, dict):
         return not types or bool(types - {"array", "object"})
     known, others = schema.get("properties", {}), schema.get("additionalProperties")
@@ -67,7 +67,7 @@ def _has_form(plain: object, schema: dict[str, Any]) -> bool:
         return False
     below = {key: known.get(key, others) for key in plain}
     return all(
-        isinstance(part, dict) and _has_form(plain[key], part) for key, part in below.items()
+        isinstance(part, dict) and _has_shape(plain[key], part) for key, part in below.items()
     )
 
 

@@ -9,7 +9,7 @@ from r2bspec.language.schema.name_patterns import MESSAGE_TYPE, PYTHON_NODE, TOP
 from r2bspec.language.schema.schema_builder import NOUN
 
 
-def repaired_text(text: str, schema: dict[str, Any]) -> str:
+def repair_text(text: str, schema: dict[str, Any]) -> str:
     """A text of the schema's form that means the same beyond doubt, or an empty string."""
     noun = schema[NOUN]
     if noun == MESSAGE_TYPE.noun:
@@ -23,9 +23,9 @@ def repaired_text(text: str, schema: dict[str, Any]) -> str:
     return guess if guess != text and re.search(schema["pattern"], guess) else ""
 
 
-def repaired_name(name: str, schema: dict[str, Any]) -> str:
+def repair_name(name: str, schema: dict[str, Any]) -> str:
     """A name close to one that cannot be used, or an empty string."""
-    guess = repaired_text(name, schema) or re.sub(r"[^A-Za-z0-9_/~]+", "_", name).strip("_")
+    guess = repair_text(name, schema) or re.sub(r"[^A-Za-z0-9_/~]+", "_", name).strip("_")
     return guess if guess != name and re.search(schema["pattern"], guess) else ""
 
 

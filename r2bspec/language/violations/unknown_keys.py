@@ -9,10 +9,10 @@ from typing import Any
 
 from r2bspec.diagnostics import Diagnostic, Edit, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.diagnostic_collector import MOST
+from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
 from r2bspec.language.located_tree import MapNode
 from r2bspec.language.schema_validator import schema as strict
-from r2bspec.language.violations.schema_words import either, listed
+from r2bspec.language.violations.schema_words import comma_separated, join_words
 from r2bspec.language.violations.violation import Violation
 
 _SYNONYMS = {
@@ -47,18 +47,18 @@ def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
     if not isinstance(owner, MapNode):
         return
     properties: dict[str, Any] = violation.schema["properties"]
-    unknown = [key for key in owner.entries if key not in properties][: MOST + 1]
+    unknown = [key for key in owner.entries if key not in properties][: MAX_PROBLEMS + 1]
     absent = [key for key in properties if key not in owner.entries]
-    meant = _meant(unknown, absent)
+    meant = _intended_keys(unknown, absent)
     for key in unknown:
         if key in meant:
-            yield _misspelt(violation, owner, key, meant[key]), meant[key]
+            yield _misspelled_key(violation, owner, key, meant[key]), meant[key]
             continue
-        above = _level_above(violation, owner, key)
+        above = _missing_level(violation, owner, key)
         if above:
             way_out = f"put it under '{format_path((*violation.path, above))}'"
         else:
-            way_out = _elsewhere(violation, key) or _already(owner, key, properties)
+            way_out = _location_help(violation, key) or _present_key_help(owner, key, properties)
         yield _diagnostic(violation, owner, key, way_out), above
 
 
@@ -73,15 +73,15 @@ def _diagnostic(violation: Violation, owner: MapNode, key: str, help_text: str) 
     )
 
 
-def _misspelt(violation: Violation, owner: MapNode, key: str, meant: str) -> Diagnostic:
-    known = f"known are {listed(violation.schema['properties'])}"
+def _misspelled_key(violation: Violation, owner: MapNode, key: str, meant: str) -> Diagnostic:
+    known = f"known are {comma_separated(violation.schema['properties'])}"
     found = _diagnostic(violation, owner, key, f"did you mean '{meant}'? {known}")
     if _spelling(key) == _spelling(meant):
         return replace(found, edit=Edit(found.span, meant))
     return found
 
 
-def _meant(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, str]:
+def _intended_keys(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, str]:
     """Which absent key each unknown key stands for; none is meant twice.
 
     The surest answers come first: another way to write the same, then another word for it, then
@@ -97,7 +97,7 @@ def _meant(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, str]:
                 free.remove(name)
                 break
     for key in unknown:
-        if key not in found and key not in _homes():
+        if key not in found and key not in _key_locations():
             close = did_you_mean(key, free)
             if close:
                 found[key] = close
@@ -110,7 +110,7 @@ def _spelling(key: str) -> str:
     return key.casefold().replace("-", "").replace("_", "").replace(" ", "")
 
 
-def _level_above(violation: Violation, owner: MapNode, key: str) -> str:
+def _missing_level(violation: Violation, owner: MapNode, key: str) -> str:
     """The key under which something of this shape should stand, such as 'nodes' for a node."""
     inside = owner.entries[key].value
     if isinstance(inside, MapNode) and inside.entries:
@@ -122,25 +122,25 @@ def _level_above(violation: Violation, owner: MapNode, key: str) -> str:
     return ""
 
 
-def _elsewhere(violation: Violation, key: str) -> str:
+def _location_help(violation: Violation, key: str) -> str:
     """Help for a key that is right, but not here."""
-    homes = [home for home in _homes().get(key, ()) if home != format_path(violation.path)]
+    homes = [home for home in _key_locations().get(key, ()) if home != format_path(violation.path)]
     if not homes:
         return ""
-    known = listed(violation.schema["properties"])
-    places = either([f"'{home}'" for home in homes[:3]])
+    known = comma_separated(violation.schema["properties"])
+    places = join_words([f"'{home}'" for home in homes[:3]])
     return f"it belongs under {places}; known here are {known}"
 
 
-def _already(owner: MapNode, key: str, properties: Iterable[str]) -> str:
+def _present_key_help(owner: MapNode, key: str, properties: Iterable[str]) -> str:
     """Help for a key like one that is there."""
     close = did_you_mean(key, [name for name in properties if name in owner.entries])
-    known = f"known are {listed(properties)}"
+    known = f"known are {comma_separated(properties)}"
     return f"did you mean '{close}', which is there already? {known}" if close else known
 
 
 @cache
-def _homes() -> dict[str, tuple[str, ...]]:
+def _key_locations() -> dict[str, tuple[str, ...]]:
     """Where each key of the language belongs, as people write it: ``monitors.<name>``."""
     homes: dict[str, list[str]] = {}
 

@@ -8,31 +8,37 @@ from r2bspec.language.located_tree import ScalarNode
 from r2bspec.language.schema.schema_builder import NOUN
 from r2bspec.language.schema_validator import schema_at
 from r2bspec.language.source_columns import inner_span
-from r2bspec.language.value_kinds import judge
-from r2bspec.language.violations.schema_words import called, example, expected, listed
-from r2bspec.language.violations.text_repairs import repaired_text
+from r2bspec.language.value_kinds import check_value
+from r2bspec.language.violations.schema_words import (
+    comma_separated,
+    describe_type,
+    describe_value,
+    example,
+)
+from r2bspec.language.violations.text_repairs import repair_text
 from r2bspec.language.violations.violation import Violation
 from r2bspec.language.yaml_scalars import ScalarError, resolve
 
 _NOT_IN_FLOW = frozenset("[]{},#&*!|>'\"%@`:")
 
 
-def not_of_type(violation: Violation) -> Diagnostic:
+def wrong_type(violation: Violation) -> Diagnostic:
     """A value of another type than the schema wants."""
     if violation.value is None:
-        return _no_value(violation)
+        return _missing_value(violation)
     message = (
-        f"{violation.name} must be {expected(violation.schema)}, not {called(violation.value)}"
+        f"{violation.name} must be {describe_type(violation.schema)}, not "
+        f"{describe_value(violation.value)}"
     )
-    help_text, repair = _way_out(violation)
+    help_text, repair = _type_help(violation)
     return violation.error("R2B103", message, help_text, repair=repair)
 
 
-def _no_value(violation: Violation) -> Diagnostic:
+def _missing_value(violation: Violation) -> Diagnostic:
     if not violation.path:
         return violation.error("R2B116", "the document has no content")
     shown = example(violation.schema)
-    way_out = f"give it {expected(violation.schema)}"
+    way_out = f"give it {describe_type(violation.schema)}"
     if shown and len(shown) <= 60:
         way_out += f", for example {shown}"
     owner = schema_at(violation.path[:-1]) or {}
@@ -46,7 +52,7 @@ def _no_value(violation: Violation) -> Diagnostic:
     return violation.error("R2B116", f"{violation.name} has no value", way_out)
 
 
-def _way_out(violation: Violation) -> tuple[str, str]:
+def _type_help(violation: Violation) -> tuple[str, str]:
     """Help for a wrong type, and the text that may safely replace the value."""
     value, node = violation.value, violation.node
     types = violation.schema["type"]
@@ -56,8 +62,8 @@ def _way_out(violation: Violation) -> tuple[str, str]:
         text = f'"{node.text}"'
         return f"quote it: {text}", text if plain else ""
     if isinstance(node, ScalarNode) and types == ["integer"]:
-        help_text, repair = _whole_number(node)
-        return help_text or _for_example(violation), repair
+        help_text, repair = _integer_help(node)
+        return help_text or _example_help(violation), repair
     if isinstance(node, ScalarNode) and "array" in types:
         text = f"[{node.text}]"
         simple = plain and not _NOT_IN_FLOW & set(node.text)
@@ -70,15 +76,15 @@ def _way_out(violation: Violation) -> tuple[str, str]:
         return f"write nested parameters with dots: '{name}.{inner}: ...'", ""
     if not violation.path:
         return "a spec begins with 'r2bspec: 1' and 'name: ...'", ""
-    return _for_example(violation) if {"array", "object"} & set(types) else "", ""
+    return _example_help(violation) if {"array", "object"} & set(types) else "", ""
 
 
-def _for_example(violation: Violation) -> str:
+def _example_help(violation: Violation) -> str:
     shown = example(violation.schema)
     return f"for example: {shown}" if shown else ""
 
 
-def _whole_number(node: ScalarNode) -> tuple[str, str]:
+def _integer_help(node: ScalarNode) -> tuple[str, str]:
     try:
         meant = resolve(node.text.strip())
     except ScalarError:
@@ -93,14 +99,14 @@ def _whole_number(node: ScalarNode) -> tuple[str, str]:
     return "", ""
 
 
-def not_a_choice(violation: Violation) -> Diagnostic:
+def invalid_choice(violation: Violation) -> Diagnostic:
     """A word that is not among the allowed ones."""
     words: list[str] = violation.limit
     if not isinstance(violation.value, str):
-        message = f"{violation.name} must be one of {listed(words)}"
+        message = f"{violation.name} must be one of {comma_separated(words)}"
         return violation.error("R2B103", message)
     close = did_you_mean(violation.value, words)
-    known = f"known are {listed(words)}" if len(words) > 1 else f"known is only {words[0]}"
+    known = f"known are {comma_separated(words)}" if len(words) > 1 else f"known is only {words[0]}"
     same = close and close == violation.value.strip().casefold().replace("-", "_")
     return violation.error(
         "R2B104",
@@ -110,7 +116,7 @@ def not_a_choice(violation: Violation) -> Diagnostic:
     )
 
 
-def not_this_version(violation: Violation) -> Diagnostic:
+def unsupported_version(violation: Violation) -> Diagnostic:
     """A version of the language that this program does not read."""
     return violation.error(
         "R2B115",
@@ -120,9 +126,9 @@ def not_this_version(violation: Violation) -> Diagnostic:
     )
 
 
-def not_of_pattern(violation: Violation) -> Diagnostic:
+def pattern_mismatch(violation: Violation) -> Diagnostic:
     """Text of a form that cannot be what belongs there."""
-    better = repaired_text(violation.value, violation.schema)
+    better = repair_text(violation.value, violation.schema)
     node = violation.node
     message = violation.schema["patternErrorMessage"]
     return violation.error(
@@ -149,39 +155,42 @@ def too_large(violation: Violation) -> Diagnostic:
     )
 
 
-def too_few(violation: Violation) -> Diagnostic:
+def empty_value(violation: Violation) -> Diagnostic:
     """An empty text, list or map where something must be."""
-    return violation.error("R2B108", f"{violation.name} must not be empty", _for_example(violation))
+    return violation.error(
+        "R2B108", f"{violation.name} must not be empty", _example_help(violation)
+    )
 
 
-def not_of_kind(violation: Violation) -> Diagnostic:
+def invalid_quantity_or_requirement(violation: Violation) -> Diagnostic:
     """No quantity, or no requirement: said by the class that parses it."""
     if violation.value is None:
-        return _no_value(violation)
-    problem = judge(violation.value, violation.schema)
+        return _missing_value(violation)
+    problem = check_value(violation.value, violation.schema)
     if problem is None:
         raise AssertionError("the validator judged the same value otherwise")
     if problem.code == "R2B103":
-        return _not_even_text(violation)
+        return _not_text(violation)
     span = None
     node = violation.node
     if problem.column is not None and isinstance(node, ScalarNode) and node.origin is None:
         source = violation.sources.get(node.span.file)
-        length = _token(node.text, problem.column)
+        length = _token_length(node.text, problem.column)
         span = inner_span(source, node.span, node.text, problem.column, length)
     message = f"{violation.name}: {problem.message}"
     return violation.error(problem.code, message, problem.help, span=span, repair=problem.repair)
 
 
-def _not_even_text(violation: Violation) -> Diagnostic:
+def _not_text(violation: Violation) -> Diagnostic:
     return violation.error(
         "R2B103",
-        f"{violation.name} must be {expected(violation.schema)}, not {called(violation.value)}",
-        _for_example(violation),
+        f"{violation.name} must be {describe_type(violation.schema)}, not "
+        f"{describe_value(violation.value)}",
+        _example_help(violation),
     )
 
 
-def _token(text: str, column: int) -> int:
+def _token_length(text: str, column: int) -> int:
     """The length of the word that begins at a column."""
     rest = text[column:]
     return len(rest.split()[0]) if rest.split() and not rest[0].isspace() else min(len(rest), 1)

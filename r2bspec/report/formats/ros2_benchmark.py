@@ -17,7 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.compare.report_input import Reported
-from r2bspec.interop.ros2_benchmark import BASIC, METADATA, MODES, RESOURCE
+from r2bspec.interop.ros2_benchmark import (
+    BASIC_PREFIX,
+    METADATA_PREFIX,
+    PLAYBACK_MODES,
+    RESOURCE_PREFIX,
+)
 from r2bspec.measure.expected_steps import asked_and_seen
 from r2bspec.measure.latency import arrivals
 from r2bspec.measure.resource_usage import MACHINE
@@ -48,7 +53,7 @@ def render(reported: Reported) -> bytes:
         content[f"{float(rate_hz)}fps"] = _level(run, loads, segments)
     content["custom"] = dict(reported.result.labels)
     content["metadata"] = {
-        f"{METADATA}.{key}": value for key, value in _metadata(reported, run).items()
+        f"{METADATA_PREFIX}.{key}": value for key, value in _metadata(reported, run).items()
     }
     return (json.dumps(content, indent=4, ensure_ascii=False) + "\n").encode()
 
@@ -72,12 +77,14 @@ def _level(run: Run, loads: _Loads, segments: Sequence[Segment]) -> dict[str, An
     found: dict[str, Any] = {}
     for monitor in run.plan.monitors:
         seen = [_Seen.of(run, each, monitor) for each in segments]
-        figures = {f"{BASIC}.{key}": value for key, value in _figures(seen).items()}
+        figures = {f"{BASIC_PREFIX}.{key}": value for key, value in _figures(seen).items()}
         if len(run.plan.monitors) == 1:
             found |= figures
         else:
             found[monitor.name] = figures
-    return found | {f"{RESOURCE}.{key}": value for key, value in loads.during(segments).items()}
+    return found | {
+        f"{RESOURCE_PREFIX}.{key}": value for key, value in loads.during(segments).items()
+    }
 
 
 def _figures(seen: Sequence[_Seen]) -> dict[str, float]:
@@ -205,7 +212,7 @@ def _metadata(reported: Reported, run: Run) -> dict[str, Any]:
         "DEVICE_ARCH": machine.get("architecture"),
         "DEVICE_OS": system or None,
         "DEVICE_HOSTNAME": machine.get("hostname"),
-        "BENCHMARK_MODE": MODES.get(plan.playback_mode),
+        "BENCHMARK_MODE": PLAYBACK_MODES.get(plan.playback_mode),
         "INPUT_DATA_PATH": record.dataset.get("path") or plan.dataset.source,
         "INPUT_DATA_HASH": record.dataset.get("sha256"),
         "INPUT_DATA_SIZE": record.dataset.get("bytes"),

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.language.case_findings import findings_of_cases
+from r2bspec.language.case_findings import merge_case_findings
 from r2bspec.language.load_spec import load_cases, load_spec
 from r2bspec.report.findings import text
 
@@ -42,7 +42,7 @@ def test_what_is_said_of_files_that_build_on_files(
 ) -> None:
     monkeypatch.chdir(file.parent)
     cases = load_cases(Path(file.name), environ=ENVIRON)
-    found = findings_of_cases(cases, [case.diagnostics for case in cases])
+    found = merge_case_findings(cases, [case.diagnostics for case in cases])
     said = text.render(found, cases[0].texts)
     beside = file.with_suffix("").with_suffix(".out")
     if os.environ.get("R2BSPEC_REWRITE"):

@@ -7,7 +7,7 @@ from pathlib import Path
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from r2bspec.language.load_spec import Loaded, load_spec
+from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
 from r2bspec.language.yaml_dump import to_yaml
 from r2bspec.report.findings import github, json, text
@@ -106,7 +106,7 @@ def composed_tree(name: str) -> TreeNode:
     return tree
 
 
-def _holds(loaded: Loaded) -> None:
+def _holds(loaded: LoadedSpec) -> None:
     errors = [found for found in loaded.diagnostics if found.severity == "error"]
     assert (loaded.spec is None) == bool(errors)
     assert "R2B199" not in {found.code for found in errors}
@@ -119,6 +119,6 @@ def _holds(loaded: Loaded) -> None:
         assert load_spec(loaded.resolved_yaml()).spec == loaded.spec
 
 
-def _renders(loaded: Loaded) -> None:
+def _renders(loaded: LoadedSpec) -> None:
     for render in (text.render, json.render, github.render):
         render(loaded.diagnostics, loaded.texts).encode()

@@ -17,7 +17,7 @@ from data_bags import START_NS, chatter, edit_metadata, storage_file, text, writ
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.errors import DataError
-from r2bspec.bags.largest_message import measure_largest, measure_topics
+from r2bspec.bags.largest_message import measure_largest, measure_largest_by_topic
 from r2bspec.bags.recording import Window
 
 
@@ -185,7 +185,7 @@ def test_measures_the_largest_messages(
     bag = write_bag(
         tmp_path / "bag", messages, storage=storage, compression=compression, topics=["/quiet"]
     )
-    assert measure_topics(bag, ["ping", "/quiet"]) == {
+    assert measure_largest_by_topic(bag, ["ping", "/quiet"]) == {
         "/ping": len(messages[-1][2]),
         "/quiet": 0,
     }
@@ -212,7 +212,7 @@ def test_reads_recordings_of_others(real_bags: Path, name: str) -> None:
     assert len(messages) == index.message_count
     times = [message.time_ns for message in messages]
     assert times == sorted(times)
-    largest = measure_topics(real_bags / name, index.topics)
+    largest = measure_largest_by_topic(real_bags / name, index.topics)
     assert largest == {
         topic: max((len(each.data) for each in messages if each.topic == topic), default=0)
         for topic in index.topics

@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 
 from data_bags import chatter, storage_file, write_bag
-from r2bspec.bags.recording import MadeDataset
+from r2bspec.bags.recording import SyntheticDataset
 from r2bspec.bags.verification import verify
 
 
 @pytest.fixture
-def copy(storage_room: MadeDataset, tmp_path: Path) -> Path:
+def copy(storage_room: SyntheticDataset, tmp_path: Path) -> Path:
     return Path(shutil.copytree(storage_room.path, tmp_path / "copy"))
 
 
-def test_a_made_dataset_is_what_it_says(storage_room: MadeDataset) -> None:
+def test_a_made_dataset_is_what_it_says(storage_room: SyntheticDataset) -> None:
     assert verify(storage_room.path) == []
 
 

@@ -11,7 +11,7 @@ from check_specs import STRING, codes, findings, write_bag
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.rules.topic_serialized_otherwise import RULE as SERIALIZED
-from r2bspec.check.window_counts import Amount, amounts
+from r2bspec.check.window_counts import MessageCount, window_message_counts
 from r2bspec.language.load_spec import load_spec
 
 SECOND = 1_000_000_000
@@ -107,14 +107,14 @@ def test_buffers_are_compared_with_what_there_is(spec_file: str) -> None:
 
 
 def test_how_many_messages_are_known(spec_file: str) -> None:
-    def amount(window: str) -> Amount:
+    def amount(window: str) -> MessageCount:
         loaded = load_spec(recorded(window), file=spec_file)
         assert loaded.spec is not None
-        return amounts(Context(loaded, loaded.spec))["/talk"]
+        return window_message_counts(Context(loaded, loaded.spec))["/talk"]
 
-    assert amount("{}") == Amount(101, exact=True)
-    assert amount("{start: 1 s, end: 3 s}") == Amount(20, exact=False)
-    assert amount("{start: 50 ms, end: 250 ms}") == Amount(2, exact=True)
+    assert amount("{}") == MessageCount(101, exact=True)
+    assert amount("{start: 1 s, end: 3 s}") == MessageCount(20, exact=False)
+    assert amount("{start: 50 ms, end: 250 ms}") == MessageCount(2, exact=True)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from check_specs import findings
 
-from r2bspec.check.runtime_mismatches import place_differences
+from r2bspec.check.runtime_mismatches import differences_to_diagnostics
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.language.load_spec import load_spec
 from r2bspec.record.run_record import Difference
@@ -62,7 +62,7 @@ def difference(
 )
 def test_a_difference_is_placed_at_what_makes_it(found: Difference, line: int, word: str) -> None:
     loaded = load_spec(SPEC, file="spec.r2b.yaml", environ={})
-    (placed,) = place_differences([found], loaded)
+    (placed,) = differences_to_diagnostics([found], loaded)
     assert (placed.code, placed.severity) == (found.code, Severity.ERROR)
     assert placed.span.line == line
     text = SPEC.splitlines()[line - 1]
@@ -71,7 +71,7 @@ def test_a_difference_is_placed_at_what_makes_it(found: Difference, line: int, w
 
 def test_what_did_no_harm_is_a_warning_and_all_are_sorted_by_place() -> None:
     loaded = load_spec(SPEC, file="spec.r2b.yaml", environ={})
-    placed = place_differences(
+    placed = differences_to_diagnostics(
         [
             difference("R2B207", "endpoint", "", "/r2b/last"),
             difference("R2B204", "remapping", "/r2b/first", "outptu", harmless=True),

@@ -134,7 +134,7 @@ def test_indexes_of_large_bags_are_kept_until_a_file_changes(
     location = locate_bag("./bag", tmp_path)
     cached_index(location)
     assert not (tmp_path / "cache").exists(), "small bags are not worth it"
-    monkeypatch.setattr("r2bspec.check.bag_index_cache._SLOWER_THAN_BYTES", 1)
+    monkeypatch.setattr("r2bspec.check.bag_index_cache._MIN_CACHED_BYTES", 1)
     first = cached_index(location)
     (entry,) = (tmp_path / "cache/r2bspec/indexes").iterdir()
     assert cached_index(location) == first

@@ -9,7 +9,7 @@ import click
 import pytest
 
 from r2bspec.cli.main import command as r2bspec
-from r2bspec.cli.spec_selection import Chosen, base_of
+from r2bspec.cli.spec_selection import SpecSelection, base_selection
 from r2bspec.compare.base_reference import BadReferenceError, parse_references
 from r2bspec.compare.history import Entry, HistoryError, open_history
 from r2bspec.errors import R2bspecError
@@ -70,13 +70,13 @@ def test_references_add_up(tmp_path: Path) -> None:
 
 
 def test_the_base_has_what_the_head_was_given(tmp_path: Path) -> None:
-    head = Chosen(Path("a"), ("x=1",), {"v": "1", "w": "1"}, "threads=2", ())
-    base = base_of(head, parse_references(["var:v=2", "set:y=2"]))
+    head = SpecSelection(Path("a"), ("x=1",), {"v": "1", "w": "1"}, "threads=2", ())
+    base = base_selection(head, parse_references(["var:v=2", "set:y=2"]))
     assert (base.spec, base.sets, base.case) == (Path("a"), ("x=1", "y=2"), "threads=2")
     assert base.variables == {"v": "2", "w": "1"}
     other = tmp_path / "b"
     other.touch()
-    alone = base_of(head, parse_references([str(other)]))
+    alone = base_selection(head, parse_references([str(other)]))
     assert (alone.spec, alone.sets, alone.variables, alone.case) == (other, (), {}, "")
 
 

@@ -9,7 +9,7 @@ import pytest
 import r2bspec.cli.check_files as check_files_module
 from r2bspec.api import InvalidSpecError, prepare
 from r2bspec.check.example_spec import example
-from r2bspec.cli.check_files import Options, check_files
+from r2bspec.cli.check_files import CheckOptions, check_files
 from r2bspec.cli.main import main
 
 
@@ -27,17 +27,17 @@ def files(tmp_path: Path) -> list[str]:
 def test_several_processes_say_what_one_says(
     files: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    alone = list(check_files(files, Options(offline=True, resolved=True)))
-    monkeypatch.setattr(check_files_module, "FEWEST", 2)
+    alone = list(check_files(files, CheckOptions(offline=True, resolved=True)))
+    monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
-    together = list(check_files(files, Options(offline=True, resolved=True)))
+    together = list(check_files(files, CheckOptions(offline=True, resolved=True)))
     assert together == alone
     assert [each.file for each in together] == files
     assert sum(not each.complete for each in together) == 14
 
 
 def test_texts_are_kept_only_where_findings_point_into_them(files: list[str]) -> None:
-    checked = list(check_files(files[:2], Options(offline=True)))
+    checked = list(check_files(files[:2], CheckOptions(offline=True)))
     assert list(checked[0].texts) == [files[0]]
     assert checked[1].texts == {}
 
@@ -73,8 +73,8 @@ def test_what_makes_the_document_unusable_stays_an_error(tmp_path: Path) -> None
     file = tmp_path / "a.r2b.yaml"
     document = example(benchmark="{rates: [30]}").rstrip()
     file.write_text(f"{document} # r2bspec: ignore[R2B109] on purpose\n")
-    (checked,) = check_files([str(file)], Options())
-    assert {one.code for one in checked.found} == {"R2B109", "R2B043"}
+    (checked,) = check_files([str(file)], CheckOptions())
+    assert {one.code for one in checked.findings} == {"R2B109", "R2B043"}
     with pytest.raises(InvalidSpecError) as caught:
         prepare(file)
     assert {one.code for one in caught.value.diagnostics} == {"R2B109", "R2B043"}

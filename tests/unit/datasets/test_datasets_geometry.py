@@ -9,14 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from data_bags import decoded, pixels, stamp_ns
-from r2bspec.bags.recording import MadeDataset
+from r2bspec.bags.recording import SyntheticDataset
 from r2bspec.datasets.ground_truth import read_disparity, read_ground_truth
 from r2bspec.datasets.scene import rig
 from r2bspec.datasets.scene.geometry import BODY_FROM_OPTICAL, Pose, quaternion, transpose
 from r2bspec.datasets.scene.lidar import cloud_dtype
 from r2bspec.datasets.scene.motion import GRAVITY_M_S2, Motion, Track
 from r2bspec.datasets.scene.render import camera_pose, render_depth
-from r2bspec.datasets.scene.scenes import place
+from r2bspec.datasets.scene.scenes import find_scene
 from r2bspec.datasets.sequences import SEQUENCES
 
 START_NS = SEQUENCES["r2b_storage"].start_ns
@@ -34,10 +34,10 @@ def sampled(image: NDArray[np.float64], across: NDArray[np.float64]) -> NDArray[
 
 @pytest.mark.parametrize("pair", ["d455_1_ir", "hawk_0"])
 def test_the_right_image_shows_the_left_one_shifted_by_the_disparity(
-    storage_room: MadeDataset, pair: str
+    storage_room: SyntheticDataset, pair: str
 ) -> None:
     truth = read_ground_truth(storage_room.path).stereo[pair]
-    shown = place("r2b_storage")
+    shown = find_scene("r2b_storage")
     left_camera, right_camera = (
         next(source.camera for source in SEQUENCES["r2b_storage"].sources if source.name == topic)
         for topic in (truth.left_topic, truth.right_topic)
@@ -71,7 +71,7 @@ def test_the_right_image_shows_the_left_one_shifted_by_the_disparity(
     assert np.median(wrong) > 2 * np.median(difference)
 
 
-def test_depth_agrees_with_the_disparity(storage_room: MadeDataset) -> None:
+def test_depth_agrees_with_the_disparity(storage_room: SyntheticDataset) -> None:
     truth = read_ground_truth(storage_room.path).stereo["d455_1_ir"]
     for message, image in decoded(storage_room.path, "/d455_1_depth"):
         assert image.encoding == "16UC1"
@@ -83,7 +83,7 @@ def test_depth_agrees_with_the_disparity(storage_room: MadeDataset) -> None:
         assert (np.abs(depth_m - expected) < allowed).all()
 
 
-def cloud(storage_room: MadeDataset) -> tuple[NDArray[np.void], int]:
+def cloud(storage_room: SyntheticDataset) -> tuple[NDArray[np.void], int]:
     ((_, message),) = decoded(storage_room.path, "/pandar_xt_32_0_lidar")
     assert [field.name for field in message.fields] == list(cloud_dtype().names or ())
     assert message.width * message.point_step == message.row_step == len(message.data)
@@ -92,7 +92,7 @@ def cloud(storage_room: MadeDataset) -> tuple[NDArray[np.void], int]:
 
 def in_world(points: NDArray[np.void]) -> NDArray[np.float64]:
     """Points of a scan in the world, each seen from where the rig was at its time; (n, 3)."""
-    motion = place("r2b_storage").motion
+    motion = find_scene("r2b_storage").motion
     columns = points.reshape(rig.PANDAR.columns, -1)
     world = np.empty((*columns.shape, 3))
     for number, column in enumerate(columns):
@@ -105,11 +105,11 @@ def in_world(points: NDArray[np.void]) -> NDArray[np.float64]:
     return world.reshape(-1, 3)
 
 
-def test_lidar_points_lie_on_the_surfaces(storage_room: MadeDataset) -> None:
+def test_lidar_points_lie_on_the_surfaces(storage_room: SyntheticDataset) -> None:
     points, _ = cloud(storage_room)
     assert len(points) == 32 * 2000
     world = in_world(points)
-    room = place("r2b_storage").room
+    room = find_scene("r2b_storage").room
 
     low, high = np.array(room.shell.low_m), np.array(room.shell.high_m)
     assert (world > low - 1e-4).all()
@@ -122,7 +122,7 @@ def test_lidar_points_lie_on_the_surfaces(storage_room: MadeDataset) -> None:
     assert off.max() < 1e-4
 
 
-def test_lidar_rings_and_times_are_those_of_the_sensor(storage_room: MadeDataset) -> None:
+def test_lidar_rings_and_times_are_those_of_the_sensor(storage_room: SyntheticDataset) -> None:
     points, stamp = cloud(storage_room)
     elevation = np.degrees(np.arctan2(points["z"], np.hypot(points["x"], points["y"])))
     assert np.abs(elevation - (15.0 - points["ring"])).max() < 1e-3
@@ -134,10 +134,10 @@ def test_lidar_rings_and_times_are_those_of_the_sensor(storage_room: MadeDataset
     assert points["intensity"].max() <= 255
 
 
-def test_lidar_and_depth_see_the_same_room(storage_room: MadeDataset) -> None:
+def test_lidar_and_depth_see_the_same_room(storage_room: SyntheticDataset) -> None:
     points, _ = cloud(storage_room)
     _, image = decoded(storage_room.path, "/d455_1_depth")[0]
-    camera = camera_pose(place("r2b_storage").motion.pose(0.0), rig.DEPTH).inverse()
+    camera = camera_pose(find_scene("r2b_storage").motion.pose(0.0), rig.DEPTH).inverse()
     local = in_world(points) @ np.array(camera.rotation).T + camera.position_m
     ahead = local[local[:, 2] > 0.1]
     across, down = (
@@ -154,9 +154,9 @@ def test_lidar_and_depth_see_the_same_room(storage_room: MadeDataset) -> None:
     assert np.mean((depth_m > ahead[inside, 2]) & ~agree) < 0.005
 
 
-def test_imu_agrees_with_the_cameras_motion(storage_room: MadeDataset) -> None:
+def test_imu_agrees_with_the_cameras_motion(storage_room: SyntheticDataset) -> None:
     """The camera's own path, differentiated numerically, gives what the IMU measured."""
-    motion, step = place("r2b_storage").motion, 1e-3
+    motion, step = find_scene("r2b_storage").motion, 1e-3
 
     def camera_at(seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         pose = camera_pose(motion.pose(seconds), rig.COLOUR)
@@ -191,9 +191,9 @@ def test_a_body_at_rest_feels_gravity_only() -> None:
     assert motion.angular_velocity_rad_s(3.0) == (0.0, 0.0, 0.0)
 
 
-def test_the_truth_tells_the_bodys_path(storage_room: MadeDataset) -> None:
+def test_the_truth_tells_the_bodys_path(storage_room: SyntheticDataset) -> None:
     truth = read_ground_truth(storage_room.path)
-    motion = place("r2b_storage").motion
+    motion = find_scene("r2b_storage").motion
     assert [pose.stamp_ns for pose in truth.body] == sorted(
         {
             message.time_ns
@@ -211,7 +211,7 @@ def test_the_truth_tells_the_bodys_path(storage_room: MadeDataset) -> None:
 @pytest.mark.parametrize("name", sorted(SEQUENCES))
 def test_every_place_can_be_seen(name: str) -> None:
     """The rig stays inside the room, clear of what stands there, and stereo can follow."""
-    shown = place(name)
+    shown = find_scene(name)
     nearest = math.inf
     for second in range(0, 10, 2):
         body = shown.motion.pose(second)

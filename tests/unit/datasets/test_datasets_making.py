@@ -18,9 +18,9 @@ from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.digest import hash_content
 from r2bspec.bags.errors import DataError
-from r2bspec.bags.recording import MadeDataset, Window
+from r2bspec.bags.recording import SyntheticDataset, Window
 from r2bspec.bags.verification import verify
-from r2bspec.datasets.synthesis import GENERATOR, make
+from r2bspec.datasets.synthesis import GENERATOR_VERSION, make
 
 TOPICS = ["/d455_1_imu", "/d455_1_left_ir_image"]
 WINDOW = Window(start_ns=1_000_000_000, end_ns=1_070_000_000)
@@ -32,7 +32,7 @@ MAKER = textwrap.dedent(
     import json, pathlib, resource, signal, sys, time
     from r2bspec.bags.errors import DataError
     from r2bspec.bags.recording import Window
-    from r2bspec.datasets.synthesis import GENERATOR, make
+    from r2bspec.datasets.synthesis import GENERATOR_VERSION, make
 
     # A runner in the background may have switched it off.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -88,11 +88,11 @@ def entries(root: Path) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> MadeDataset:
+def small(tmp_path_factory: pytest.TempPathFactory) -> SyntheticDataset:
     return make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path_factory.mktemp("small"))
 
 
-def test_is_made_once(small: MadeDataset) -> None:
+def test_is_made_once(small: SyntheticDataset) -> None:
     again = make("r2b_storage", TOPICS[::-1], WINDOW, cache_dir=small.path.parent)
     assert small.made
     assert not again.made
@@ -100,7 +100,7 @@ def test_is_made_once(small: MadeDataset) -> None:
     assert hash_content(small.path) == small.content_sha256
 
 
-def test_holds_only_what_was_asked_for(small: MadeDataset) -> None:
+def test_holds_only_what_was_asked_for(small: SyntheticDataset) -> None:
     index = index_bag(small.path)
     assert sorted(index.topics) == TOPICS
     times_ns = [message.time_ns - index.start_ns for message in read_messages(small.path, TOPICS)]
@@ -108,14 +108,14 @@ def test_holds_only_what_was_asked_for(small: MadeDataset) -> None:
     assert max(times_ns) < (WINDOW.end_ns or 0)
 
 
-def test_its_windows_are_those_of_the_whole_sequence(small: MadeDataset) -> None:
+def test_its_windows_are_those_of_the_whole_sequence(small: SyntheticDataset) -> None:
     assert list(read_messages(small.path, TOPICS, WINDOW)) == list(
         read_messages(small.path, TOPICS)
     )
 
 
 def test_is_the_same_in_another_process_on_one_processor(
-    small: MadeDataset, tmp_path: Path
+    small: SyntheticDataset, tmp_path: Path
 ) -> None:
     allowed = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(allowed)})
@@ -126,15 +126,16 @@ def test_is_the_same_in_another_process_on_one_processor(
     assert outcome(process) == {"made": True, "sha256": small.content_sha256}
 
 
-def test_every_machine_renders_the_same_bytes(storage_room: MadeDataset) -> None:
-    """Specs pin datasets by hash. Whoever changes a rendered byte raises GENERATOR as well."""
-    assert GENERATOR == 2
+def test_every_machine_renders_the_same_bytes(storage_room: SyntheticDataset) -> None:
+    """Specs pin datasets by hash. Whoever changes a rendered byte raises "
+    "GENERATOR_VERSION as well."""
+    assert GENERATOR_VERSION == 2
     assert storage_room.content_sha256 == (
         "789249c1379a31e35e0750c655c775843dc8138aa5f7b6c14f7781dd98756777"
     )
 
 
-def test_mcap_says_the_same(small: MadeDataset, tmp_path: Path) -> None:
+def test_mcap_says_the_same(small: SyntheticDataset, tmp_path: Path) -> None:
     mcap = make("r2b_storage", TOPICS, WINDOW, storage="mcap", cache_dir=tmp_path)
     assert index_bag(mcap.path).storage == "mcap"
     assert mcap.content_sha256 == small.content_sha256
@@ -159,7 +160,7 @@ def test_lies_in_the_users_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert made.path.parent == tmp_path / "r2bspec" / "datasets"
 
 
-def test_two_processes_make_it_once(small: MadeDataset, tmp_path: Path) -> None:
+def test_two_processes_make_it_once(small: SyntheticDataset, tmp_path: Path) -> None:
     first = maker(tmp_path, "hold")
     holding(first)
     second = maker(tmp_path, "asking")
@@ -175,7 +176,7 @@ def test_two_processes_make_it_once(small: MadeDataset, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_making_leaves_nothing_behind(
-    small: MadeDataset, tmp_path: Path, number: signal.Signals
+    small: SyntheticDataset, tmp_path: Path, number: signal.Signals
 ) -> None:
     process = maker(tmp_path, "hold")
     with process:
@@ -220,7 +221,7 @@ def test_a_cache_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     assert caught.value.code == "R2B311"
 
 
-def test_a_damaged_entry_is_made_anew(small: MadeDataset, tmp_path: Path) -> None:
+def test_a_damaged_entry_is_made_anew(small: SyntheticDataset, tmp_path: Path) -> None:
     shutil.copytree(small.path, tmp_path / small.path.name)
     (tmp_path / small.path.name / "metadata.yaml").unlink()
     again = make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path)

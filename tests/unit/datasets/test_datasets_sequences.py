@@ -14,7 +14,7 @@ from data_bags import WINDOW
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.errors import DataError
-from r2bspec.bags.recording import MadeDataset, Window
+from r2bspec.bags.recording import SyntheticDataset, Window
 from r2bspec.datasets.sequences import DURATION_NS, SEQUENCES, describe, message_times_ns
 
 
@@ -48,13 +48,13 @@ def test_carries_the_sequences_of_r2b_2023() -> None:
     assert set(describe("r2b_hope").topics) == {"/image"}
 
 
-def test_the_description_is_the_index_of_what_is_made(storage_room: MadeDataset) -> None:
+def test_the_description_is_the_index_of_what_is_made(storage_room: SyntheticDataset) -> None:
     described = describe("r2b_storage", None, WINDOW)
     index = index_bag(storage_room.path)
     assert msgspec.structs.replace(index, files=()) == described
 
 
-def test_sizes_are_exact(storage_room: MadeDataset) -> None:
+def test_sizes_are_exact(storage_room: SyntheticDataset) -> None:
     topics = describe("r2b_storage", None, WINDOW).topics
     sizes = {name: set[int]() for name in topics}
     for message in read_messages(storage_room.path, topics):

@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from data_bags import decoded, pixels, stamp_ns
-from r2bspec.bags.recording import MadeDataset
+from r2bspec.bags.recording import SyntheticDataset
 from r2bspec.datasets.ground_truth import TagSighting, read_ground_truth
 from r2bspec.datasets.scene import rig
 from r2bspec.datasets.scene.board import tag_pose
 from r2bspec.datasets.scene.geometry import BODY_FROM_OPTICAL, Pose
 from r2bspec.datasets.scene.render import camera_pose, render_image
-from r2bspec.datasets.scene.scenes import place
+from r2bspec.datasets.scene.scenes import find_scene
 from r2bspec.datasets.scene.tag import board_cells
 
 IMAGE_TOPICS = [
@@ -44,7 +44,7 @@ def rotation(xyzw: tuple[float, float, float, float]) -> NDArray[np.float64]:
     )
 
 
-def sightings(made: MadeDataset, topic: str) -> tuple[TagSighting, ...]:
+def sightings(made: SyntheticDataset, topic: str) -> tuple[TagSighting, ...]:
     tag = read_ground_truth(made.path).tag
     assert tag is not None
     assert (tag.family, tag.id, tag.size_m) == ("36h11", 3, TAG_SIZE_M)
@@ -52,7 +52,7 @@ def sightings(made: MadeDataset, topic: str) -> tuple[TagSighting, ...]:
 
 
 def test_a_tag_seen_frontally_is_not_rotated() -> None:
-    tag = place("r2b_storage").tag
+    tag = find_scene("r2b_storage").tag
     assert tag is not None
     x, y, z = tag.center_m
     seen = tag_pose(tag, Pose((x - 2.0, y, z), BODY_FROM_OPTICAL))
@@ -61,7 +61,7 @@ def test_a_tag_seen_frontally_is_not_rotated() -> None:
 
 
 def test_only_the_storage_room_shows_a_tag() -> None:
-    assert place("r2b_lounge").tag is None
+    assert find_scene("r2b_lounge").tag is None
 
 
 def test_the_pattern_is_that_of_the_family() -> None:
@@ -78,7 +78,7 @@ def half_turns() -> int:
 
 
 @pytest.mark.parametrize("topic", IMAGE_TOPICS)
-def test_sightings_are_consistent(storage_room: MadeDataset, topic: str) -> None:
+def test_sightings_are_consistent(storage_room: SyntheticDataset, topic: str) -> None:
     camera = read_ground_truth(storage_room.path).cameras[topic]
     frames = decoded(storage_room.path, topic)
     seen = sightings(storage_room, topic)
@@ -91,13 +91,13 @@ def test_sightings_are_consistent(storage_room: MadeDataset, topic: str) -> None
         assert np.abs(projected - each.corners_px).max() < 1e-6
 
 
-def test_the_tag_moves(storage_room: MadeDataset) -> None:
+def test_the_tag_moves(storage_room: SyntheticDataset) -> None:
     first, second = sightings(storage_room, "/d455_1_rgb_image")
     assert math.dist(first.position_m, second.position_m) > 1e-3
 
 
 @pytest.mark.parametrize("topic", IMAGE_TOPICS)
-def test_the_borders_lie_where_the_corners_say(storage_room: MadeDataset, topic: str) -> None:
+def test_the_borders_lie_where_the_corners_say(storage_room: SyntheticDataset, topic: str) -> None:
     """Half-way between black and white, along each edge, without any detector."""
     for (_, message), seen in zip(
         decoded(storage_room.path, topic), sightings(storage_room, topic), strict=True
@@ -157,7 +157,7 @@ def estimate(
 @pytest.mark.parametrize("size", [None, (1280, 720)])
 @pytest.mark.parametrize("topic", IMAGE_TOPICS)
 def test_opencv_finds_its_pose(
-    storage_room: MadeDataset, topic: str, size: tuple[int, int] | None
+    storage_room: SyntheticDataset, topic: str, size: tuple[int, int] | None
 ) -> None:
     cv2 = pytest.importorskip("cv2")
     infos = decoded(storage_room.path, topic.replace("_image", "_camera_info"))
@@ -177,13 +177,13 @@ def test_opencv_finds_its_pose(
 
 def test_opencv_finds_it_throughout_the_sequence() -> None:
     pytest.importorskip("cv2")
-    shown = place("r2b_storage")
+    shown = find_scene("r2b_storage")
     for tenth in range(0, 100, 7):
         pose = camera_pose(shown.motion.pose(tenth / 10), rig.COLOUR)
         detect(grey(render_image(shown.room, shown.tag, rig.COLOUR, pose)))
 
 
-def test_camera_info_agrees_with_the_image(storage_room: MadeDataset) -> None:
+def test_camera_info_agrees_with_the_image(storage_room: SyntheticDataset) -> None:
     truth = read_ground_truth(storage_room.path)
     for topic in IMAGE_TOPICS:
         camera = truth.cameras[topic]

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.diagnostics import Diagnostic, Edit, Severity, Span
-from r2bspec.diagnostics.edits import MOST_ROUNDS, apply_edits, fix, unified_diff
+from r2bspec.diagnostics.edits import MAX_ROUNDS, apply_edits, fix, unified_diff
 
 TEXT = "a: 1  # one\r\nb: '2'\r\n\r\nc: 3"
 
@@ -67,7 +67,7 @@ def test_overlapping_repairs_take_turns() -> None:
         return [found(edit(1, at + 1, at + 2, "b")) for at, char in enumerate(text) if char == "a"]
 
     fixed = fix("aaaa", "f", look)
-    assert (fixed.text, len(fixed.applied), fixed.left) == ("bbbb", 4, ())
+    assert (fixed.text, len(fixed.applied), fixed.remaining) == ("bbbb", 4, ())
 
 
 def test_repairs_that_undo_each_other_end() -> None:
@@ -79,12 +79,12 @@ def test_repairs_that_undo_each_other_end() -> None:
 
 def test_repairs_that_never_end_are_cut_off() -> None:
     fixed = fix("a", "f", lambda _: [found(edit(1, 1, 1, "a"))])
-    assert fixed.text == "a" * (MOST_ROUNDS + 1)
+    assert fixed.text == "a" * (MAX_ROUNDS + 1)
 
 
 def test_other_files_are_left_alone() -> None:
     fixed = fix("a", "f", lambda _: [found(edit(1, 1, 2, "b", file="g"))])
-    assert (fixed.text, fixed.applied, len(fixed.left)) == ("a", (), 1)
+    assert (fixed.text, fixed.applied, len(fixed.remaining)) == ("a", (), 1)
 
 
 def test_no_repair_makes_a_document_unreadable() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.language.case_findings import findings_of_cases
+from r2bspec.language.case_findings import merge_case_findings
 from r2bspec.language.load_spec import load_cases, load_spec
 from r2bspec.language.value_trace import UnknownPathError, provenance
 
@@ -66,13 +66,13 @@ def test_what_an_axis_gives_cannot_be_given_by_an_option() -> None:
 
 def test_a_finding_of_all_cases_is_told_once() -> None:
     cases = load_cases(HEAD + MATRIX + BODY + "titel: a\n")
-    (found,) = findings_of_cases(cases, [case.diagnostics for case in cases])
+    (found,) = merge_case_findings(cases, [case.diagnostics for case in cases])
     assert (found.code, found.related) == ("R2B101", ())
 
 
 def test_a_finding_of_some_cases_names_them() -> None:
     cases = load_cases(HEAD + MATRIX.replace("17 Hz", "17 s") + BODY)
-    (found,) = findings_of_cases(cases, [case.diagnostics for case in cases])
+    (found,) = merge_case_findings(cases, [case.diagnostics for case in cases])
     assert [each.message for each in found.related] == [
         "'rate' gets its value here",
         "in the case odd",

@@ -8,7 +8,7 @@ import pytest
 
 from r2bspec.language import yaml_composer as composing
 from r2bspec.language.load_spec import load_spec
-from r2bspec.language.source_text import LARGEST_BYTES
+from r2bspec.language.source_text import MAX_DOCUMENT_BYTES
 
 BOMB = "a0: &a0 [x,x,x,x,x,x,x,x,x,x]\n" + "".join(
     f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 20)
@@ -29,9 +29,9 @@ MERGES = (
         ("\n".join(" " * depth + "a:" for depth in range(1000)), "R2B025"),
         (BOMB, "R2B027"),
         (MERGES, "R2B027"),
-        ("a: [" + "1," * (composing.MOST_VALUES + 1) + "]", "R2B002"),
-        (b"a" * (LARGEST_BYTES + 1), "R2B002"),
-        ("a" * (LARGEST_BYTES + 1), "R2B002"),
+        ("a: [" + "1," * (composing.MAX_VALUES + 1) + "]", "R2B002"),
+        (b"a" * (MAX_DOCUMENT_BYTES + 1), "R2B002"),
+        ("a" * (MAX_DOCUMENT_BYTES + 1), "R2B002"),
         ("a: " + "9" * 1_000_000, "R2B029"),
     ],
     ids=[

@@ -70,7 +70,7 @@ def test_quantities(kind: type[Quantity], text: str, value: Quantity) -> None:
 def test_what_is_none(kind: type[Quantity], text: str, suggestion: str, same: bool) -> None:
     with pytest.raises(QuantityError) as caught:
         kind.parse(text)
-    assert (caught.value.suggestion, caught.value.same) == (suggestion, same)
+    assert (caught.value.suggestion, caught.value.is_equivalent) == (suggestion, same)
     assert len(str(caught.value)) < 150
 
 

@@ -22,14 +22,14 @@ from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.schema import published_schema, published_schema_text, strict_schema
 from r2bspec.language.schema.document_root import DOCUMENT
 from r2bspec.language.schema.schema_builder import (
+    ALLOWED_WORDS,
     KIND,
-    LOADER,
+    LOADER_ONLY,
     QUANTITIES,
     TOPIC_KEYS,
-    WORDS,
     Schema,
 )
-from r2bspec.language.spec import MADE, BagSource, Harness, QoS, Spec
+from r2bspec.language.spec import DERIVED_FIELDS, BagSource, Harness, QoS, Spec
 from r2bspec.language.value_codec import decode
 
 ROOT = Path(__file__).parents[3]
@@ -52,7 +52,7 @@ def pairs(schema: Schema, kind: Any, path: TreePath = ()) -> Iterator[tuple[Tree
 
 def written_fields(kind: type[msgspec.Struct]) -> list[msgspec.structs.FieldInfo]:
     """The fields of a type that a document has."""
-    made = MADE.get(kind.__name__, ())
+    made = DERIVED_FIELDS.get(kind.__name__, ())
     return [field for field in msgspec.structs.fields(kind) if field.name not in made]
 
 
@@ -77,7 +77,7 @@ RECORDS = [(p, s, k) for p, s, k in ALL if isinstance(k, type) and issubclass(k,
 @pytest.mark.parametrize(("path", "schema", "kind"), RECORDS, ids=lambda value: str(value)[:40])
 def test_maps_of_known_keys(path: TreePath, schema: Schema, kind: type[msgspec.Struct]) -> None:
     fields = written_fields(kind)
-    kept = [key for key, each in schema["properties"].items() if LOADER not in each]
+    kept = [key for key, each in schema["properties"].items() if LOADER_ONLY not in each]
     assert kept == [field.encode_name for field in fields], "same order, too"
     assert schema["additionalProperties"] is False
     required = {field.encode_name for field in fields if field.required}
@@ -86,7 +86,7 @@ def test_maps_of_known_keys(path: TreePath, schema: Schema, kind: type[msgspec.S
 
 def test_what_the_loader_makes_is_no_key_of_the_language() -> None:
     for path, schema, kind in RECORDS:
-        for name in MADE.get(kind.__name__, ()):
+        for name in DERIVED_FIELDS.get(kind.__name__, ()):
             assert name in kind.__struct_fields__
             assert name not in schema["properties"], path
 
@@ -117,7 +117,7 @@ def test_kinds_of_values() -> None:
     for path, schema, kind in ALL:
         origin = get_origin(kind) or kind
         if origin is Literal:
-            known = schema.get("enum") or schema.get(WORDS) or [schema.get("const")]
+            known = schema.get("enum") or schema.get(ALLOWED_WORDS) or [schema.get("const")]
             assert known == list(get_args(kind)), path
         elif schema.get("type") == ["string", "object"]:
             assert kind in (BagSource, QoS, Harness), path

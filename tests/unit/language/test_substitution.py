@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from r2bspec.language.load_spec import Loaded, load_spec
+from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import to_plain
 
 SPEC = """\
@@ -90,7 +90,7 @@ def test_a_value_from_a_variable_shows_both_places() -> None:
 # ---- --set and --var -------------------------------------------------------------------------
 
 
-def plain(loaded: Loaded) -> Any:
+def plain(loaded: LoadedSpec) -> Any:
     assert loaded.spec is not None, loaded.diagnostics
     assert loaded.tree is not None
     return to_plain(loaded.tree)

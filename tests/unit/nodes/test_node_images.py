@@ -36,13 +36,13 @@ def message(pixels: np.ndarray[Any, Any], encoding: str, padding: int = 0) -> Me
 
 
 def pixels_of(encoding: str, height: int = 5, width: int = 7) -> np.ndarray[Any, Any]:
-    form = images.FORMATS[encoding]
+    form = images.PIXEL_FORMATS[encoding]
     values = np.random.default_rng(1).integers(0, 60000, form.shape(height, width))
     return values.astype(form.dtype)
 
 
 @pytest.mark.parametrize("padding", [0, 1, 6])
-@pytest.mark.parametrize("encoding", images.FORMATS)
+@pytest.mark.parametrize("encoding", images.PIXEL_FORMATS)
 def test_a_view_holds_the_pixels_whatever_the_step(encoding: str, padding: int) -> None:
     pixels = pixels_of(encoding)
     seen = images.view(message(pixels, encoding, padding))
@@ -50,7 +50,7 @@ def test_a_view_holds_the_pixels_whatever_the_step(encoding: str, padding: int) 
     np.testing.assert_array_equal(seen, pixels)
 
 
-@pytest.mark.parametrize("encoding", images.FORMATS)
+@pytest.mark.parametrize("encoding", images.PIXEL_FORMATS)
 def test_a_view_shares_the_memory_of_the_message(encoding: str) -> None:
     sent = message(pixels_of(encoding), encoding, padding=4)
     assert np.shares_memory(images.view(sent), np.frombuffer(sent.data, np.uint8))
@@ -95,7 +95,7 @@ def test_a_message_that_contradicts_itself_is_refused(change: dict[str, Any], wo
         images.view(sent)
 
 
-@pytest.mark.parametrize("encoding", images.FORMATS)
+@pytest.mark.parametrize("encoding", images.PIXEL_FORMATS)
 def test_allocated_memory_is_what_its_view_writes(encoding: str) -> None:
     pixels = pixels_of(encoding)
     memory, view = images.allocate(encoding, 5, 7)
@@ -108,7 +108,7 @@ def test_allocated_memory_is_what_its_view_writes(encoding: str) -> None:
     ("encoding", "red"), [("rgb8", 0), ("bgr8", 2), ("rgba8", 0), ("bgra8", 2)]
 )
 def test_gray_weighs_the_colours_by_their_names(encoding: str, red: int) -> None:
-    pixels = np.zeros((2, 2, images.FORMATS[encoding].channels), np.uint8)
+    pixels = np.zeros((2, 2, images.PIXEL_FORMATS[encoding].channels), np.uint8)
     pixels[..., red] = 200
     assert images.gray(pixels, encoding)[0, 0] == pytest.approx(0.299 * 200, abs=1)
 
@@ -125,13 +125,15 @@ def test_depth_has_no_luminance() -> None:
 
 @pytest.mark.parametrize("interpolation", range(5))
 @pytest.mark.parametrize("padding", [0, 3])
-@pytest.mark.parametrize("encoding", images.FORMATS)
+@pytest.mark.parametrize("encoding", images.PIXEL_FORMATS)
 def test_resizing_fills_the_memory_that_it_returns(
     encoding: str, padding: int, interpolation: int
 ) -> None:
-    pixels = np.full(images.FORMATS[encoding].shape(12, 16), 77, images.FORMATS[encoding].dtype)
+    pixels = np.full(
+        images.PIXEL_FORMATS[encoding].shape(12, 16), 77, images.PIXEL_FORMATS[encoding].dtype
+    )
     data = images.resize(message(pixels, encoding, padding), 8, 9, interpolation)
-    resized = np.frombuffer(data, pixels.dtype).reshape(images.FORMATS[encoding].shape(9, 8))
+    resized = np.frombuffer(data, pixels.dtype).reshape(images.PIXEL_FORMATS[encoding].shape(9, 8))
     np.testing.assert_allclose(resized, 77, rtol=1e-6)
 
 

@@ -12,7 +12,7 @@ from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.dot import to_dot
 from r2bspec.plan.plan import Plan, ProcessPlan, TapPlan
 from r2bspec.plan.unsupported import unsupported
-from r2bspec.wiring.companion_files import Beside
+from r2bspec.wiring.companion_files import CompanionFiles
 from r2bspec.wiring.parameter_files import ParameterFile
 
 RECTIFY = {"package": "image_proc", "plugin": "image_proc::RectifyNode"}
@@ -151,7 +151,9 @@ def test_parameters_of_files_reach_nodes_merged_and_commands_as_files() -> None:
         ),
     )
     file = ParameterFile(nodes=(("/**", {"format": "sensor_msgs/msg/Imu"}),))
-    made = compile_plan(document, BAG, beside=Beside(parameter_files={"p.yaml": file}))
+    made = compile_plan(
+        document, BAG, companion_files=CompanionFiles(parameter_files={"p.yaml": file})
+    )
     parameters = {"format": "sensor_msgs/msg/Imu", "own": 1}
     assert process(made, "a").nodes[0].parameters == parameters
     assert process(made, "c").argv[-4:] == ("-p", "own:=1", "--params-file", "p.yaml")

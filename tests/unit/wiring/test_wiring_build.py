@@ -12,10 +12,10 @@ from r2bspec.language.spec import Node, Spec
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.node_interface import (
     Interface,
+    InterfaceEntry,
     ParameterInfo,
-    TableEntry,
     interface_of,
-    reference_table,
+    reference_node_interfaces,
 )
 from r2bspec.wiring.wiring import Endpoint
 
@@ -24,8 +24,8 @@ INFO = "sensor_msgs/msg/CameraInfo"
 POSES = "geometry_msgs/msg/PoseArray"
 
 TABLE = {
-    "nodes.Filter": TableEntry(subscribes={"in": IMAGE}, publishes={"out": IMAGE}),
-    "nodes.Any": TableEntry(
+    "nodes.Filter": InterfaceEntry(subscribes={"in": IMAGE}, publishes={"out": IMAGE}),
+    "nodes.Any": InterfaceEntry(
         subscribes={"in": "$(parameter format)"},
         publishes={"$(parameter prefix)/out": "$(parameter format)"},
         parameters={
@@ -57,18 +57,18 @@ def owners(endpoints: tuple[Endpoint, ...]) -> list[str]:
 def test_the_harness_meets_the_nodes_on_topics() -> None:
     wiring = build_wiring(spec(), table=TABLE)
     before, measure = wiring.phases
-    assert owners(before.writers("/r2b/raw")) == ["loader"]
-    assert owners(before.readers("/r2b/raw")) == ["recorder"]
-    assert owners(measure.writers("/r2b/image")) == ["player"]
-    assert owners(measure.readers("/r2b/image")) == ["/r2b/filter"]
-    assert owners(measure.writers("/r2b/out")) == ["/r2b/filter"]
-    assert [each.monitor for each in measure.readers("/r2b/out")] == ["result"]
+    assert owners(before.publishers("/r2b/raw")) == ["loader"]
+    assert owners(before.subscriptions("/r2b/raw")) == ["recorder"]
+    assert owners(measure.publishers("/r2b/image")) == ["player"]
+    assert owners(measure.subscriptions("/r2b/image")) == ["/r2b/filter"]
+    assert owners(measure.publishers("/r2b/out")) == ["/r2b/filter"]
+    assert [each.monitor for each in measure.subscriptions("/r2b/out")] == ["result"]
     assert measure.topics == ("/r2b/image", "/r2b/out")
 
 
 def test_the_bag_tells_the_type_of_what_is_loaded() -> None:
     wiring = build_wiring(spec(), table=TABLE, bag_types={"/camera": INFO})
-    assert wiring.preprocess.writers("/r2b/raw")[0].type == INFO
+    assert wiring.preprocess.publishers("/r2b/raw")[0].type == INFO
 
 
 def test_an_endpoint_points_at_what_decides_its_topic() -> None:
@@ -79,7 +79,9 @@ def test_an_endpoint_points_at_what_decides_its_topic() -> None:
     }
     measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
     place = ("graph", "nodes")
-    paths = {(each.owner, each.own_name): (each.path, each.at_key) for each in measure.endpoints}
+    paths = {
+        (each.owner, each.own_name): (each.path, each.topic_is_key) for each in measure.endpoints
+    }
     assert paths["/r2b/remapped", "in"] == ((*place, "remapped", "remappings", "in"), False)
     assert paths["/r2b/stated", "other"] == ((*place, "stated", "publishes", "other"), True)
     assert paths["/r2b/plain", "in"] == ((*place, "plain"), True)
@@ -95,8 +97,8 @@ def test_a_node_in_a_namespace_resolves_its_names_there() -> None:
     }
     measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
     assert measure.nodes[0].name == "/r2b/left/filter"
-    assert owners(measure.readers("/r2b/image")) == ["/r2b/left/filter"]
-    assert owners(measure.writers("/r2b/left/filter/out")) == ["/r2b/left/filter"]
+    assert owners(measure.subscriptions("/r2b/image")) == ["/r2b/left/filter"]
+    assert owners(measure.publishers("/r2b/left/filter/out")) == ["/r2b/left/filter"]
 
 
 def test_of_an_unknown_node_nothing_is_guessed() -> None:
@@ -105,9 +107,9 @@ def test_of_an_unknown_node_nothing_is_guessed() -> None:
         "half": {"command": ["x"], "publishes": {"out": IMAGE}},
     }
     measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
-    assert [node.key for node in measure.may_write] == ["unknown"]
-    assert [node.key for node in measure.may_read] == ["unknown", "half"]
-    assert measure.owned_by("/r2b/unknown") == ()
+    assert [node.key for node in measure.possible_publishers] == ["unknown"]
+    assert [node.key for node in measure.possible_subscribers] == ["unknown", "half"]
+    assert measure.endpoints_of("/r2b/unknown") == ()
 
 
 def test_what_is_reached_follows_nodes_and_ends_in_circles() -> None:
@@ -118,8 +120,8 @@ def test_what_is_reached_follows_nodes_and_ends_in_circles() -> None:
         "aside": {"python": "nodes.Filter", "remappings": {"in": "c", "out": "d"}},
     }
     measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
-    assert measure.reached_from(["/r2b/image"]) == {"/r2b/image", "/r2b/a", "/r2b/b"}
-    assert measure.reached_from([]) == frozenset()
+    assert measure.downstream_of(["/r2b/image"]) == {"/r2b/image", "/r2b/a", "/r2b/b"}
+    assert measure.downstream_of([]) == frozenset()
 
 
 @pytest.mark.parametrize(
@@ -139,7 +141,7 @@ def test_a_command_of_which_nothing_ros_is_said_may_be_anything(
     node: dict[str, Any], ros: bool
 ) -> None:
     wiring = build_wiring(spec(graph={"nodes": {"n": node}}), table=TABLE)
-    assert wiring.measure.nodes[0].names_known is ros
+    assert wiring.measure.nodes[0].is_ros_process is ros
 
 
 def test_the_spec_knows_a_side_better_than_the_table() -> None:
@@ -163,7 +165,7 @@ def test_parameters_decide_types_and_names() -> None:
 def test_a_type_that_a_parameter_decides_is_stated_where_the_parameter_is() -> None:
     nodes = {"any": {"python": "nodes.Any", "parameters": {"format": POSES}}}
     measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
-    endpoint = measure.owned_by("/r2b/any")[0]
+    endpoint = measure.endpoints_of("/r2b/any")[0]
     assert endpoint.type_path == ("graph", "nodes", "any", "parameters", "format")
     assert endpoint.type_parameter == "format"
 
@@ -174,7 +176,7 @@ def test_nothing_is_known_of_a_node_that_no_one_describes() -> None:
 
 
 def test_the_table_of_the_reference_nodes_is_well_formed() -> None:
-    table = reference_table()
+    table = reference_node_interfaces()
     assert "r2bspec.nodes.RelayNode" in table
     for name, entry in table.items():
         node = Node(python=name)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.wiring.name_resolution import Resolved, expand, join_namespaces, node_name, remap
+from r2bspec.wiring.name_resolution import ResolvedName, expand, join_namespaces, node_name, remap
 
 TOKEN = st.from_regex(r"[a-z_][a-z0-9_]{0,4}", fullmatch=True)
 NAME = st.lists(TOKEN, min_size=1, max_size=3).map("/".join)
@@ -65,7 +65,7 @@ def test_relative_absolute_and_private_names(name: str, namespace: str, full: st
 def test_a_rule_is_matched_after_expansion(
     name: str, rules: dict[str, str], topic: str, rule: str | None
 ) -> None:
-    assert remap(name, rules, "detector", "/r2b") == Resolved(topic, rule)
+    assert remap(name, rules, "detector", "/r2b") == ResolvedName(topic, rule)
 
 
 def test_the_first_matching_rule_is_applied() -> None:
@@ -113,7 +113,7 @@ def test_remapping_only_looks_at_expanded_names(
 def test_an_identity_changes_nothing(name: str, node: str, namespace: str) -> None:
     full = expand(name, node, namespace)
     assert remap(name, {name: name}, node, namespace).name == full
-    assert remap(name, {}, node, namespace) == Resolved(full, None)
+    assert remap(name, {}, node, namespace) == ResolvedName(full, None)
 
 
 @given(TOKEN, NAMESPACE)

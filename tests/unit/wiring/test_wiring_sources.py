@@ -10,11 +10,11 @@ import pytest
 
 from r2bspec.language import value_codec
 from r2bspec.language.spec import Node, ParameterSource, Spec
-from r2bspec.wiring.ast_reader import read_literally
+from r2bspec.wiring.ast_reader import read_node_source
 from r2bspec.wiring.build_wiring import build_wiring
-from r2bspec.wiring.companion_files import interface_file, read_beside
-from r2bspec.wiring.known_packages import nodes_of, packages, well_known
-from r2bspec.wiring.parameter_files import matches, merged_parameters, read_parameter_file
+from r2bspec.wiring.companion_files import interface_file, read_companion_files
+from r2bspec.wiring.known_packages import catalogue_entry, catalogue_nodes, catalogue_packages
+from r2bspec.wiring.parameter_files import merged_parameters, node_key_matches, read_parameter_file
 from r2bspec.wiring.wiring import NodeWiring
 
 IMAGE = "sensor_msgs/msg/Image"
@@ -37,28 +37,28 @@ def wired(node: dict[str, Any], base_dir: Path | None = None) -> NodeWiring:
     spec = msgspec.convert(document, Spec, dec_hook=value_codec.decode)
     if base_dir is None:
         return build_wiring(spec).measure.nodes[0]
-    return build_wiring(spec, beside=read_beside(spec, base_dir)).measure.nodes[0]
+    return build_wiring(spec, companion_files=read_companion_files(spec, base_dir)).measure.nodes[0]
 
 
 # The catalogue
 
 
 def test_every_entry_of_the_catalogue_is_well_formed() -> None:
-    for package in packages():
-        for name, entry in nodes_of(package).items():
+    for package in catalogue_packages():
+        for name, entry in catalogue_nodes(package).items():
             assert entry.subscribes, name
             assert entry.publishes, name
             assert entry.parameters, name
             assert entry.executable, name
-            assert entry.made_for == f"{package} of ROS 2 Jazzy"
+            assert entry.described_package == f"{package} of ROS 2 Jazzy"
 
 
 def test_a_component_is_known_by_plugin_and_by_executable() -> None:
-    plugin = well_known(node(package="image_proc", plugin="image_proc::RectifyNode"))
-    assert plugin is well_known(node(package="image_proc", executable="rectify_node"))
+    plugin = catalogue_entry(node(package="image_proc", plugin="image_proc::RectifyNode"))
+    assert plugin is catalogue_entry(node(package="image_proc", executable="rectify_node"))
     assert plugin is not None
-    assert well_known(node(package="image_proc", plugin="image_proc::Other")) is None
-    assert well_known(node(package="other", plugin="image_proc::RectifyNode")) is None
+    assert catalogue_entry(node(package="image_proc", plugin="image_proc::Other")) is None
+    assert catalogue_entry(node(package="other", plugin="image_proc::RectifyNode")) is None
 
 
 @pytest.mark.parametrize(
@@ -95,8 +95,8 @@ def test_camera_info_is_looked_for_beside_the_remapped_image(
         "monitors": {"out": {"topic": "image_rect", "format": IMAGE}},
     }
     measure = build_wiring(msgspec.convert(document, Spec, dec_hook=value_codec.decode)).measure
-    ends = measure.owned_by("/r2b/rectify")
-    assert {each.own_name: each.topic for each in ends if not each.writes} == topics
+    ends = measure.endpoints_of("/r2b/rectify")
+    assert {each.own_name: each.topic for each in ends if not each.is_publisher} == topics
 
 
 # Source, read literally
@@ -113,7 +113,7 @@ def literal(tmp_path: Path, body: str, base: str = "Node") -> Any:
         f"        super().__init__('n', **kwargs)\n{lines}\n",
         encoding="utf-8",
     )
-    return read_literally(file, "N")
+    return read_node_source(file, "N")
 
 
 def test_literal_calls_are_understood(tmp_path: Path) -> None:
@@ -160,11 +160,11 @@ def test_a_class_that_is_more_than_its_text_is_unknown(
 
 def test_files_of_which_nothing_can_be_said(tmp_path: Path) -> None:
     file = tmp_path / "nodes.py"
-    assert read_literally(file, "N") is None
+    assert read_node_source(file, "N") is None
     file.write_text("class N(:", encoding="utf-8")
-    assert read_literally(file, "N") is None
+    assert read_node_source(file, "N") is None
     file.write_text("def N(**kwargs): ...", encoding="utf-8")
-    assert read_literally(file, "N") is None
+    assert read_node_source(file, "N") is None
 
 
 # Parameter files
@@ -185,7 +185,7 @@ def test_files_of_which_nothing_can_be_said(tmp_path: Path) -> None:
     ],
 )
 def test_keys_match_full_names(key: str, name: str, expected: bool) -> None:
-    assert matches(key, name) is expected
+    assert node_key_matches(key, name) is expected
 
 
 def test_files_and_values_apply_in_order(tmp_path: Path) -> None:
@@ -259,7 +259,7 @@ def test_a_recorded_interface_is_better_than_the_catalogue_but_not_than_the_spec
     found = wired(component, tmp_path).interface
     assert (found.subscribes, found.subscribes_from) == ({"frame": IMAGE}, "file")
     assert found.qos["out"].reliability == "best_effort"
-    assert found.also_remapped[0] == "reset"
+    assert found.other_remappable_names[0] == "reset"
     stated = wired({**component, "subscribes": {"x": INFO}}, tmp_path).interface
     assert (stated.subscribes_from, stated.publishes_from) == ("spec", "file")
     assert wired(component).interface.subscribes_from == "catalogue"
@@ -285,8 +285,8 @@ def test_an_interface_file_that_cannot_be_used_is_said_to_be_so(tmp_path: Path) 
         "x: 1",
     ):
         file.write_text(text, encoding="utf-8")
-        found = read_beside(spec, tmp_path)
-        assert found.broken["n"]
+        found = read_companion_files(spec, tmp_path)
+        assert found.interface_errors["n"]
         assert not found.interfaces
 
 
