@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
-from r2bspec.check.requirement_metrics import KnownMetric, known_metrics
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    KnownMetric,
+    Rule,
+    Severity,
+    example,
+    known_metrics,
+    quote,
+)
 
 _SIGNED = frozenset({"latency", "latency_from_due"})
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.requirement_metrics import KnownMetric, known_metrics
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    KnownMetric,
+    Pointer,
+    Rule,
+    Severity,
+    example,
+    known_metrics,
+    quote,
+)
 from r2bspec.language.requirement_grammar import Requirement
 
 

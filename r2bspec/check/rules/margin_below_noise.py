@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from r2bspec.check.calibrated_margins import narrow_margins
-from r2bspec.check.check_context import Context
-from r2bspec.check.finding import Finding
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Certainty, Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import Certainty, Context, Finding, Iterator, Rule, Severity, quote
 from r2bspec.measure.units import show
 
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check import message_types, suppression_keys
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check import message_types
+from r2bspec.check.rule_api import (
+    Certainty,
+    Context,
+    Finding,
+    Iterator,
+    Path,
+    Rule,
+    Severity,
+    did_you_mean,
+    example,
+    quote,
+    suppression_keys,
+)
 
 
 def _find(context: Context) -> Iterator[Finding]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
 from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.requirement_metrics import KnownMetric, known_metrics
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    KnownMetric,
+    Rule,
+    Severity,
+    example,
+    known_metrics,
+    quote,
+)
 from r2bspec.measure.metric_catalogue import known_live
 from r2bspec.plan.compile_plan import has_own_rate
 

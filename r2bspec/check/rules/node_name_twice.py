@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check.check_context import Context
-from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Path, Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    Path,
+    PhaseWiring,
+    Pointer,
+    Rule,
+    Severity,
+    quote,
+)
 from r2bspec.wiring.name_resolution import node_name
-from r2bspec.wiring.wiring import PhaseWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:

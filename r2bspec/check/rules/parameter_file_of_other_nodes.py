@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check.check_context import Context
-from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import quoted_list
 from r2bspec.check.parameter_types import parameter_file_paths
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    NodeWiring,
+    Rule,
+    Severity,
+    quote,
+    quoted_list,
+)
 from r2bspec.wiring.parameter_files import node_key_matches
-from r2bspec.wiring.wiring import NodeWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check import suppression_keys
 from r2bspec.check.certainty import as_version_warning
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
 from r2bspec.check.parameter_types import ParameterOverride, parameter_overrides, parameter_type
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    Rule,
+    Severity,
+    example,
+    quote,
+    suppression_keys,
+)
+from r2bspec.diagnostics.quote import clip
 from r2bspec.wiring.node_interface import ParameterInfo
 
 

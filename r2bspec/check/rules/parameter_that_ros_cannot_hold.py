@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
-from r2bspec.check import suppression_keys
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
 from r2bspec.check.parameter_types import parameter_overrides, parameter_type
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    Rule,
+    Severity,
+    example,
+    quote,
+    suppression_keys,
+)
 from r2bspec.language.spec import ParameterValue
 
 

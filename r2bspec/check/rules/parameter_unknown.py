@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from r2bspec.check.certainty import as_version_warning
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import suggestion
 from r2bspec.check.parameter_types import parameter_overrides
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    Rule,
+    Severity,
+    example,
+    quote,
+    suggestion,
+)
 
 # Every node declares the first; the others are read by the middleware's side of a node.
 _COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service")

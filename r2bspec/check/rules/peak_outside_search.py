@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.requirement_metrics import known_metrics
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    Pointer,
+    Rule,
+    Severity,
+    example,
+    known_metrics,
+    quote,
+)
 
 _SEARCH = ("benchmark", "search")
 

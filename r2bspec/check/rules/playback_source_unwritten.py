@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check import suppression_keys
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.message_text import quoted_list, suggestion
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.wiring import Endpoint, PhaseWiring
+from r2bspec.check.rule_api import (
+    Context,
+    Endpoint,
+    Finding,
+    Iterator,
+    PhaseWiring,
+    Pointer,
+    Rule,
+    Severity,
+    did_you_mean,
+    example,
+    quote,
+    quoted_list,
+    suggestion,
+    suppression_keys,
+)
 
 
 def _find(context: Context) -> Iterator[Finding]:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check import suppression_keys
-from r2bspec.check.check_context import Context
-from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import suggestion
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Certainty, Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Certainty,
+    Context,
+    Finding,
+    Iterator,
+    Rule,
+    Severity,
+    quote,
+    suggestion,
+    suppression_keys,
+)
 from r2bspec.wiring.known_packages import ROS_DISTRIBUTION, catalogue_nodes
 
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
 from pathlib import Path as FilePath
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Certainty,
+    Context,
+    Finding,
+    Iterator,
+    Path,
+    Rule,
+    Severity,
+    example,
+    quote,
+)
 
 
 def _find(context: Context) -> Iterator[Finding]:

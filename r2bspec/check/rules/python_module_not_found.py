@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
-from r2bspec.check import suppression_keys
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
 from r2bspec.check.installed_packages import find_module, top_level_names
 from r2bspec.check.python_target import PythonTarget, python_target
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Certainty,
+    Context,
+    Finding,
+    Iterator,
+    Path,
+    Rule,
+    Severity,
+    example,
+    quote,
+    suppression_keys,
+)
 
 
 def _find(context: Context) -> Iterator[Finding]:

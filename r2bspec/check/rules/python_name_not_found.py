@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
-from r2bspec.check import suppression_keys
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
 from r2bspec.check.installed_packages import find_module, top_level_names
-from r2bspec.check.message_text import suggestion
 from r2bspec.check.python_target import PythonTarget, python_target
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Certainty, Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Certainty,
+    Context,
+    Finding,
+    Iterator,
+    Rule,
+    Severity,
+    example,
+    quote,
+    suggestion,
+    suppression_keys,
+)
 from r2bspec.wiring.node_interface import reference_node_interfaces
 
 _REFERENCE_NODES = "r2bspec.nodes"

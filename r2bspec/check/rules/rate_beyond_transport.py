@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
+from r2bspec.check.rule_api import (
+    Certainty,
+    Context,
+    Finding,
+    Iterator,
+    Path,
+    Rule,
+    Severity,
+    example,
+)
 from r2bspec.language.located_tree import ListNode
 from r2bspec.plan.compile_plan import has_own_rate
 from r2bspec.plan.topic_plans import straight_from

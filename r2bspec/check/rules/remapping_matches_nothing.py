@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check import suppression_keys
 from r2bspec.check.certainty import COMPLETE_SOURCES, as_version_warning
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import quoted_list
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    NodeWiring,
+    Rule,
+    Severity,
+    did_you_mean,
+    example,
+    quote,
+    quoted_list,
+    suppression_keys,
+)
 from r2bspec.wiring.name_resolution import expand, remap
-from r2bspec.wiring.wiring import NodeWiring
 
 _COMMON_TOPICS = ("/rosout", "/parameter_events", "/clock")
 

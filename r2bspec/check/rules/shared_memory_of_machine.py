@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.finding import Finding
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Certainty, Severity
+from r2bspec.check.rule_api import Certainty, Context, Finding, Iterator, Rule, Severity
 from r2bspec.language.quantities import Size
 
 _FOLDER = "/dev/shm"  # noqa: S108 -- looked at, not written to

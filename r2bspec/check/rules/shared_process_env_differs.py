@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Path, Severity
-from r2bspec.wiring.wiring import NodeWiring
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    NodeWiring,
+    Path,
+    Pointer,
+    Rule,
+    Severity,
+    example,
+)
 
 
 def _find(context: Context) -> Iterator[Finding]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
-from r2bspec.check.message_text import pluralize
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Iterator,
+    Rule,
+    Severity,
+    example,
+    pluralize,
+    quote,
+)
 from r2bspec.language.spec import Container
 
 

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-from r2bspec.check import suppression_keys
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding, Pointer
-from r2bspec.check.message_text import MAX_SUGGESTIONS, quoted_list
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.diagnostic import Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import (
+    MAX_SUGGESTIONS,
+    Context,
+    Endpoint,
+    Finding,
+    Iterator,
+    NodeWiring,
+    PhaseWiring,
+    Pointer,
+    Rule,
+    Severity,
+    did_you_mean,
+    example,
+    quote,
+    quoted_list,
+    suppression_keys,
+)
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
-from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
 
 
 def _find(context: Context) -> Iterator[Finding]:

@@ -3,14 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding
-from r2bspec.check.rule import Rule
-from r2bspec.diagnostics.diagnostic import Path, Severity
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule_api import Context, Finding, Iterator, Path, Rule, Severity, example, quote
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 
 _BOOLEAN_WORDS = frozenset({"yes", "no", "on", "off", "y", "n"})
