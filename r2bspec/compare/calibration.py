@@ -9,7 +9,8 @@ from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.history_gate import Place, places
 from r2bspec.judge.baseline_requirements import value_of
 from r2bspec.judge.statistics.power import noise_floor, smallest_detectable
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.comparability import measured_hash, pairs_of
 from r2bspec.record.calibration_file import Calibration, MetricNoise, add_noise, noise_path
 from r2bspec.record.comparison_folder import Pairs

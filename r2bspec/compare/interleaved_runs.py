@@ -25,7 +25,7 @@ from r2bspec.judge.confirmation import wants_confirmation
 from r2bspec.judge.pair_comparison import what_disturbed, why_unusable
 from r2bspec.judge.statistics.paired_ratio import abba
 from r2bspec.judge.verdict import Verdict
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import one_of_a_pair
 from r2bspec.plan.plan import Plan

@@ -11,7 +11,8 @@ from r2bspec.judge.pair_comparison import Batch, Interleaved, in_best_light, jud
 from r2bspec.judge.result import PairsResult, Result
 from r2bspec.language.spec import Objective
 from r2bspec.measure.compute_metrics import summarise
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import PairRecord, Pairs, Side
 from r2bspec.record.merged_run import MergedRun
 

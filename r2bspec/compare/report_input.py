@@ -8,7 +8,8 @@ from pathlib import Path
 
 from r2bspec.compare.errors import SamplesMissingError
 from r2bspec.judge.result import Result
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
 from r2bspec.record.run_folder import Run
 
 

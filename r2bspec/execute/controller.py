@@ -13,12 +13,9 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
-
-import msgspec
 
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.bringup.commands import run_setup
@@ -53,12 +50,13 @@ from r2bspec.judge.decision_policy import terms_of
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.quantities import Size
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import HostSamples, run_samples
+from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.unsupported import unsupported
 from r2bspec.record.errors import RecordError
-from r2bspec.record.run_folder import RunFolder, open_run
+from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference, RunRecord
 
 
@@ -346,18 +344,16 @@ class _Controller:
         return judge_fresh(self._plan.objectives, fresh, first)
 
     def _samples_so_far(self) -> RunSamples:
+        """The samples of all that has been played, as if the run had ended now."""
+        # Should the run be killed before its next look, its folder has what this one rests on.
         self._write_sampled()
-        self._keep_record()
-        samples = read_samples(open_run(self._folder.path))
-
-        def complete(one: RunSamples) -> RunSamples:
-            record = msgspec.structs.replace(one.record, status="complete", reason="")
-            fresh = one.confirmation
-            return replace(
-                one, record=record, confirmation=None if fresh is None else complete(fresh)
-            )
-
-        return complete(samples)
+        samples = {name: each for batch in self._batches for name, each in batch.samples.items()}
+        return run_samples(
+            self._record(None),
+            self._plan,
+            lambda segment: samples[segment.id],
+            HostSamples(self._resources.rows(), self._resources.surroundings()),
+        )
 
     def _write_sampled(self) -> None:
         self._folder.write_resources(self._resources.rows())

@@ -7,6 +7,7 @@ fail, too (`r2bspec.judge.confirmation`).
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from r2bspec.execute.bringup.discovery import wait_until_met
@@ -35,6 +36,7 @@ from r2bspec.execute.processes.supervisor import Child, Children
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.schedule import Cyclic, Schedule
+from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import all_taps, tap_watches
 from r2bspec.record.run_folder import RunFolder
@@ -90,6 +92,11 @@ class Batch:
         """What has been played so far."""
         return tuple(self._stage.segments) if self._stage else ()
 
+    @property
+    def samples(self) -> Mapping[str, SegmentSamples]:
+        """The samples of what counts for a verdict, by segment; see `Stage.samples`."""
+        return self._stage.samples if self._stage else {}
+
     def bring_up(self) -> Stage:
         """Start everything and warm it up.
 
@@ -103,15 +110,14 @@ class Batch:
         self._tell.phase("graph", "starting the graph")
         self._start_graph(player, monitor)
         self._stage = (Stage if player else LiveStage)(
+            self._plan,
             self._children,
             player,
-            self._plan.monitors,
             self._rows_dir,
             self._folder,
             self._tell.progress,
             on_segment=self._tell.segment,
             schedule=self._schedule,
-            inputs=self._plan.inputs,
             resources=self._tell.resources,
             confirms=self._confirms,
         )

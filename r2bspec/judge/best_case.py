@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.matched_monitor import match_monitor
 from r2bspec.measure.resource_usage import Use
 from r2bspec.measure.samples import (
     MonitorSamples,
@@ -85,7 +86,7 @@ def _favoured(
     rows["stamp_ns"] = played["stamp_ns"][came]
     rows["received_ns"] = played["published_ns"][came] + np.round(latency[came]).astype(np.int64)
     ordered = rows[np.argsort(rows["received_ns"], kind="stable")]
-    found = monitor_samples(segment, played, ordered, _BY_STAMP)
+    found = monitor_samples(segment, match_monitor(played, ordered, _BY_STAMP))
     more = seen.duplicates + seen.unmatched
     most_hz = playback.rate_hz * seen.per_step
     return replace(

@@ -22,13 +22,8 @@ from r2bspec.measure.metrics import (
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.pooling import pool_monitor, pool_playback, pool_use, process_names
 from r2bspec.measure.resource_usage import Use
-from r2bspec.measure.samples import (
-    MonitorSamples,
-    PlaybackSamples,
-    RunSamples,
-    SegmentSamples,
-    read_samples,
-)
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import MonitorSamples, PlaybackSamples, RunSamples, SegmentSamples
 from r2bspec.record.run_folder import Run
 
 

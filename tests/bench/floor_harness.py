@@ -9,7 +9,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
 
 from floor_child import WITHOUT_VARIABLE
@@ -80,7 +80,7 @@ class Floor:
                 rate_hz,
                 observed.playback,
                 observed.monitors[MONITOR],
-                observed.matching(MONITOR),
+                observed.matched(MONITOR).matching,
                 observed.now_ns,
             )
             judged = judge_end(seen, criterion, planned_looks(seconds)[-1], None)
@@ -163,10 +163,12 @@ def floor(
         children.ask(monitor, watch, protocol.Ready, 60.0)
         children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
         _wait_for_match(children, player)
+        # All of a plan that playing looks at.
+        plan = SimpleNamespace(monitors=plans, inputs=(), drain_timeout_ns=5 * 10**9)
         stage = Stage(
+            cast("Any", plan),
             children,
             player,
-            plans,
             rows,
             RunFolder.create(folder / "run"),
             cast("Any", _Silent()),

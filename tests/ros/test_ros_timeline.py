@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from r2bspec.measure.expected_steps import asked_and_seen
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from ros_runs import (
     IMAGE,
     START_NS,

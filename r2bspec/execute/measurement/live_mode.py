@@ -86,7 +86,7 @@ class LiveStage(Stage):
 
     def _look_for_silence(self, kind: SegmentKind, observed: Observed) -> None:
         """Tell of outputs of which nothing came, each once."""
-        for plan in self._plans:
+        for plan in self._plan.monitors:
             if kind == "warm_up" or plan.name in self._silent or observed.monitors[plan.name].size:
                 continue
             self._silent.add(plan.name)
@@ -107,7 +107,7 @@ class LiveStage(Stage):
 
         observed = self._observed(first)
         monitors = {name: within(rows) for name, rows in observed.monitors.items()}
-        return Observed(np.empty(0, PLAYBACK), monitors, self._plans, self._inputs, 0)
+        return Observed(self._plan, np.empty(0, PLAYBACK), monitors)
 
 
 def clock_offset_ns() -> int:

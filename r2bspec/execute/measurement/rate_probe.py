@@ -101,7 +101,7 @@ class Prober:
                 rate_hz,
                 observed.playback,
                 observed.monitors[plan.name],
-                observed.matching(plan.name),
+                observed.matched(plan.name).matching,
                 observed.now_ns,
             )
             for plan in self._plan.monitors

@@ -8,6 +8,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from r2bspec.execute.diagnosis.stopped_outputs import fell_silent
 from r2bspec.execute.errors import RunError
@@ -19,10 +23,11 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import Cyclic, Schedule
 from r2bspec.ipc.stall_log import HeldReader
-from r2bspec.measure.expected_steps import asked_of
-from r2bspec.measure.matching import Matching, match, ratio_of
+from r2bspec.measure.matched_monitor import MatchedMonitor, match_monitor
+from r2bspec.measure.matching import UNKNOWN
+from r2bspec.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
 from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
-from r2bspec.plan.plan import InputPlan, MonitorPlan
+from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import tap_watches
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind
@@ -32,10 +37,17 @@ PLAYBACK_ROWS = "playback"
 """The player's sample file; those of the monitors end in ``.rows``."""
 
 _WATCH_S = 0.25
-_QUIET_LEAST_S = 0.3
-_QUIET_MOST_S = 3.0
-_DRAIN_MOST_S = 60.0
+_JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation"})
+_DRAIN_POLL_S = 0.01
+_MIN_QUIET_S = 0.3
+_QUIET_FACTOR = 5
+"""A gap is waited for so many times the longest pause between two arrivals."""
+_MAX_DRAIN_S = 60.0
+"""For a graph that never stops sending."""
 _PLAYER_SLACK_S = 30.0
+
+Outstanding = Literal["nothing", "gaps", "tail"]
+"""The answers that are missing: none; some, but not the last; the last one, and perhaps more."""
 
 Watch = Callable[["Observed", float], bool]
 """Called every quarter second with what is there so far and the seconds played; True stops."""
@@ -45,45 +57,44 @@ class Observed:
     """The samples of one segment, all there is at the moment they were read."""
 
     def __init__(
-        self,
-        playback: Rows,
-        monitors: dict[str, Rows],
-        plans: tuple[MonitorPlan, ...],
-        inputs: tuple[InputPlan, ...],
-        played_before: int,
+        self, plan: Plan, playback: Rows, monitors: dict[str, Rows], played_before: int = 0
     ) -> None:
         self.playback = playback
         self.monitors = monitors
         self.played_before = played_before
         self.now_ns = time.monotonic_ns()
-        self._plans = plans
-        self._inputs = inputs
+        self._plan = plan
+        self._matched: dict[str, MatchedMonitor] = {}
 
-    def matching(self, name: str) -> Matching:
-        """How the messages of a monitor answer the steps of the playback."""
-        plan = self._plan(name)
-        ratio = ratio_of(plan, self.played_before)
-        return match(self.asked(name), self.monitors[name], plan.match, ratio)
+    def matched(self, name: str) -> MatchedMonitor:
+        """The steps that count for a monitor, and how its messages answer them."""
+        if name not in self._matched:
+            monitor = next(each for each in self._plan.monitors if each.name == name)
+            self._matched[name] = match_monitor(
+                self.playback,
+                self.monitors[name],
+                monitor,
+                self._plan.inputs,
+                self.played_before,
+            )
+        return self._matched[name]
 
     def samples(self, segment: Segment) -> SegmentSamples:
-        """The samples as metrics need them, without those of processes."""
+        """The samples as metrics need them, without hops, processes and the host."""
         return SegmentSamples(
             segment=segment,
             playback=playback_samples(self.playback),
             monitors={
-                name: monitor_samples(segment, self.asked(name), rows, self._plan(name))
-                for name, rows in self.monitors.items()
+                name: monitor_samples(segment, matched)
+                for name, matched in self.all_matched().items()
             },
             processes={},
             machine=None,
         )
 
-    def asked(self, name: str) -> Rows:
-        """The steps that count for a monitor."""
-        return asked_of(self.playback, self._inputs, self._plan(name))
-
-    def _plan(self, name: str) -> MonitorPlan:
-        return next(plan for plan in self._plans if plan.name == name)
+    def all_matched(self) -> dict[str, MatchedMonitor]:
+        """The same of every monitor."""
+        return {name: self.matched(name) for name in self.monitors}
 
 
 class Stage:
@@ -93,14 +104,16 @@ class Stage:
 
     Attributes:
         segments: what has been played.
+        samples: the samples of what counts for a verdict, by the id of their segment, without
+            those of processes and of the host.
         on_silence: is called once for each monitor whose output stops, after the segment.
     """
 
     def __init__(
         self,
+        plan: Plan,
         children: Children,
         player: Child | None,
-        monitors: tuple[MonitorPlan, ...],
         rows_dir: Path,
         folder: RunFolder,
         progress: Progress,
@@ -108,17 +121,16 @@ class Stage:
         resources: ResourceSampler,
         *,
         schedule: Schedule | None = None,
-        inputs: tuple[InputPlan, ...] = (),
         confirms: bool = False,
     ) -> None:
+        self._plan = plan
         self._schedule = schedule or Cyclic(steps=())
-        self._inputs = inputs
         self._confirms = confirms
         self._resources = resources
         self._on_segment = on_segment
         self._children = children
         self._player = player
-        self._plans = monitors
+        monitors = plan.monitors
         self._playback = RowReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
         self._held = HeldReader(rows_dir)
         self._monitors = {
@@ -137,6 +149,8 @@ class Stage:
         self._folder = folder
         self._progress = progress
         self.segments: list[Segment] = []
+        self.samples: dict[str, SegmentSamples] = {}
+        self._stamps: list[NDArray[np.int64]] = []
 
     def play(
         self,
@@ -166,8 +180,8 @@ class Stage:
         first = self._unread()
         complete = False
         try:
-            played = self._play(rate_hz, steps, first, watch)
-            self._drain(first, played)
+            self._play(rate_hz, steps, first, watch)
+            self._drain(kind, first)
             complete = True
         finally:
             observed = self._observed(first)
@@ -195,11 +209,11 @@ class Stage:
 
     def _look_for_silence(self, kind: SegmentKind, observed: Observed) -> None:
         """Tell of outputs that have stopped, each once."""
-        for plan in self._plans:
+        for plan in self._plan.monitors:
             if kind == "warm_up" or plan.name in self._silent or not observed.playback.size:
                 continue
-            seen, matched = observed.monitors[plan.name], observed.matching(plan.name)
-            if fell_silent(observed.asked(plan.name), seen, matched):
+            matched = observed.matched(plan.name)
+            if fell_silent(matched.steps, matched.rows, matched.matching):
                 self._silent.add(plan.name)
                 self.on_silence(self.segments[-1], plan)
 
@@ -249,9 +263,9 @@ class Stage:
         monitors = {name: rows.read(first[name]) for name, rows in self._monitors.items()}
         before = first[""] - self._begun
         played = self._playback.read(first[""])
-        return Observed(played, monitors, self._plans, self._inputs, before)
+        return Observed(self._plan, played, monitors, before)
 
-    def _play(self, rate_hz: float, steps: int, first: dict[str, int], watch: Watch | None) -> int:
+    def _play(self, rate_hz: float, steps: int, first: dict[str, int], watch: Watch | None) -> None:
         if self._player is None:
             raise RunError("nothing is played in this run")
         begin = time.monotonic()
@@ -268,7 +282,7 @@ class Stage:
                 message = self._player.inbox.popleft()
                 if isinstance(message, protocol.Played):
                     self._sample_at_end(first, message.steps, rate_hz)
-                    return message.steps
+                    return
             now = time.monotonic()
             if now > deadline:
                 raise RunError(
@@ -285,7 +299,7 @@ class Stage:
                     stopping = True
 
     def _live(self, first: dict[str, int]) -> LiveView:
-        monitors = {plan.name: (plan, self._monitors[plan.name]) for plan in self._plans}
+        monitors = {plan.name: (plan, self._monitors[plan.name]) for plan in self._plan.monitors}
         return LiveView(self._playback, monitors, first, self._cores)
 
     def _cores(self) -> dict[str, float]:
@@ -299,38 +313,69 @@ class Stage:
             span_ns = self._schedule.span_ns(rate_hz, steps)
             self._resources.sample_at(int(begun["due_ns"][0]) + span_ns)
 
-    def _drain(self, first: dict[str, int], played: int) -> None:
-        """Wait until every step is answered, or nothing has come for longer than it ever took."""
-        last_counts: dict[str, int] = {}
+    def _drain(self, kind: SegmentKind, first: dict[str, int]) -> None:
+        """Wait for answers; what is missing when this returns counts as lost.
+
+        What comes after the last answer may be late: it is waited for until nothing has come for
+        the whole `drain_timeout`. A gap before an answer to the last step is most likely a loss,
+        because graphs rarely overtake themselves: it is waited for only for a multiple of the
+        longest pause so far, so that a graph that drops does not cost a time-out in each segment.
+        """
+        timeout_s = self._plan.drain_timeout_ns / 1e9
         changed = time.monotonic()
-        deadline = changed + _DRAIN_MOST_S
+        deadline = changed + max(_MAX_DRAIN_S, timeout_s)
+        last_counts: dict[str, int] = {}
         longest_pause_s = 0.0
-        while time.monotonic() < deadline:
+        outstanding: Outstanding | None = None
+        while (now := time.monotonic()) < deadline:
             counts = self._counts()
-            now = time.monotonic()
             if counts != last_counts:
-                if self._all_answered(first, counts, played):
-                    return
                 if last_counts:
                     longest_pause_s = max(longest_pause_s, now - changed)
-                last_counts, changed = counts, now
-            quiet_s = min(max(_QUIET_LEAST_S, 5 * longest_pause_s), _QUIET_MOST_S)
-            if now - changed > quiet_s:
+                last_counts, changed, outstanding = counts, now, None
+                if self._enough(first, counts) and self._outstanding(first) == "nothing":
+                    return
+            quiet_s = now - changed
+            if quiet_s > _MIN_QUIET_S and outstanding is None:
+                outstanding = self._outstanding(first)
+                # While the graph starts, playing on tells more than waiting.
+                if kind == "warm_up" and not all(self.received().values()):
+                    return
+            limit_s = timeout_s
+            if outstanding != "tail":
+                limit_s = min(max(_MIN_QUIET_S, _QUIET_FACTOR * longest_pause_s), timeout_s)
+            if quiet_s > limit_s:
                 return
-            self._children.pump(0.01)
+            self._children.pump(_DRAIN_POLL_S)
 
-    def _all_answered(self, first: dict[str, int], counts: dict[str, int], played: int) -> bool:
-        """Whether each step has its answer and nothing more is to be expected.
+    def _enough(self, first: dict[str, int], counts: dict[str, int]) -> bool:
+        """Whether as many messages came as are expected, which is cheap to see."""
+        if not isinstance(self._schedule, Cyclic):
+            # Of a timeline, not every step counts for every monitor.
+            return True
+        played = counts[""] - first[""]
+        return all(
+            (counts[each.name] - first[each.name] + 1) * each.ratio_inputs > played
+            for each in self._plan.monitors
+        )
+
+    def _outstanding(self, first: dict[str, int]) -> Outstanding:
+        """Which answers are still missing.
 
         As many messages as steps do not suffice: where some are answered twice, others still wait.
         """
-        for plan in self._plans if isinstance(self._schedule, Cyclic) else ():
-            # A step may lead to several messages, or to none by itself. In a timeline not every
-            # monitor is asked about every step.
-            if (counts[plan.name] - first[plan.name] + 1) * plan.ratio_inputs <= played:
-                return False
         observed = self._observed(first)
-        return not any(observed.matching(name).missed for name in self._monitors)
+        found: Outstanding = "nothing"
+        for name, matched in observed.all_matched().items():
+            if name in self._silent:
+                continue
+            answers = matched.matching.first_row
+            if not answers.size or (answers != UNKNOWN).all():
+                continue
+            if answers[-1] == UNKNOWN:
+                return "tail"
+            found = "gaps"
+        return found
 
     def _write(
         self,
@@ -367,14 +412,22 @@ class Stage:
         )
 
     def _keep(self, segment: Segment, observed: Observed, first: dict[str, int]) -> None:
-        """Write a segment and its samples."""
+        """Write a segment and its rows, and hold its samples if a verdict may rest on them."""
+        taps = {topic: reader.read(first[topic]) for topic, reader in self._taps.items()}
         self._folder.write_playback(segment.id, observed.playback)
         for name, rows in observed.monitors.items():
             self._folder.write_monitor(segment.id, name, rows)
             self._read[name] = first[name] + rows.size
-        for topic, reader in self._taps.items():
-            rows = reader.read(first[topic])
+        for topic, rows in taps.items():
             self._folder.write_tap(segment.id, topic, rows)
             self._read[topic] = first[topic] + rows.size
+        if segment.complete and segment.kind in _JUDGED_KINDS:
+            rows_of = SegmentRows(observed.playback, observed.monitors, taps, self._earlier_stamps)
+            matched = None if segment.live else observed.all_matched()
+            self.samples[segment.id] = segment_samples(self._plan, segment, rows_of, matched)
+        self._stamps.append(observed.playback["stamp_ns"].copy())
         self.segments.append(segment)
         self._on_segment()
+
+    def _earlier_stamps(self) -> NDArray[np.int64]:
+        return np.concatenate(self._stamps) if self._stamps else NO_STAMPS

@@ -12,7 +12,7 @@ from r2bspec.judge.confirmation import confirm_run, wants_confirmation
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.outcome import Policy, outcome_of
 from r2bspec.judge.verdict import Level, Outcome, Verdict
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from run_simulation import Played, Simulation, objective
 
 FAST = np.full(300, 0.02)

@@ -12,7 +12,7 @@ from r2bspec.judge.confirmation import judge_batches
 from r2bspec.judge.decision_policy import Terms
 from r2bspec.judge.judge_run import result_of, to_json
 from r2bspec.language.quantities import Share
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.record.run_record import ConfirmationRecord, SearchRecord
 from run_simulation import Played, Simulation, objective, probe

@@ -16,7 +16,8 @@ from r2bspec.judge.best_case import in_best_light, waiting_share
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Outcome, Verdict
 from r2bspec.measure.interference import Surroundings
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective
 
 FAST = np.full(300, 0.02)

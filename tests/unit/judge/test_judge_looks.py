@@ -12,7 +12,8 @@ from r2bspec.judge.decision_policy import Terms, terms_of
 from r2bspec.judge.interim_looks import Looks, combine, decide_at
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Method, Outcome, RequirementVerdict
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective
 
 

@@ -12,7 +12,7 @@ from pair_simulation import Comparison, latencies
 from r2bspec.compare.judge_pairs import judge_pairs_folder
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.comparison_folder import open_pairs
 from r2bspec.record.errors import RecordError
 from run_simulation import Played, Simulation, objective

@@ -14,7 +14,7 @@ from r2bspec.measure.compute_metrics import measure_run
 from r2bspec.measure.expected_steps import asked_and_seen
 from r2bspec.measure.metric_catalogue import METRICS, known_live
 from r2bspec.measure.metric_values import value
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import Segment

@@ -13,7 +13,8 @@ from r2bspec.judge.rate_test import Criterion, judge_end, planned_looks, see
 from r2bspec.measure.compute_metrics import measure_segment
 from r2bspec.measure.latency import latencies
 from r2bspec.measure.matching import UNKNOWN, Ratio, match, ratio_of
-from r2bspec.measure.samples import MonitorSamples, read_samples
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import MonitorSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.sample_arrays import MONITOR, Rows
 from run_simulation import EPOCH_NS, Played, Simulation, objective, playback_rows

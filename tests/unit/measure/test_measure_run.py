@@ -12,7 +12,7 @@ from r2bspec.measure.compute_metrics import measure_run
 from r2bspec.measure.metric_catalogue import names, resolve
 from r2bspec.measure.metric_values import value
 from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from run_simulation import Played, Simulation
 
 NAN = float("nan")
