@@ -6,7 +6,6 @@ fail, too (`r2bspec.judge.confirmation`).
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from r2bspec.execute.bringup.launcher import (
 )
 from r2bspec.execute.bringup.readiness import wait_for_probe
 from r2bspec.execute.bringup.spec_mismatches import suspicions
+from r2bspec.execute.bringup.start_deadline import StartDeadline
 from r2bspec.execute.diagnosis.find_break import described, whole_way
 from r2bspec.execute.diagnosis.graph_facts import Facts
 from r2bspec.execute.diagnosis.observe_graph import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
@@ -108,7 +108,8 @@ class Batch:
         self._launcher.see_to_room(self._plan, PHASE)
         player, monitor = self._start_harness()
         self._tell.phase("graph", "starting the graph")
-        self._start_graph(player, monitor)
+        deadline = StartDeadline(self._plan.start_timeout_ns)
+        self._start_graph(player, monitor, deadline)
         self._stage = (Stage if player else LiveStage)(
             self._plan,
             self._children,
@@ -121,8 +122,9 @@ class Batch:
             resources=self._tell.resources,
             confirms=self._confirms,
         )
-        self._get_ready(monitor)
-        self._warm_up(self._stage, monitor)
+        with deadline.paused():
+            self._get_ready(monitor)
+        self._warm_up(self._stage, monitor, deadline)
         stage = self._stage
         stage.on_silence = lambda segment, plan: self._explain_silence(
             stage, monitor, segment, plan
@@ -175,18 +177,18 @@ class Batch:
         launcher.configure(player, protocol.Follow(schedule=self._schedule))
         return player
 
-    def _start_graph(self, player: Child | None, monitor: Child) -> None:
+    def _start_graph(self, player: Child | None, monitor: Child, deadline: StartDeadline) -> None:
         """The nodes after the writers and before the readers; then wait until all are matched."""
         plan, children = self._plan, self._children
         self._launcher.start_nodes(
             (each for each in plan.processes if each.phase == PHASE and each.role in NODE_ROLES),
-            plan.start_timeout_ns / 1e9,
+            deadline,
             beside=self._parts.beside(),
         )
         children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
         if plan.external:
             self._launcher.expect_others()
-            wait_for_external(plan, children, monitor)
+            wait_for_external(plan, children, monitor, deadline)
         watched = [each.topic for each in plan.monitors]
         watched += [each.topic for each in all_taps(plan.monitors)]
         wanted = {monitor: dict.fromkeys(watched, 1)}
@@ -194,7 +196,7 @@ class Batch:
             wanted[player] = {
                 each.topic: readers_wanted(plan, each.topic, PHASE) for each in plan.inputs
             } | listeners(self._launcher, buffered_transforms(self._buffer_dir))
-        wait_until_matched(children, self._launcher, wanted, plan, PHASE)
+        wait_until_matched(children, self._launcher, wanted, plan, PHASE, deadline)
         ends = [(each.topic, each.type, "publishes") for each in plan.inputs]
         ends += [
             (each.topic, each.type, "subscribes")
@@ -214,7 +216,7 @@ class Batch:
             for step in plan.after_ready:
                 self._launcher.do(step)
 
-    def _warm_up(self, stage: Stage, monitor: Child) -> None:
+    def _warm_up(self, stage: Stage, monitor: Child, deadline: StartDeadline) -> None:
         """Play until every monitor has seen something, at least for the planned time.
 
         The first messages cost ten times the median: pages are touched for the first time, and
@@ -226,7 +228,6 @@ class Batch:
         rates += [plan.search.min_hz] if plan.search else []
         rate_hz = min([_WARM_UP_HZ, *rates])
         title = f"warm-up at {rate_hz:g} Hz" if rate_hz else "warm-up"
-        deadline = time.monotonic() + plan.start_timeout_ns / 1e9
         for attempt in range(1, 1000):
             stage.play_for(
                 "warm_up",
@@ -240,7 +241,7 @@ class Batch:
             silent = [name for name, count in stage.received().items() if not count]
             if not silent:
                 return
-            if time.monotonic() > deadline:
+            if deadline.over:
                 topics = [each.topic for each in plan.monitors if each.name in silent]
                 facts = self._watch_all(stage, monitor)
                 breaks = breaks_of(facts, topics)

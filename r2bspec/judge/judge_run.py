@@ -71,6 +71,7 @@ def result_with(
         name=plan.name,
         title=plan.title,
         labels=plan.labels,
+        monitor_labels={each.name: each.label for each in plan.monitors if each.label},
         run_id=record.run_id,
         status=record.status,
         reason=record.reason,

@@ -7,7 +7,6 @@ every planned endpoint is matched; what is missing when time is up is named.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from r2bspec.execute.bringup.spec_mismatches import (
     refuse_undeclared,
     unmatched_remappings,
 )
+from r2bspec.execute.bringup.start_deadline import StartDeadline
 from r2bspec.execute.diagnosis.find_break import Break
 from r2bspec.execute.diagnosis.observe_graph import Observer, breaks_of, told
 from r2bspec.execute.errors import GraphDiffersError, NotReadyError, RunError
@@ -101,7 +101,7 @@ class Launcher:
     def start_nodes(
         self,
         plans: Iterable[ProcessPlan],
-        timeout_s: float,
+        deadline: StartDeadline,
         beside: Iterable[tuple[Child, ProcessPlan]] = (),
     ) -> list[Child]:
         """Start processes that hold nodes; returns when every Python node has been made.
@@ -110,7 +110,7 @@ class Launcher:
 
         Args:
             plans: the processes.
-            timeout_s: how long the making of nodes may take.
+            deadline: of the start.
             beside: processes that run already and hold nodes, too.
 
         Returns:
@@ -138,9 +138,9 @@ class Launcher:
                     threads=plan.threads,
                 )
             )
-        self._compose([plan for plan in plans if plan.role == "container"], timeout_s)
+        self._compose([plan for plan in plans if plan.role == "container"], deadline)
         for child, plan in hosts:
-            ready = self._children.answer(child, protocol.Ready, timeout_s)
+            ready = self._children.answer(child, protocol.Ready, deadline.left_s)
             refuse_undeclared(ready)
             self.endpoints += ready.endpoints
             self.differences += unmatched_remappings(ready)
@@ -175,7 +175,7 @@ class Launcher:
             return found.owner in self._made
         return not self._opaque
 
-    def _compose(self, plans: Iterable[ProcessPlan], timeout_s: float) -> None:
+    def _compose(self, plans: Iterable[ProcessPlan], deadline: StartDeadline) -> None:
         """Load the components of containers that have been started.
 
         Raises:
@@ -188,6 +188,7 @@ class Launcher:
         if not containers:
             return
         child = self._start_caller(_COMPOSER)
+        timeout_s = deadline.left_s
         timeout_ns = round(timeout_s * 1e9)
         self.configure(
             child, protocol.ConfigureComponents(containers=containers, timeout_ns=timeout_ns)
@@ -246,6 +247,7 @@ def wait_until_matched(
     askers: dict[Child, dict[str, int]],
     plan: Plan,
     phase: str,
+    deadline: StartDeadline,
 ) -> None:
     """Wait until the harness's own endpoints have found their partners.
 
@@ -254,14 +256,14 @@ def wait_until_matched(
         launcher: knows what endpoints the nodes have.
         askers: for each harness process, the topics it has endpoints on, and how many endpoints
             of others each must be matched with.
-        plan: for the time allowed, and for naming what is missing.
+        plan: for naming what is missing.
         phase: ``preprocess`` or ``measure``.
+        deadline: of the start.
 
     Raises:
-        GraphDiffersError: some have not, in the time that the plan allows, and never will.
+        GraphDiffersError: some have not when the deadline is over, and never will.
         NotReadyError: some have not, for whatever reason.
     """
-    deadline = time.monotonic() + plan.start_timeout_ns / 1e9
     while True:
         missing: dict[str, tuple[int, int]] = {}
         for child, wanted in askers.items():
@@ -273,7 +275,7 @@ def wait_until_matched(
             }
         if not missing:
             return
-        if time.monotonic() > deadline:
+        if deadline.over:
             raise _not_ready(children, launcher, plan, phase, missing)
         children.pump(_POLL_S)
 

@@ -19,6 +19,7 @@ from r2bspec.execute.bringup.launcher import (
     wait_until_matched,
 )
 from r2bspec.execute.bringup.spec_mismatches import suspicions
+from r2bspec.execute.bringup.start_deadline import StartDeadline
 from r2bspec.execute.diagnosis.graph_facts import Facts
 from r2bspec.execute.diagnosis.observe_graph import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
 from r2bspec.execute.errors import NoOutputError
@@ -30,7 +31,6 @@ from r2bspec.plan.command_lines import HARNESS_ARGV
 from r2bspec.plan.plan import Plan, ProcessPlan
 
 _PHASE: Final = "preprocess"
-_PATIENCE_NS = 5_000_000_000
 _LOAD_S = 3600.0
 _PLAY_S = 60.0
 
@@ -76,7 +76,8 @@ def preprocess(
         ),
     )
     others = [each for each in processes if each.role != "loader"]
-    nodes = launcher.start_nodes(others, plan.start_timeout_ns / 1e9)
+    deadline = StartDeadline(plan.start_timeout_ns)
+    nodes = launcher.start_nodes(others, deadline)
     children.ask(loader, protocol.Subscribe(), protocol.Matched, 10.0)
     # What is played as it was recorded, too, has perhaps no reader here: not all nodes are known.
     wanted = {
@@ -86,9 +87,9 @@ def preprocess(
     }
     wanted |= dict.fromkeys(recorded, 1) | listeners(launcher, transforms)
     between = _readers_between(zip(nodes, others, strict=True), launcher, recorded)
-    wait_until_matched(children, launcher, {loader: wanted} | between, plan, _PHASE)
+    wait_until_matched(children, launcher, {loader: wanted} | between, plan, _PHASE, deadline)
     load = protocol.Load(
-        patience_ns=_PATIENCE_NS, real_time=any(dataset.real_time for dataset in datasets)
+        patience_ns=plan.drain_timeout_ns, real_time=any(dataset.real_time for dataset in datasets)
     )
     loaded = children.ask(loader, load, protocol.Loaded, _LOAD_S)
     _check(plan, children, launcher, loader, loaded, buffer_dir, note)

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 
 from r2bspec.compare.report_input import Reported
+from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
@@ -52,7 +53,7 @@ def _lines(reported: Reported) -> Iterator[str]:
         yield from _requirements(verdict, own_pace(result.metrics))
     yield from (f"> {escaped(note)}  " for note in notes(result))
     yield ""
-    yield from folded("Measured", _measured(result.metrics))
+    yield from folded("Measured", _measured(result))
     yield from folded("Where and with what", _provenance(reported))
 
 
@@ -85,10 +86,11 @@ def _why(one: RequirementVerdict, *, several: bool) -> str:
     return " ".join([*said, *map(escaped, sentences(one))])
 
 
-def _measured(metrics: RunMetrics) -> Iterator[str]:
+def _measured(result: Result) -> Iterator[str]:
+    metrics = result.metrics
     names = dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)
     for name in names:
-        yield f"**{escaped(name)}**"
+        yield f"**{escaped(result.monitor_title(name))}**"
         yield ""
         yield from table(
             ("offered", "throughput", "p50", "p90", "p99", "max", "sent", "missed"),

@@ -103,6 +103,7 @@ def _context(reported: Reported) -> dict[str, Any]:
             str, {one.segment: "; ".join(one.reasons) for one in result.verdict.disturbed}
         ),
         "monitors": monitors,
+        "monitor_title": result.monitor_title,
         "processes": processes,
         "peak": peak_text(metrics.search) if metrics.search is not None else "",
         "graph": _graph(reported),

@@ -81,7 +81,7 @@ def print_report(result: Result, folder: Path | None, console: Console) -> None:
     sections = (
         header(result),
         verdict_section(result.verdict, width, own_pace(result.metrics)),
-        *monitor_sections(result.metrics, width),
+        *monitor_sections(result, width),
         *hop_sections(result.metrics),
         load_section(result.metrics, width),
         floor_section(result.floor),
