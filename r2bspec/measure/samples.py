@@ -19,15 +19,15 @@ from r2bspec.measure.latency import (
     latencies_from_due,
     seconds,
 )
-from r2bspec.measure.live_segments import stamped_ns
+from r2bspec.measure.live_segments import source_times_ns
 from r2bspec.measure.matched_monitor import MatchedMonitor
-from r2bspec.measure.matching import UNKNOWN, Matching
-from r2bspec.measure.resource_usage import Use
-from r2bspec.measure.throughput import Silence, mean_rate, silence, throughput
+from r2bspec.measure.matching import NO_MATCH, Matching
+from r2bspec.measure.resource_usage import ResourceUse
+from r2bspec.measure.throughput import EdgeGaps, edge_gaps, mean_rate, throughput
 from r2bspec.record.run_record import RunRecord, Segment
 from r2bspec.record.sample_arrays import Rows
 
-LOSSES_COUNT = ("latency", "latency_from_due")
+LOSS_SENSITIVE_FAMILIES = ("latency", "latency_from_due")
 """Families in which a step without an answer counts as later than every other."""
 
 
@@ -36,7 +36,7 @@ class StepTimes:
     """When the step of each expected answer was due and published, and when it was received.
 
     In nanoseconds; shape (expected,) each, in the order of the steps, of which each has one answer
-    unless the ratio is another. `received_ns` is `UNKNOWN` for an answer that never came.
+    unless the ratio is another. `received_ns` is `NO_MATCH` for an answer that never came.
     """
 
     due_ns: NDArray[np.int64]
@@ -46,7 +46,7 @@ class StepTimes:
     @property
     def answered(self) -> NDArray[np.bool_]:
         """Whether each expected answer came."""
-        return np.not_equal(self.received_ns, UNKNOWN)
+        return np.not_equal(self.received_ns, NO_MATCH)
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class MonitorSamples:
         steps: the expected answers one by one.
         times: for each family of the catalogue that has one value per message (``latency``,
             ``latency_from_due``, ``interval``, ``jitter``), the values in seconds. A silence
-            at an end of the segment is among the intervals (see `throughput.silence`).
+            at an end of the segment is among the intervals (see `throughput.edge_gaps`).
         sent: steps played. They let expect as many answers, unless the ratio is another;
             ``expected = answered + missed``.
         received: messages; ``received = answered + duplicates + unmatched``.
@@ -102,7 +102,7 @@ class MonitorSamples:
 
         For families in which losses do not count, as intervals, the times there are.
         """
-        if family not in LOSSES_COUNT:
+        if family not in LOSS_SENSITIVE_FAMILIES:
             return self.times[family]
         values = np.full(self.steps.received_ns.size, lost)
         values[self.steps.answered] = self.times[family]
@@ -130,8 +130,8 @@ class SegmentSamples:
     segment: Segment
     playback: PlaybackSamples
     monitors: Mapping[str, MonitorSamples]
-    processes: Mapping[str, Use]
-    machine: Use | None
+    processes: Mapping[str, ResourceUse]
+    machine: ResourceUse | None
     surroundings: Surroundings | None = None
 
     @property
@@ -181,16 +181,16 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
     ratio, matched = matched_monitor.ratio, matched_monitor.matching
     latency = latencies(playback, monitor, matched)
     arrived = arrivals(monitor, matched)
-    silent = Silence(0, 0)
+    silent = EdgeGaps(0, 0)
     if arrived.size:
         soonest = int(playback["published_ns"][0]) + round(float(latency.min()) * 1e9)
-        silent = silence(arrived, soonest, segment.ended_ns)
+        silent = edge_gaps(arrived, soonest, segment.ended_ns)
     return MonitorSamples(
         steps=_step_times(playback, monitor, matched),
         times={
             "latency": latency,
             "latency_from_due": latencies_from_due(playback, monitor, matched),
-            "interval": _with_silence(arrived, silent),
+            "interval": _intervals_with_edge_gaps(arrived, silent),
             "jitter": jitter(arrived),
         },
         sent=int(playback.size),
@@ -207,20 +207,20 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
 
 
 def _step_times(playback: Rows, monitor: Rows, matched: Matching) -> StepTimes:
-    received = np.full(matched.asked.size, UNKNOWN, dtype=np.int64)
+    received = np.full(matched.trigger_steps.size, NO_MATCH, dtype=np.int64)
     answered = matched.answered
     received[answered] = monitor["received_ns"][matched.first_row[answered]]
-    asked = matched.asked
+    asked = matched.trigger_steps
     return StepTimes(playback["due_ns"][asked], playback["published_ns"][asked], received)
 
 
-def _with_silence(arrived: NDArray[np.int64], silent: Silence) -> Seconds:
+def _intervals_with_edge_gaps(arrived: NDArray[np.int64], silent: EdgeGaps) -> Seconds:
     ends = [pause for pause in (silent.before_ns, silent.after_ns) if pause]
     return np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
 
 
 def playback_samples(playback: Rows) -> PlaybackSamples:
-    """What was played: rows of type `PLAYBACK`, one per step."""
+    """What was played: rows of type `PLAYBACK_DTYPE`, one per step."""
     return PlaybackSamples(
         sent=int(playback.size),
         rate_hz=mean_rate(playback["published_ns"]),
@@ -232,12 +232,12 @@ def playback_samples(playback: Rows) -> PlaybackSamples:
 def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
     """What one monitor saw of a graph with a source of its own."""
     received: NDArray[np.int64] = monitor["received_ns"]
-    stamped = stamped_ns(segment, monitor)
+    stamped = source_times_ns(segment, monitor)
     published = received if stamped is None else stamped
     arrived = np.sort(received)
-    silent = Silence(0, 0)
+    silent = EdgeGaps(0, 0)
     if arrived.size:
-        silent = silence(arrived, segment.began_ns, segment.ended_ns)
+        silent = edge_gaps(arrived, segment.began_ns, segment.ended_ns)
     nothing = np.empty(0)
     return MonitorSamples(
         # A message belongs where it was received: nothing was due.
@@ -245,7 +245,7 @@ def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
         times={
             "latency": nothing if stamped is None else seconds(received - stamped),
             "latency_from_due": nothing,
-            "interval": _with_silence(arrived, silent),
+            "interval": _intervals_with_edge_gaps(arrived, silent),
             "jitter": jitter(arrived),
         },
         sent=int(arrived.size),
