@@ -34,8 +34,8 @@ def here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         def answer(_system: System, *names: str) -> dict[str, dict[str, Any]]:
             return {name: known.get(name, imported()) for name in names}
 
-        monkeypatch.setattr(ros_installation, "imports", answer)
-        monkeypatch.setattr(opencv, "imports", answer)
+        monkeypatch.setattr(ros_installation, "probe_imports", answer)
+        monkeypatch.setattr(opencv, "probe_imports", answer)
         monkeypatch.setattr(
             importlib.metadata,
             "distributions",

@@ -86,7 +86,7 @@ def test_other_runs_are_left_alone(tmp_path: Path, people: Family, run_id: str) 
 
 def test_the_calling_process_is_no_member(run_id: str) -> None:
     program = (
-        "import os, sys; from r2bspec.ipc.process_cleanup import members; "
+        "import os, sys; from r2bspec.ipc.process_cleanup import run_processes; "
         "print([each.pid for each in run_processes(sys.argv[1], [os.getsid(0)]) "
         "if each.pid == os.getpid()])"
     )
