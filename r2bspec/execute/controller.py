@@ -351,7 +351,9 @@ class _Controller:
         """The samples of all that has been played, as if the run had ended now."""
         # Should the run be killed before its next look, its folder has what this one rests on.
         self._write_resource_samples()
-        samples = {name: each for session in self._sessions for name, each in batch.samples.items()}
+        samples = {
+            name: each for session in self._sessions for name, each in session.samples.items()
+        }
         return run_samples(
             self._record(None),
             self._plan,

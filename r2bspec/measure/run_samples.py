@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.hop_latency import hop_samples
-from r2bspec.measure.interference import Surroundings, slower_by, surroundings
+from r2bspec.measure.interference import Surroundings, harness_slowdown, host_interference
 from r2bspec.measure.matched_monitor import MatchedMonitor, match_monitor
-from r2bspec.measure.matching import UNKNOWN
-from r2bspec.measure.resource_usage import MACHINE, use
+from r2bspec.measure.matching import NO_MATCH
+from r2bspec.measure.resource_usage import MACHINE_INDEX, resource_use
 from r2bspec.measure.samples import (
     MonitorSamples,
     RunSamples,
@@ -35,9 +35,9 @@ class SegmentRows:
     """The rows of one segment, as the harness wrote them.
 
     Attributes:
-        playback: rows of type `PLAYBACK`, one per step.
-        monitors: rows of type `MONITOR` of each monitor, by name.
-        taps: rows of type `MONITOR` of each tap, by topic.
+        playback: rows of type `PLAYBACK_DTYPE`, one per step.
+        monitors: rows of type `MONITOR_DTYPE` of each monitor, by name.
+        taps: rows of type `MONITOR_DTYPE` of each tap, by topic.
         earlier_stamps: gives the stamps of all steps of earlier segments; called only where
             messages arrived that answer no step of this one.
     """
@@ -50,7 +50,7 @@ class SegmentRows:
 
 @dataclass(frozen=True)
 class HostSamples:
-    """What was sampled over the whole run: rows of type `RESOURCES`, and of `SURROUNDINGS`."""
+    """What was sampled over the whole run: rows of `RESOURCE_DTYPE` and `INTERFERENCE_DTYPE`."""
 
     resources: Rows
     surroundings: Rows
@@ -66,7 +66,7 @@ def read_samples(run: Run) -> RunSamples:
         run.record,
         run.plan,
         lambda segment: segment_samples(run.plan, segment, read_rows(run, segment)),
-        HostSamples(run.resources(), run.surroundings()),
+        HostSamples(run.resources(), run.interference()),
     )
 
 
@@ -94,7 +94,7 @@ def read_rows(run: Run, segment: Segment) -> SegmentRows:
     )
 
 
-def match_segment(plan: Plan, segment: Segment, rows: SegmentRows) -> dict[str, MatchedMonitor]:
+def match_monitors(plan: Plan, segment: Segment, rows: SegmentRows) -> dict[str, MatchedMonitor]:
     """Match every monitor of a segment in which something was played."""
     return {
         each.name: match_monitor(
@@ -121,7 +121,7 @@ def segment_samples(
     if segment.live:
         monitors = {name: live_samples(segment, each) for name, each in rows.monitors.items()}
     else:
-        matched = matched or match_segment(plan, segment, rows)
+        matched = matched or match_monitors(plan, segment, rows)
         monitors = {
             each.name: _monitor(plan, segment, rows, each, matched[each.name])
             for each in plan.monitors
@@ -151,7 +151,7 @@ def _overdue(rows: SegmentRows, matched: MatchedMonitor) -> int:
     """How many messages carry the stamp of a step that was played before this segment."""
     if not matched.matching.unmatched:
         return 0
-    stamps = matched.rows["stamp_ns"][matched.matching.step == UNKNOWN]
+    stamps = matched.rows["stamp_ns"][matched.matching.step == NO_MATCH]
     return int(np.count_nonzero(np.isin(stamps, rows.earlier_stamps())))
 
 
@@ -167,10 +167,10 @@ def with_host_samples(
         processes={
             name: used
             for name, indices in _by_name(record.processes).items()
-            if (used := use(resources, indices, began, ended)) is not None
+            if (used := resource_use(resources, indices, began, ended)) is not None
         },
-        machine=use(resources, frozenset({MACHINE}), began, ended),
-        surroundings=surroundings(
+        machine=resource_use(resources, frozenset({MACHINE_INDEX}), began, ended),
+        surroundings=host_interference(
             host.surroundings,
             resources,
             frozenset(range(len(record.processes))),
@@ -225,7 +225,9 @@ def run_samples(
     if second.peak_hz is None:
         # What is played at the peak is then played where the first session found it.
         second = replace(second, peak_hz=first.peak_hz)
-    return replace(first, confirmation=_calibrated(second, slower_by(record.floor, fresh.floor)))
+    return replace(
+        first, confirmation=_calibrated(second, harness_slowdown(record.floor, fresh.floor))
+    )
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.ipc.stall_log import StallLogReader
 from r2bspec.measure.matched_monitor import MatchedMonitor, match_monitor
-from r2bspec.measure.matching import UNKNOWN
+from r2bspec.measure.matching import NO_MATCH
 from r2bspec.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
 from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
 from r2bspec.plan.plan import MonitorPlan, Plan
@@ -384,9 +384,9 @@ class SegmentPlayer:
             if name in self._stopped_outputs:
                 continue
             answers = matched.matching.first_row
-            if not answers.size or (answers != UNKNOWN).all():
+            if not answers.size or (answers != NO_MATCH).all():
                 continue
-            if answers[-1] == UNKNOWN:
+            if answers[-1] == NO_MATCH:
                 return "tail"
             found = "gaps"
         return found
