@@ -1,7 +1,8 @@
-"""What a rule yields: a problem at a path of the spec, before it has a place in a file."""
+"""What a rule finds: a problem at a path of the spec, before it has a line and a column."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
@@ -48,3 +49,7 @@ class Finding:
     code: str = ""
     suppressed_by: frozenset[str] = frozenset()
     suppresses: frozenset[str] = frozenset()
+
+
+Findings = Iterator[Finding]
+"""What a rule yields."""

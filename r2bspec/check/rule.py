@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.finding import Finding
+from r2bspec.check.finding import Findings
 from r2bspec.diagnostics.code_pages import Page
 from r2bspec.diagnostics.diagnostic import Severity
 
@@ -31,7 +31,7 @@ class Rule:
     title: str
     severity: Severity
     why: str
-    find: Callable[[Context], Iterator[Finding]]
+    find: Callable[[Context], Findings]
     failing: str = ""
     passing: str = ""
     early: bool = False

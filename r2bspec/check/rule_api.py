@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from r2bspec.check import suppression_keys
 from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
-from r2bspec.check.finding import Finding, Pointer
+from r2bspec.check.finding import Finding, Findings, Pointer
 from r2bspec.check.message_text import MAX_SUGGESTIONS, pluralize, quoted_list, suggestion
 from r2bspec.check.requirement_metrics import KnownMetric, known_metrics
 from r2bspec.check.rule import Rule
@@ -22,7 +20,7 @@ __all__ = [
     "Context",
     "Endpoint",
     "Finding",
-    "Iterator",
+    "Findings",
     "KnownMetric",
     "NodeWiring",
     "Path",

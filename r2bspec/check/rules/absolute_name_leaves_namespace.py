@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Path, Rule, Severity, example, quote
+from collections.abc import Iterator
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, Severity, example, quote
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     namespace = context.wiring.namespace
     if namespace == "/":
         return

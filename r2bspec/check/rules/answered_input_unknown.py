@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     did_you_mean,
@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.wiring.build_wiring import harness_topic
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     spec, namespace = context.spec, context.wiring.namespace
     inputs = {harness_topic(name, namespace): name for name in spec.playback.inputs}
     for name, monitor in spec.monitors.items():

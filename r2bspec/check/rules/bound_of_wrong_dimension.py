@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -22,7 +22,7 @@ _EXAMPLES = {
 }
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for each in known_metrics(context):
         bound = each.located.requirement.bound
         if bound is not None and not each.info.accepts(bound):

@@ -7,7 +7,7 @@ import math
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     KnownMetric,
     Rule,
     Severity,
@@ -19,7 +19,7 @@ from r2bspec.check.rule_api import (
 _SIGNED = frozenset({"latency", "latency_from_due"})
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for each in known_metrics(context):
         requirement = each.located.requirement
         if requirement.bound is None or requirement.bound.of_baseline:

@@ -7,7 +7,7 @@ import math
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     KnownMetric,
     Pointer,
     Rule,
@@ -19,7 +19,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.language.requirement_grammar import Requirement
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     seen: dict[tuple[object, ...], list[KnownMetric]] = {}
     for each in known_metrics(context):
         located, bound = each.located, each.located.requirement.bound

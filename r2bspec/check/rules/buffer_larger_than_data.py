@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -20,7 +20,7 @@ _ESTIMATE_TOLERANCE = 1.5
 """How far an estimate must be exceeded before it is worth a word."""
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     buffer = context.spec.playback.buffer
     if not buffer:
         return

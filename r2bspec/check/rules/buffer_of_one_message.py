@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     playback = context.spec.playback
     if playback.buffer == 1 and playback.mode in {"looping", "sweeping"}:
         yield Finding(

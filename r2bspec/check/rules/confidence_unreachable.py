@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Path, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, Severity, example
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     benchmark = context.spec.benchmark
     places: list[tuple[float | None, Path]] = [
         (benchmark.gate.confidence.fraction, ("benchmark", "gate", "confidence"))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     used = {node.node.container for _, node in context.nodes}
     for name in context.spec.containers:
         if name not in used:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
     Severity,
@@ -17,7 +17,7 @@ from r2bspec.check.rule_api import (
 _NEED_STAMPS = frozenset({"duplicates", "reordered"})
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     monitors = context.spec.monitors
     for each in known_metrics(context):
         if each.info.name not in _NEED_STAMPS:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 
 from r2bspec.check.rule_api import (
     Certainty,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Path,
     Rule,
     Severity,
@@ -16,7 +17,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     available = os.cpu_count() or 1
     for path, cpus in _pinned_cpus(context):
         for index, cpu in enumerate(cpus):

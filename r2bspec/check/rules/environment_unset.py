@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 
-from r2bspec.check.rule_api import Certainty, Context, Finding, Iterator, Rule, Severity, example
+from r2bspec.check.rule_api import Certainty, Context, Finding, Findings, Rule, Severity, example
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for index, name in enumerate(context.spec.environment):
         if name not in os.environ:
             yield Finding(

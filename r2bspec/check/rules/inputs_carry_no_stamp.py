@@ -6,7 +6,7 @@ from r2bspec.check.message_types import begins_with_header
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
     Severity,
@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     inputs = context.spec.playback.inputs
     if not inputs or any(
         each.timestamp == "header" and begins_with_header(each.format) is not False

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, quote
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         problem = context.companion_files.interface_errors.get(node.key)
         if problem:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
     Severity,
@@ -17,7 +17,7 @@ from r2bspec.language.quantities import Duration
 _MIN_MESSAGES = 2
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     duration = context.spec.benchmark.duration
     for index, rate in enumerate(context.spec.benchmark.rates):
         steps = round(rate.hz * duration.seconds)

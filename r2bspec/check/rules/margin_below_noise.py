@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from r2bspec.check.calibrated_margins import narrow_margins
-from r2bspec.check.rule_api import Certainty, Context, Finding, Iterator, Rule, Severity, quote
+from r2bspec.check.rule_api import Certainty, Context, Finding, Findings, Rule, Severity, quote
 from r2bspec.measure.units import show
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for each in narrow_margins(context):
         noise = each.calibration
         yield Finding(

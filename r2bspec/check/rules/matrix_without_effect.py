@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -14,7 +14,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     matrix_case = context.loaded.matrix_case
     for name in matrix_case.values if matrix_case is not None else ():
         if name not in context.loaded.used_variables:

@@ -7,7 +7,7 @@ from r2bspec.check.rule_api import (
     Certainty,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Path,
     Rule,
     Severity,
@@ -18,7 +18,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for path, name in _stated_types(context).items():
         about = frozenset({suppression_keys.value(path)})
         siblings = message_types.types_of_same_package(name)

@@ -6,7 +6,7 @@ from r2bspec.check.rule_api import (
     Context,
     Endpoint,
     Finding,
-    Iterator,
+    Findings,
     Path,
     PhaseWiring,
     Pointer,
@@ -18,7 +18,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     reported: set[Path] = set()
     confirmed = _confirmed(context)
     for phase in context.wiring.phases:

@@ -6,7 +6,7 @@ from r2bspec.check.message_types import begins_with_header
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     KnownMetric,
     Rule,
     Severity,
@@ -21,7 +21,7 @@ _PROBE_STATISTICS = ("search", "sequential")
 """How metrics are judged that need a rate to be chosen."""
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     if not has_own_rate(context.spec):
         return
     for each in known_metrics(context):

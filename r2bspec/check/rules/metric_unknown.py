@@ -6,7 +6,7 @@ from r2bspec.check.requirement_metrics import unknown_metrics
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
     Severity,
@@ -16,7 +16,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for each in unknown_metrics(context):
         error = each.error
         yield Finding(

@@ -6,7 +6,7 @@ from r2bspec.check.message_types import begins_with_header
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -14,7 +14,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for name, monitor in context.spec.monitors.items():
         place = ("monitors", name)
         if monitor.match == "stamp" and begins_with_header(monitor.format) is False:

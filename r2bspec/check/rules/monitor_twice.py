@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Pointer, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, Severity, example
 from r2bspec.wiring.build_wiring import harness_topic
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     first: dict[tuple[str, str], str] = {}
     for name, monitor in context.spec.monitors.items():
         topic = harness_topic(monitor.topic, context.wiring.namespace)

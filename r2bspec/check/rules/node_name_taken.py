@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
     Severity,
@@ -16,7 +16,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.plan.process_plans import reserved_names
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     reserved = reserved_names(context.spec)
     for node in context.wiring.measure.nodes:
         if node.key in reserved:

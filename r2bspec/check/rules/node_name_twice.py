@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Path,
     PhaseWiring,
     Pointer,
@@ -16,7 +18,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.wiring.name_resolution import node_name
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for phase in context.wiring.phases:
         first: dict[str, tuple[str, Path]] = dict(_generated_nodes(context, phase))
         for node in phase.nodes:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     if context.noise_problem:
         yield Finding(
             message=context.noise_problem,

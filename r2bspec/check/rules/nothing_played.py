@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -14,7 +14,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.plan.compile_plan import has_own_rate
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     benchmark = context.spec.benchmark
     sustained = any(each.requirement.metric == "sustained" for each in context.requirements)
     own = has_own_rate(context.spec)

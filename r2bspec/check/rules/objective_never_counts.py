@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.language.located_tree import ListNode, to_plain
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for name, objective in context.spec.slos.items():
         for variable, value in objective.when.items():
             allowed = _values(context, variable)

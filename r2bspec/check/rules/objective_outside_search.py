@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
     Severity,
@@ -14,7 +14,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     search = context.spec.benchmark.search
     if search is None or search.min.hz >= search.max.hz:
         return

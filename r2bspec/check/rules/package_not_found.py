@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from r2bspec.check.installed_packages import ament_packages, ament_prefixes
 from r2bspec.check.rule_api import (
     Certainty,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Path,
     Rule,
     Severity,
@@ -20,7 +22,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.wiring.known_packages import catalogue_packages
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     requested = list(_packages(context))
     installed = ament_packages() if requested else set()
     for path, package in requested:

@@ -6,7 +6,7 @@ from r2bspec.check.parameter_types import parameter_file_paths
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     NodeWiring,
     Rule,
     Severity,
@@ -16,7 +16,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.wiring.parameter_files import node_key_matches
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         if node.node.kind == "command":
             # It may hold several nodes, of any name.

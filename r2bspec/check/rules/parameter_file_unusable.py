@@ -6,7 +6,7 @@ from r2bspec.check.parameter_types import parameter_file_paths
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         for path, name in parameter_file_paths(context, node):
             file = context.companion_files.parameter_files.get(name)

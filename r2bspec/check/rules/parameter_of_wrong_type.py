@@ -7,7 +7,7 @@ from r2bspec.check.parameter_types import ParameterOverride, parameter_overrides
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -18,7 +18,7 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.wiring.node_interface import ParameterInfo
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         for each in parameter_overrides(context, node):
             declared = (node.interface.parameters or {}).get(each.name)

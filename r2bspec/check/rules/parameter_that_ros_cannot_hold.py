@@ -8,7 +8,7 @@ from r2bspec.check.parameter_types import parameter_overrides, parameter_type
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -18,7 +18,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.language.spec import ParameterValue
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         for each in parameter_overrides(context, node):
             problem = _problem(each.value)

@@ -7,7 +7,7 @@ from r2bspec.check.parameter_types import parameter_overrides
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -19,7 +19,7 @@ from r2bspec.check.rule_api import (
 _COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service")
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         declared = node.interface.parameters
         if declared is None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example, quoted_list
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quoted_list
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     graph = context.spec.graph
     if graph.placement != "harness":
         return

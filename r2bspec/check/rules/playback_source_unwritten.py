@@ -6,7 +6,7 @@ from r2bspec.check.rule_api import (
     Context,
     Endpoint,
     Finding,
-    Iterator,
+    Findings,
     PhaseWiring,
     Pointer,
     Rule,
@@ -20,7 +20,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     phase = context.wiring.preprocess
     for each in phase.endpoints_of("recorder"):
         if not phase.publishers(each.topic):

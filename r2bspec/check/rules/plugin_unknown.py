@@ -6,7 +6,7 @@ from r2bspec.check.rule_api import (
     Certainty,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     quote,
@@ -16,7 +16,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.wiring.known_packages import ROS_DISTRIBUTION, catalogue_nodes
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         known = catalogue_nodes(node.node.package) if node.node.kind == "plugin" else {}
         if known and node.node.plugin not in known:

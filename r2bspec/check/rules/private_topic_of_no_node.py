@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Path,
     Rule,
     Severity,
@@ -16,7 +18,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.wiring.build_wiring import harness_topic
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for name, path, phase, key in _harness_topics(context):
         if not name.startswith("~"):
             continue

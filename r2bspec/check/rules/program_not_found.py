@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path as FilePath
 
 from r2bspec.check.rule_api import (
     Certainty,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Path,
     Rule,
     Severity,
@@ -18,7 +19,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for path, program, folder in _programs(context):
         if "/" in program:
             exists = (folder / program).is_file()

@@ -10,7 +10,7 @@ from r2bspec.check.rule_api import (
     Certainty,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Path,
     Rule,
     Severity,
@@ -20,7 +20,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         if node.node.python:
             target = python_target(node.node.python, context.loaded.base_dir)

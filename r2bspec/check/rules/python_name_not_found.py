@@ -10,7 +10,7 @@ from r2bspec.check.rule_api import (
     Certainty,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -23,7 +23,7 @@ from r2bspec.wiring.node_interface import reference_node_interfaces
 _REFERENCE_NODES = "r2bspec.nodes"
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         if not node.node.python:
             continue

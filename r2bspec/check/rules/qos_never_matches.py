@@ -6,7 +6,7 @@ from r2bspec.check.rule_api import (
     Context,
     Endpoint,
     Finding,
-    Iterator,
+    Findings,
     PhaseWiring,
     Pointer,
     Rule,
@@ -17,7 +17,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for phase in context.wiring.phases:
         for topic in phase.topics:
             for publisher in phase.publishers(topic):

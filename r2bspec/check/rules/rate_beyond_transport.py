@@ -6,7 +6,7 @@ from r2bspec.check.rule_api import (
     Certainty,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Path,
     Rule,
     Severity,
@@ -23,7 +23,7 @@ _CAPACITY_BYTES_PER_S = {"udp": 250e6, "shared_memory": 3e9}
 to 1 ms."""
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     spec, bag = context.spec, context.bag
     capacity = _CAPACITY_BYTES_PER_S.get(spec.transport)
     if capacity is None or bag is None or has_own_rate(spec):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -16,7 +16,7 @@ from r2bspec.measure.metric_catalogue import METRICS
 from r2bspec.plan.compile_plan import has_own_rate
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     if has_own_rate(context.spec):
         return
     played = context.spec.benchmark.rates

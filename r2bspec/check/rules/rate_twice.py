@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Pointer, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, Severity, example
 from r2bspec.language.quantities import Rate
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     first: dict[Rate, int] = {}
     for index, rate in enumerate(context.spec.benchmark.rates):
         if rate in first:

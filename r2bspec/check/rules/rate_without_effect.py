@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
 from r2bspec.plan.compile_plan import has_own_rate
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     if not has_own_rate(context.spec):
         return
     mode = context.spec.playback.mode

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for name, monitor in context.spec.monitors.items():
         ratio = monitor.ratio
         if monitor.match == "stamp" and ratio.inputs != ratio.outputs:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -17,7 +17,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.wiring.build_wiring import harness_topic
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     phase = context.wiring.measure
     for name, probe in context.spec.ready.items():
         topic = harness_topic(probe.topic, context.wiring.namespace) if probe.topic else ""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     if context.spec.data_loader.real_time and not context.spec.preprocessors:
         yield Finding(
             message="'real_time' has no effect: there are no preprocessors",

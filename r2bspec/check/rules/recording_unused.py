@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -14,7 +14,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     topics = context.spec.data_loader.topics
     if not context.spec.data_loader.bags or context.bag is None:
         return

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
 from r2bspec.wiring.name_resolution import expand
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         for left, right in node.node.remappings.items():
             full = expand(left, node.key, node.namespace)

@@ -6,7 +6,7 @@ from r2bspec.check.certainty import COMPLETE_SOURCES, as_version_warning
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     NodeWiring,
     Rule,
     Severity,
@@ -23,7 +23,7 @@ _COMMON_TOPICS = ("/rosout", "/parameter_events", "/clock")
 _NODE_REMAPPINGS = {"__ns": "namespace", "__node": "", "__name": ""}
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for phase, node in context.nodes:
         for left, right in node.node.remappings.items():
             if left in _NODE_REMAPPINGS:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
     Severity,
@@ -16,7 +16,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.wiring.name_resolution import expand
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for phase, node in context.nodes:
         first: dict[str, str] = {}
         for left, right in node.node.remappings.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
     Severity,
@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.check.spec_requirements import LocatedRequirement
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     first: dict[tuple[object, ...], LocatedRequirement] = {}
     for located in context.requirements:
         requirement = located.requirement

@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -16,7 +16,7 @@ from r2bspec.check.rule_api import (
 _PROBE_SCOPES = ("monitor", "playback")
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for each in known_metrics(context):
         if each.located.role == "holds" and each.info.scope not in _PROBE_SCOPES:
             yield Finding(

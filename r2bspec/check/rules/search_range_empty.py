@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Pointer, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, Severity, example
 
 _SEARCH = ("benchmark", "search")
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     search = context.spec.benchmark.search
     if search is not None and search.min.hz >= search.max.hz:
         yield Finding(

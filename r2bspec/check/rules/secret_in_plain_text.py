@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Path, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, Severity, example, quote
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 
 _SECRET_NAME = re.compile(
@@ -16,12 +16,12 @@ _SECTIONS = frozenset({"env", "parameters", "arguments", "variables", "request",
 _PLACEHOLDERS = frozenset({"", "none", "null", "true", "false", "changeme", "xxx", "***"})
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     if context.loaded.tree is not None:
         yield from _secrets_below(context.loaded.tree, ())
 
 
-def _secrets_below(node: TreeNode, path: Path) -> Iterator[Finding]:
+def _secrets_below(node: TreeNode, path: Path) -> Findings:
     if isinstance(node, ListNode):
         for index, item in enumerate(node.items):
             yield from _secrets_below(item, (*path, index))

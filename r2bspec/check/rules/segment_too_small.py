@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
     Severity,
@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.language.quantities import Size
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     segment, bag = context.spec.segment, context.bag
     if segment is None or bag is None:
         return

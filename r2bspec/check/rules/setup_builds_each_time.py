@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
 
 _BUILD_COMMAND = re.compile(
     r"(?:^|/)(?:colcon|cmake|make|ninja|bazel|cargo|pip|trtexec)$|build|compile|convert|download"
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for name, step in context.spec.setup.items():
         word = next((each for each in step.command if _BUILD_COMMAND.search(each)), "")
         if word and not step.creates:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shutil
 
-from r2bspec.check.rule_api import Certainty, Context, Finding, Iterator, Rule, Severity
+from r2bspec.check.rule_api import Certainty, Context, Finding, Findings, Rule, Severity
 from r2bspec.language.quantities import Size
 
 _FOLDER = "/dev/shm"  # noqa: S108 -- looked at, not written to
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     segment = context.spec.segment
     if segment is None or context.spec.transport != "shared_memory":
         return

@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     NodeWiring,
     Path,
     Pointer,
@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     first: dict[tuple[str, str], tuple[str, Path]] = {}
     for _, node in context.nodes:
         process = _shared_process(context, node)

@@ -6,7 +6,7 @@ from r2bspec.check.message_types import begins_with_header
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     phase = context.wiring.measure
     played = {each.topic for each in phase.endpoints_of("player")}
     for each in phase.endpoints_of("monitor"):

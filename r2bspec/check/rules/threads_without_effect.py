@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.language.spec import Container
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for name, container in context.spec.containers.items():
         why = _reason(container) if container.threads > 1 else ""
         if why:

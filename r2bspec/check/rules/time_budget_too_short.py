@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Pointer, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, Severity, example
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.compile_plan import has_own_rate
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     benchmark = context.spec.benchmark
     budget = benchmark.gate.time_budget
     rates = 1 if has_own_rate(context.spec) else len(set(benchmark.rates))

@@ -7,7 +7,7 @@ import math
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     KnownMetric,
     Rule,
     Severity,
@@ -23,7 +23,7 @@ from r2bspec.language.quantities import Rate
 _LOST_SAMPLES = {"interval": 1, "jitter": 2}
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for each in known_metrics(context):
         located = each.located
         max_share = _max_wrong_share(each)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
     Severity,
@@ -18,7 +18,7 @@ from r2bspec.check.sample_size import min_sample_size
 from r2bspec.language.quantities import Duration
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     benchmark = context.spec.benchmark
     iterations = max(benchmark.iterations, benchmark.max_iterations)
     for each in known_metrics(context):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, quote
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     if context.bag is None:
         return
     for name in context.spec.data_loader.topics:

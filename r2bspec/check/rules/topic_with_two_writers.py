@@ -6,7 +6,7 @@ from r2bspec.check.rule_api import (
     Context,
     Endpoint,
     Finding,
-    Iterator,
+    Findings,
     PhaseWiring,
     Pointer,
     Rule,
@@ -20,7 +20,7 @@ from r2bspec.wiring.name_resolution import SHARED_TOPICS
 _HARNESS_LABELS = {"loader": "the data loader", "player": "the player"}
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for phase in context.wiring.phases:
         for topic in set(phase.topics) - SHARED_TOPICS:
             writers = phase.publishers(topic)

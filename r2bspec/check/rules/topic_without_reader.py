@@ -7,7 +7,7 @@ from r2bspec.check.rule_api import (
     Context,
     Endpoint,
     Finding,
-    Iterator,
+    Findings,
     PhaseWiring,
     Rule,
     Severity,
@@ -19,7 +19,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     # Of the preprocess phase, rules of their own look at what is loaded and what is played.
     phase = context.wiring.measure
     if phase.possible_subscribers:

@@ -10,7 +10,7 @@ from r2bspec.check.rule_api import (
     Context,
     Endpoint,
     Finding,
-    Iterator,
+    Findings,
     NodeWiring,
     PhaseWiring,
     Pointer,
@@ -25,7 +25,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     found = 0
     for phase in context.wiring.phases:
         published = tuple(name for name in phase.topics if phase.publishers(name))

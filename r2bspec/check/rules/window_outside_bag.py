@@ -5,7 +5,7 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
     Severity,
     example,
@@ -17,7 +17,7 @@ from r2bspec.language.quantities import Duration
 _WINDOW = ("data_loader", "window")
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     bag, window = context.bag, context.spec.data_loader.window
     if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
         return

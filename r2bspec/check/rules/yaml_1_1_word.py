@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Path, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, Severity, example, quote
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 
 _BOOLEAN_WORDS = frozenset({"yes", "no", "on", "off", "y", "n"})
@@ -14,7 +15,7 @@ _SECTIONS = ("parameters", "arguments", "variables", "labels", "request")
 _TRUE_WORDS = frozenset({"yes", "on", "y"})
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     if context.loaded.tree is None:
         return
     for path, node in _values(context.loaded.tree, ()):
