@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from r2bspec.check.finding import Finding
-from r2bspec.diagnostics.diagnostic import Certainty, Severity
 from r2bspec.wiring.node_interface import Interface
 
 COMPLETE_SOURCES = frozenset({"table", "file", "source"})
@@ -18,6 +17,6 @@ def as_version_warning(interface: Interface, finding: Finding) -> Finding:
     return replace(
         finding,
         help=f"{finding.help} ({version})" if finding.help else version,
-        severity=Severity.WARNING,
-        certainty=Certainty.ENVIRONMENT,
+        severity="warning",
+        machine_dependent=True,
     )

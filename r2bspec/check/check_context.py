@@ -12,11 +12,11 @@ from r2bspec.check.spec_requirements import LocatedRequirement, located_requirem
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
 from r2bspec.language.spec import BagSource, Spec
-from r2bspec.plan.compile_plan import bag_types
+from r2bspec.plan.compile_plan import bag_types, has_own_rate
 from r2bspec.plan.process_plans import process_names
 from r2bspec.record.calibration_file import NoiseFile, noise_path, read_noise
 from r2bspec.record.errors import RecordError
-from r2bspec.wiring.build_wiring import build_wiring
+from r2bspec.wiring.build_wiring import build_wiring, harness_topic
 from r2bspec.wiring.companion_files import CompanionFiles, read_companion_files
 from r2bspec.wiring.merge_bags import merge_indexes
 from r2bspec.wiring.wiring import NodeWiring, Wiring
@@ -163,6 +163,15 @@ class Context:
     def processes(self) -> tuple[str, ...]:
         """The names of the processes that run while measuring."""
         return process_names(self.spec, self.wiring)
+
+    @property
+    def has_own_rate(self) -> bool:
+        """Whether the recording, or the graph's own source, sets the rate of the messages."""
+        return has_own_rate(self.spec)
+
+    def harness_topic(self, name: str) -> str:
+        """The full name of a topic that the spec names outside of any node."""
+        return harness_topic(name, self.wiring.namespace)
 
     def relative_name(self, topic: str, namespace: str = "") -> str:
         """A full topic name as one would write it in a namespace, the spec's by default."""

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
+from typing import Literal
 
-from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
+from r2bspec.diagnostics.diagnostic import Path
+
+SeverityName = Literal["error", "warning", "info"]
+"""A `r2bspec.diagnostics.diagnostic.Severity`, as rules write it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +34,7 @@ class Finding:
         related: other places that explain it.
         replacement: a text that may safely stand in place of the value, or of its `part`.
         severity: if not the rule's own.
-        certainty: whether it holds on every machine.
+        machine_dependent: whether another machine may find otherwise.
         code: if not the rule's own, as for errors of the data.
         suppressed_by: the subjects that the finding is a statement about; see
         `r2bspec.check.engine`. suppresses: the subjects about which nothing more needs to be said
@@ -44,11 +48,11 @@ class Finding:
     help: str = ""
     related: tuple[Pointer, ...] = ()
     replacement: str | None = None
-    severity: Severity | None = None
-    certainty: Certainty = Certainty.CERTAIN
+    severity: SeverityName | None = None
+    machine_dependent: bool = False
     code: str = ""
-    suppressed_by: frozenset[str] = frozenset()
-    suppresses: frozenset[str] = frozenset()
+    suppressed_by: Set[str] = frozenset()
+    suppresses: Set[str] = frozenset()
 
 
 Findings = Iterator[Finding]

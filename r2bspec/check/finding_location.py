@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from r2bspec.check.finding import Finding
-from r2bspec.diagnostics.diagnostic import Diagnostic, Edit, Path, Related, Severity, Span
+from r2bspec.check.finding import Finding, SeverityName
+from r2bspec.diagnostics.diagnostic import (
+    Certainty,
+    Diagnostic,
+    Edit,
+    Path,
+    Related,
+    Severity,
+    Span,
+)
 from r2bspec.language.located_tree import ScalarNode, lookup
 
 if TYPE_CHECKING:
@@ -13,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def to_diagnostic(
-    finding: Finding, code: str, severity: Severity, loaded: LoadedSpec
+    finding: Finding, code: str, severity: SeverityName, loaded: LoadedSpec
 ) -> Diagnostic:
     """The diagnostic of a finding, with the rule's code and severity where it has none."""
     span = _span(finding, loaded)
@@ -22,14 +30,14 @@ def to_diagnostic(
     ]
     return Diagnostic(
         code=finding.code or code,
-        severity=finding.severity or severity,
+        severity=Severity(finding.severity or severity),
         message=finding.message,
         span=span,
         path=finding.path,
         help=finding.help,
         related=tuple(related + ([] if finding.key else _origin(finding.path, loaded))),
         edit=_edit(finding, span, loaded),
-        certainty=finding.certainty,
+        certainty=Certainty.ENVIRONMENT if finding.machine_dependent else Certainty.CERTAIN,
     )
 
 

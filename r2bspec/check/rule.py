@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.finding import Findings
+from r2bspec.check.finding import Findings, SeverityName
 from r2bspec.diagnostics.code_pages import Page
 from r2bspec.diagnostics.diagnostic import Severity
 
@@ -29,7 +29,7 @@ class Rule:
 
     code: str
     title: str
-    severity: Severity
+    severity: SeverityName
     why: str
     find: Callable[[Context], Findings]
     failing: str = ""
@@ -42,7 +42,7 @@ class Rule:
         return Page(
             code=self.code,
             title=self.title,
-            severity=self.severity,
+            severity=Severity(self.severity),
             why=self.why,
             failing=self.failing,
             passing=self.passing,

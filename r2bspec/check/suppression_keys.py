@@ -14,16 +14,16 @@ PREPROCESS_FLOW = "feed"
 """Whether messages get from the bag through the preprocessors to the playback inputs."""
 
 
-def phase_flow(phase: str) -> str:
+def flow_key(phase: str) -> str:
     """The way of the messages in a phase."""
     return PREPROCESS_FLOW if phase == "preprocess" else MEASURE_FLOW
 
 
-def topic(phase: str, name: str) -> str:
+def topic_key(phase: str, name: str) -> str:
     """Who writes and who reads a topic, by its full name."""
     return f"topic:{phase}:{name}"
 
 
-def value(path: Path) -> str:
+def value_key(path: Path) -> str:
     """Whether a value of the document is right."""
     return f"value:{'.'.join(map(str, path))}"

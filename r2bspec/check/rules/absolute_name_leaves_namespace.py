@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
 
 
@@ -44,7 +44,7 @@ def _absolute_names(context: Context) -> Iterator[tuple[str, Path, bool]]:
 RULE = Rule(
     code="R2B214",
     title="an absolute name that leaves the namespace",
-    severity=Severity.INFO,
+    severity="info",
     why="The namespace keeps a benchmark's topics together. A name outside of it may be meant, or "
     "may be a slash too many.",
     failing=example(

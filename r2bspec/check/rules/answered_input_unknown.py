@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    did_you_mean,
-    example,
-    quote,
-)
-from r2bspec.wiring.build_wiring import harness_topic
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, did_you_mean, example, quote
 
 
 def _find(context: Context) -> Findings:
-    spec, namespace = context.spec, context.wiring.namespace
-    inputs = {harness_topic(name, namespace): name for name in spec.playback.inputs}
+    spec = context.spec
+    inputs = {context.harness_topic(name): name for name in spec.playback.inputs}
     for name, monitor in spec.monitors.items():
         path = ("monitors", name, "answers")
         if monitor.answers and spec.playback.mode != "timeline":
@@ -26,11 +16,11 @@ def _find(context: Context) -> Findings:
                 path=path,
                 key=True,
                 help="remove it: each step has messages of all inputs",
-                severity=Severity.WARNING,
+                severity="warning",
             )
             continue
         for index, answered in enumerate(monitor.answers):
-            if harness_topic(answered, namespace) not in inputs:
+            if context.harness_topic(answered) not in inputs:
                 close = did_you_mean(answered, tuple(inputs.values()))
                 yield Finding(
                     message=f"monitor {name} answers {quote(answered)}, which is no playback input",
@@ -44,7 +34,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B414",
     title="a monitor that answers what is no input",
-    severity=Severity.ERROR,
+    severity="error",
     why="In a timeline only those steps count for a monitor that have messages of all inputs which "
     "it answers.",
     failing=example(

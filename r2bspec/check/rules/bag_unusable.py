@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
 
 
 def _find(context: Context) -> Findings:
@@ -15,7 +15,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B301",
     title="a bag that does not exist",
-    severity=Severity.ERROR,
+    severity="error",
     why="There is nothing to play.",
     failing=example(data_loader="{bag: ./bags/kitchen, topics: {/camera/image_raw: image_raw}}"),
     passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),

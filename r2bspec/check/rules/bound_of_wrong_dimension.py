@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    known_metrics,
-    quote,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, known_metrics, quote
 
 _EXAMPLES = {
     "time": "a time, such as 50 ms",
@@ -38,14 +29,14 @@ def _find(context: Context) -> Findings:
                 path=each.located.path,
                 part=each.located.bound_part,
                 help=f"its bound is {_EXAMPLES[each.info.dimension]}",
-                suppresses=frozenset({each.located.subject}),
+                suppresses={each.located.subject},
             )
 
 
 RULE = Rule(
     code="R2B502",
     title="a bound of the wrong dimension",
-    severity=Severity.ERROR,
+    severity="error",
     why="A time cannot be compared with a rate, nor a share with a count.",
     failing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 2 %]}}"),
     passing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}"),

@@ -10,7 +10,6 @@ from r2bspec.check.rule_api import (
     Findings,
     KnownMetric,
     Rule,
-    Severity,
     example,
     known_metrics,
     quote,
@@ -35,8 +34,8 @@ def _find(context: Context) -> Findings:
                 help="it lies between 0 % and 100 %"
                 if each.info.name == "drop_rate"
                 else "it is never less than 0",
-                severity=Severity.WARNING if outcome else Severity.ERROR,
-                suppressed_by=frozenset({each.located.subject}),
+                severity="warning" if outcome else "error",
+                suppressed_by={each.located.subject},
             )
 
 
@@ -66,7 +65,7 @@ def _constant_outcome(each: KnownMetric) -> bool | None:
 RULE = Rule(
     code="R2B515",
     title="a bound that nothing can fail, or nothing can pass",
-    severity=Severity.WARNING,
+    severity="warning",
     why="It looks as if something were guarded. A bound that nothing can pass is an error.",
     failing=example(slos="{fast: {at: 30 Hz, require: [drop_rate <= 100 %]}}"),
     passing=example(slos="{fast: {at: 30 Hz, require: [drop_rate <= 5 %]}}"),

@@ -11,7 +11,6 @@ from r2bspec.check.rule_api import (
     KnownMetric,
     Pointer,
     Rule,
-    Severity,
     example,
     known_metrics,
     quote,
@@ -36,7 +35,7 @@ def _find(context: Context) -> Findings:
                     part=located.bound_part,
                     help="correct one of the bounds",
                     related=(Pointer("the other one", other.located.path),),
-                    suppressed_by=frozenset({located.subject}),
+                    suppressed_by={located.subject},
                 )
                 break
         seen[key].append(each)
@@ -67,7 +66,7 @@ def _upper_limit(requirement: Requirement) -> tuple[float, bool]:
 RULE = Rule(
     code="R2B514",
     title="bounds that contradict each other",
-    severity=Severity.ERROR,
+    severity="error",
     why="No run can pass.",
     failing=example(
         slos="{fast: {at: 30 Hz, require: [latency.p90 < 20 ms, latency.p90 >= 50 ms]}}"

@@ -7,14 +7,12 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    Severity,
     example,
     pluralize,
     quote,
-    suppression_keys,
+    value_key,
 )
 from r2bspec.check.window_counts import MessageCount, window_message_counts
-from r2bspec.wiring.build_wiring import harness_topic
 
 _ESTIMATE_TOLERANCE = 1.5
 """How far an estimate must be exceeded before it is worth a word."""
@@ -41,7 +39,7 @@ def _find(context: Context) -> Findings:
             f"{about}{message_count.messages:,} of {quote(name)} in the window",
             path=("playback", "buffer"),
             help="all of them are played, in turn; 0 says that",
-            suppressed_by=frozenset({suppression_keys.value(("data_loader", "window"))}),
+            suppressed_by={value_key(("data_loader", "window"))},
         )
 
 
@@ -51,15 +49,13 @@ def _counts_by_input(context: Context) -> dict[str, MessageCount]:
     What preprocessors make of the loaded messages is taken to be at most one for each.
     """
     loaded = {
-        harness_topic(
-            context.spec.data_loader.topics[name], context.wiring.namespace
-        ): message_count
+        context.harness_topic(context.spec.data_loader.topics[name]): message_count
         for name, message_count in window_message_counts(context).items()
     }
     reached = {topic: context.wiring.preprocess.downstream_of([topic]) for topic in loaded}
     found = {}
     for name, each in context.spec.playback.inputs.items():
-        source = harness_topic(each.source, context.wiring.namespace)
+        source = context.harness_topic(each.source)
         feeding = [loaded[topic] for topic, below in reached.items() if source in below]
         if feeding:
             found[name] = max(feeding, key=lambda message_count: message_count.messages)
@@ -69,7 +65,7 @@ def _counts_by_input(context: Context) -> dict[str, MessageCount]:
 RULE = Rule(
     code="R2B322",
     title="a buffer larger than the data",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Fewer different messages are played than the spec says.",
     failing=example(
         data_loader="""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
 
 
 def _find(context: Context) -> Findings:
@@ -19,7 +19,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B323",
     title="a buffer of a single message",
-    severity=Severity.INFO,
+    severity="info",
     why="Caches, trackers and branch predictors get used to one message. That may be meant, where "
     "every message costs the same.",
     failing=example(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example
 
 
 def _find(context: Context) -> Findings:
@@ -29,7 +29,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B522",
     title="a confidence that means nothing",
-    severity=Severity.ERROR,
+    severity="error",
     why="A verdict is wrong with a probability of 1 minus its confidence. That is never 0, and at "
     "50 % one might as well toss a coin.",
     failing=example(benchmark="{rates: [30 Hz], gate: {confidence: 100 %}}"),

@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    Severity,
     did_you_mean,
     example,
     quote,
@@ -32,14 +31,14 @@ def _find(context: Context) -> Findings:
                 )
                 if close
                 else (),
-                suppresses=frozenset({"containers"}),
+                suppresses={"containers"},
             )
 
 
 RULE = Rule(
     code="R2B217",
     title="a container that is not declared",
-    severity=Severity.ERROR,
+    severity="error",
     why="A node runs in a process that the plan starts; nobody starts this one.",
     failing=example(
         containers="{perception: {executable: python}}",

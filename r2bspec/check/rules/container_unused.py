@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 
 
 def _find(context: Context) -> Findings:
@@ -14,14 +14,14 @@ def _find(context: Context) -> Findings:
                 path=("containers", name),
                 key=True,
                 help=f"write {quote(f'container: {name}')} in a node, or remove it",
-                suppressed_by=frozenset({"containers"}),
+                suppressed_by={"containers"},
             )
 
 
 RULE = Rule(
     code="R2B218",
     title="a container that no node uses",
-    severity=Severity.WARNING,
+    severity="warning",
     why="It is not started; what is set for it has no effect.",
     failing=example(containers="{perception: {executable: python}}"),
     passing=example(

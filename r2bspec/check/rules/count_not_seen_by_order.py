@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     known_metrics,
     quote,
@@ -31,14 +30,14 @@ def _find(context: Context) -> Findings:
                     help=f"require it of a topic whose messages have a header, or {quote('missed')}"
                     " and 'unmatched', which are counted",
                     related=(Pointer("it says so here", ("monitors", name, "match")),),
-                    suppressed_by=frozenset({each.located.subject}),
+                    suppressed_by={each.located.subject},
                 )
 
 
 RULE = Rule(
     code="R2B525",
     title="a count that matching by order cannot see",
-    severity=Severity.ERROR,
+    severity="error",
     why="Only a stamp tells that an answer came twice, or before another. By order, the second of "
     "two equal messages is taken for the next answer, and the count is always 0.",
     failing=example(

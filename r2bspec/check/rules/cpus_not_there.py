@@ -5,16 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 
-from r2bspec.check.rule_api import (
-    Certainty,
-    Context,
-    Finding,
-    Findings,
-    Path,
-    Rule,
-    Severity,
-    example,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example
 
 
 def _find(context: Context) -> Findings:
@@ -26,7 +17,7 @@ def _find(context: Context) -> Findings:
                     message=f"this machine has no processor {cpu}",
                     path=(*path, index),
                     help=f"it has {available}, counted from 0",
-                    certainty=Certainty.ENVIRONMENT,
+                    machine_dependent=True,
                 )
 
 
@@ -40,7 +31,7 @@ def _pinned_cpus(context: Context) -> Iterator[tuple[Path, tuple[int, ...]]]:
 RULE = Rule(
     code="R2B638",
     title="a processor that this machine does not have",
-    severity=Severity.WARNING,
+    severity="warning",
     why="A run on this machine would fail as it starts.",
     failing=example(
         graph="""

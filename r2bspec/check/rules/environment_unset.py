@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from r2bspec.check.rule_api import Certainty, Context, Finding, Findings, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
 
 
 def _find(context: Context) -> Findings:
@@ -14,14 +14,14 @@ def _find(context: Context) -> Findings:
                 message=f"{name} is not set here, so no process gets it",
                 path=("environment", index),
                 help=f"set it, for example: export {name}=...",
-                certainty=Certainty.ENVIRONMENT,
+                machine_dependent=True,
             )
 
 
 RULE = Rule(
     code="R2B617",
     title="an environment variable that is listed but not set",
-    severity=Severity.INFO,
+    severity="info",
     why="The processes of a run get the variables that 'environment' lists; one that is not set "
     "may be meant to be optional.",
     failing=example(environment="[R2BSPEC_EXAMPLE_MODELS]"),

@@ -3,17 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.installed_packages import package_executables
-from r2bspec.check.rule_api import (
-    Certainty,
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    quote,
-    suggestion,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, suggestion, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -28,15 +18,15 @@ def _find(context: Context) -> Findings:
                 "on this machine",
                 path=(*node.path, "executable"),
                 help=suggestion(executable, executables, "it has") or "it has none at all",
-                certainty=Certainty.ENVIRONMENT,
-                suppressed_by=frozenset({suppression_keys.value((*node.path, "package"))}),
+                machine_dependent=True,
+                suppressed_by={value_key((*node.path, "package"))},
             )
 
 
 RULE = Rule(
     code="R2B623",
     title="an executable that its ROS package does not have",
-    severity=Severity.WARNING,
+    severity="warning",
     why="A run on this machine would fail as it starts. It is a warning, because another version "
     "of the package may have it.",
     find=_find,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 
 
 def _find(context: Context) -> Findings:
@@ -24,7 +24,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B220",
     title="an external node of which nothing is known",
-    severity=Severity.INFO,
+    severity="info",
     why="Nobody starts it, so all that can be checked of it is its topics: whether they are there, "
     "and of the right type.",
     failing=example(

@@ -3,16 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Pointer,
-    Rule,
-    Severity,
-    example,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -42,14 +33,14 @@ def _find(context: Context) -> Findings:
                         ),
                     ),
                 ),
-                suppressed_by=frozenset({suppression_keys.value(("monitors", name, "match"))}),
+                suppressed_by={value_key(("monitors", name, "match"))},
             )
 
 
 RULE = Rule(
     code="R2B407",
     title="a monitor that matches by a stamp which no input carries",
-    severity=Severity.ERROR,
+    severity="error",
     why="The player writes a unique stamp into the header of what it plays. Where there is no "
     "header, outputs cannot be told apart by it.",
     failing=example(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 
 
 def _find(context: Context) -> Findings:
@@ -20,7 +20,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B223",
     title="a recorded interface that cannot be used",
-    severity=Severity.WARNING,
+    severity="warning",
     why="What a file in the folder 'interfaces' says of a node is known before anything starts; "
     "without it, less is checked.",
     find=_find,

@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Pointer,
-    Rule,
-    Severity,
-    example,
-    pluralize,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, pluralize
 from r2bspec.language.quantities import Duration
 
 _MIN_MESSAGES = 2
@@ -34,7 +25,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B513",
     title="an iteration with fewer than two messages",
-    severity=Severity.ERROR,
+    severity="error",
     why="Throughput is measured from the first to the last message of an iteration.",
     failing=example(benchmark="{duration: 1 s, rates: [1 Hz]}"),
     passing=example(benchmark="{duration: 5 s, rates: [1 Hz]}"),

@@ -5,17 +5,7 @@ from __future__ import annotations
 from pathlib import Path as FilePath
 
 from r2bspec.check.installed_packages import package_share
-from r2bspec.check.rule_api import (
-    Certainty,
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suggestion,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
 
 
 def _find(context: Context) -> Findings:
@@ -38,8 +28,8 @@ def _find(context: Context) -> Findings:
                     f"{quote(launch.file)} on this machine",
                     path=(*node.path, "launch", "file"),
                     help=suggestion(launch.file, _launch_files(share), "it has"),
-                    severity=Severity.WARNING,
-                    certainty=Certainty.ENVIRONMENT,
+                    severity="warning",
+                    machine_dependent=True,
                 )
 
 
@@ -54,7 +44,7 @@ def _launch_files(share: FilePath) -> list[str]:
 RULE = Rule(
     code="R2B613",
     title="a launch file that is not there",
-    severity=Severity.ERROR,
+    severity="error",
     why="A run would fail as it starts. A file beside the spec belongs to it; one of a package may "
     "be missing on this machine only, which is a warning.",
     failing=example(

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
+    PREPROCESS_FLOW,
     Context,
     Finding,
     Findings,
     Rule,
-    Severity,
     example,
     quote,
     suggestion,
-    suppression_keys,
+    topic_key,
 )
 
 
@@ -30,19 +30,14 @@ def _find(context: Context) -> Findings:
                 "input reads it",
                 path=each.path,
                 help=suggestion(shown, subscribed, "topics that are read"),
-                suppressed_by=frozenset(
-                    {
-                        suppression_keys.PREPROCESS_FLOW,
-                        suppression_keys.topic(phase.phase, each.topic),
-                    }
-                ),
+                suppressed_by={PREPROCESS_FLOW, topic_key(phase.phase, each.topic)},
             )
 
 
 RULE = Rule(
     code="R2B403",
     title="a loaded topic that nobody uses",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Loading it costs time and memory, and often its name is a misspelt one.",
     failing=example(
         data_loader="""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.calibrated_margins import narrow_margins
-from r2bspec.check.rule_api import Certainty, Context, Finding, Findings, Rule, Severity, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 from r2bspec.measure.units import show
 
 
@@ -19,14 +19,14 @@ def _find(context: Context) -> Findings:
             part=each.part,
             help=f"{f'write {each.proposed!r}, ' if each.proposed else ''}set "
             "'benchmark.iterations' higher, or find out what makes runs differ",
-            certainty=Certainty.ENVIRONMENT,
+            machine_dependent=True,
         )
 
 
 RULE = Rule(
     code="R2B523",
     title="a margin below the noise of the machine",
-    severity=Severity.WARNING,
+    severity="warning",
     why="'r2bspec calibrate' has measured by how much runs of the unchanged graph differ. With a "
     "narrower margin that graph itself is often left open, and regressions of that size are "
     "missed more often than once in ten times.",

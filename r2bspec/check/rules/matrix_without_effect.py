@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -22,14 +13,14 @@ def _find(context: Context) -> Findings:
                 message=f"the matrix varies {quote(name)}, but nothing uses it",
                 path=("variables", name),
                 help=f"write {quote(f'$(var {name})')} where its value belongs",
-                suppresses=frozenset({suppression_keys.value(("variables", name))}),
+                suppresses={value_key(("variables", name))},
             )
 
 
 RULE = Rule(
     code="R2B606",
     title="a matrix that varies what nothing uses",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Its cases are all the same, and each is a run of its own.",
     failing=example(
         variables="{threads: 1}",

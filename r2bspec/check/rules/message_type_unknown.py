@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from r2bspec.check import message_types
 from r2bspec.check.rule_api import (
-    Certainty,
     Context,
     Finding,
     Findings,
     Path,
     Rule,
-    Severity,
     did_you_mean,
     example,
     quote,
-    suppression_keys,
+    value_key,
 )
 
 
 def _find(context: Context) -> Findings:
     for path, name in _stated_types(context).items():
-        about = frozenset({suppression_keys.value(path)})
+        about = frozenset({value_key(path)})
         siblings = message_types.types_of_same_package(name)
         if name in siblings:
             continue
@@ -30,8 +28,8 @@ def _find(context: Context) -> Findings:
             yield Finding(
                 message=f"the package {package} of ROS 2 Jazzy has no message {quote(name)}",
                 path=path,
-                severity=Severity.WARNING,
-                certainty=Certainty.ENVIRONMENT,
+                severity="warning",
+                machine_dependent=True,
                 suppresses=about,
             )
         elif siblings or close.partition("/")[2] == name.partition("/")[2]:
@@ -42,7 +40,7 @@ def _find(context: Context) -> Findings:
                 else f"{quote(name)} is much like the type {quote(close)} of the common interfaces",
                 path=path,
                 help=f"did you mean {quote(close)}?",
-                severity=None if siblings else Severity.WARNING,
+                severity=None if siblings else "warning",
                 suppresses=about,
             )
 
@@ -56,7 +54,7 @@ def _stated_types(context: Context) -> dict[Path, str]:
 RULE = Rule(
     code="R2B202",
     title="a message type that does not exist",
-    severity=Severity.ERROR,
+    severity="error",
     why="A topic of a type that is not installed can be neither played nor watched.",
     failing=example(monitors="{output: {topic: output, format: sensor_msgs/msg/Imgae}}"),
     passing=example(monitors="{output: {topic: output, format: sensor_msgs/msg/Image}}"),

@@ -11,10 +11,11 @@ from r2bspec.check.rule_api import (
     PhaseWiring,
     Pointer,
     Rule,
-    Severity,
     example,
+    flow_key,
     quote,
-    suppression_keys,
+    topic_key,
+    value_key,
 )
 
 
@@ -77,12 +78,8 @@ def _finding(context: Context, phase: PhaseWiring, trusted: Endpoint, wrong: End
         key=wrong.topic_is_key and not wrong.type_path,
         help=_help(trusted, wrong),
         related=(related,),
-        suppressed_by=frozenset(
-            {suppression_keys.topic(phase.phase, trusted.topic), suppression_keys.value(place)}
-        ),
-        suppresses=frozenset(
-            {suppression_keys.phase_flow(phase.phase), suppression_keys.value(place)}
-        ),
+        suppressed_by={topic_key(phase.phase, trusted.topic), value_key(place)},
+        suppresses={flow_key(phase.phase), value_key(place)},
     )
 
 
@@ -113,7 +110,7 @@ def _verb(endpoint: Endpoint) -> str:
 RULE = Rule(
     code="R2B210",
     title="a topic of two types",
-    severity=Severity.ERROR,
+    severity="error",
     why="ROS never connects a writer with a reader of another type, and says nothing about it.",
     failing=example(
         data_loader="""

@@ -9,20 +9,18 @@ from r2bspec.check.rule_api import (
     Findings,
     KnownMetric,
     Rule,
-    Severity,
     example,
     known_metrics,
     quote,
 )
 from r2bspec.measure.metric_catalogue import known_live
-from r2bspec.plan.compile_plan import has_own_rate
 
 _PROBE_STATISTICS = ("search", "sequential")
 """How metrics are judged that need a rate to be chosen."""
 
 
 def _find(context: Context) -> Findings:
-    if not has_own_rate(context.spec):
+    if not context.has_own_rate:
         return
     for each in known_metrics(context):
         found = _problem(context, each)
@@ -32,7 +30,7 @@ def _find(context: Context) -> Findings:
                 message=message,
                 path=each.located.path,
                 help=help_text,
-                suppressed_by=frozenset({each.located.subject}),
+                suppressed_by={each.located.subject},
             )
 
 
@@ -77,7 +75,7 @@ def _monitor_without_header(context: Context, each: KnownMetric) -> str:
 RULE = Rule(
     code="R2B526",
     title="a metric that no run of this mode can know",
-    severity=Severity.ERROR,
+    severity="error",
     why="A live graph has its own source: what that sent, and so what was lost of it, is not seen, "
     "and latency is counted from the time in the header. Neither that nor a timeline is offered at "
     "a chosen rate. A requirement on something unknown can never hold.",

@@ -7,7 +7,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    Severity,
     example,
     known_metrics,
     quote,
@@ -34,7 +33,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B503",
     title="a requirement on every monitor at once",
-    severity=Severity.INFO,
+    severity="info",
     why="A metric without the name of a monitor is judged for each. That may be meant; it is said "
     "here because nothing else in the document shows it.",
     failing=example(

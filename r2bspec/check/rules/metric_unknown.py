@@ -9,7 +9,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     quote,
     quoted_list,
@@ -41,7 +40,7 @@ def _declaration(suggestion: str, written: str, context: Context) -> tuple[Point
 RULE = Rule(
     code="R2B501",
     title="a requirement on a metric or a monitor that does not exist",
-    severity=Severity.ERROR,
+    severity="error",
     why="What is not measured cannot be judged.",
     failing=example(slos="{fast: {at: 30 Hz, require: [latncy.p90 < 50 ms]}}"),
     passing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}"),

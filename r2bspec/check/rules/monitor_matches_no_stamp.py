@@ -3,15 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -22,15 +14,15 @@ def _find(context: Context) -> Findings:
                 message=f"monitor {name} matches by stamp, but {monitor.format} has no header",
                 path=(*place, "format"),
                 help="write 'match: order', if each input has one output",
-                suppressed_by=frozenset({suppression_keys.value((*place, "format"))}),
-                suppresses=frozenset({suppression_keys.value((*place, "match"))}),
+                suppressed_by={value_key((*place, "format"))},
+                suppresses={value_key((*place, "match"))},
             )
 
 
 RULE = Rule(
     code="R2B406",
     title="a monitor that matches by stamp messages without one",
-    severity=Severity.ERROR,
+    severity="error",
     why="An output finds its input by the header stamp that both carry. Without one, every message "
     "would count as lost.",
     failing=example(

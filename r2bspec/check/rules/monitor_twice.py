@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, Severity, example
-from r2bspec.wiring.build_wiring import harness_topic
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example
 
 
 def _find(context: Context) -> Findings:
     first: dict[tuple[str, str], str] = {}
     for name, monitor in context.spec.monitors.items():
-        topic = harness_topic(monitor.topic, context.wiring.namespace)
+        topic = context.harness_topic(monitor.topic)
         other = first.setdefault((topic, monitor.match), name)
         if other != name:
             yield Finding(
@@ -23,7 +22,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B411",
     title="a topic that is watched twice",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Each monitor takes time from the machine, and the second tells nothing new.",
     failing=example(
         monitors="""

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
+    MEASURE_FLOW,
     Context,
     Finding,
     Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     quote,
-    suppression_keys,
+    topic_key,
 )
 
 
@@ -31,8 +31,8 @@ def _find(context: Context) -> Findings:
                 related=(Pointer("who publishes it", writers[0].path, writers[0].topic_is_key),),
                 suppressed_by=frozenset(
                     {
-                        suppression_keys.MEASURE_FLOW,
-                        suppression_keys.topic(phase.phase, monitor.topic),
+                        MEASURE_FLOW,
+                        topic_key(phase.phase, monitor.topic),
                     },
                 ),
             )
@@ -41,7 +41,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B405",
     title="a monitor that nothing played can reach",
-    severity=Severity.ERROR,
+    severity="error",
     why="None of its messages answers an input, so nothing of what it sees says anything about the "
     "graph under test.",
     failing=example(

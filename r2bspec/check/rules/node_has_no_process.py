@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    NodeWiring,
-    Rule,
-    Severity,
-    example,
-    quote,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, NodeWiring, Rule, example, quote
 
 _PROCESS_KEYS = ("cpus", "nice", "prefix", "memory_limit")
 
@@ -47,7 +38,7 @@ def _why_shared(context: Context, node: NodeWiring) -> str:
 RULE = Rule(
     code="R2B221",
     title="a setting of a process at a node that has none",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Priority, processors, memory and the words before the command belong to a process. A node "
     "in a container shares that of the others.",
     failing=example(

@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     quote,
     quoted_list,
@@ -49,7 +48,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B203",
     title="a node with a name that is taken",
-    severity=Severity.ERROR,
+    severity="error",
     why="Each process has a log and metrics (cpu.NAME.mean) under its own name, and a node's "
     "process is called like the node. Processes of the harness have names, too, and 'system' is "
     "the whole machine.",

@@ -12,7 +12,6 @@ from r2bspec.check.rule_api import (
     PhaseWiring,
     Pointer,
     Rule,
-    Severity,
     quote,
 )
 from r2bspec.wiring.name_resolution import node_name
@@ -52,7 +51,7 @@ def _generated_nodes(
 RULE = Rule(
     code="R2B215",
     title="two nodes of one name",
-    severity=Severity.ERROR,
+    severity="error",
     why="Nodes of one name share services and parameters, and ROS does not say which of the two "
     "answers.",
     find=_find,

@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Pointer,
-    Rule,
-    Severity,
-    example,
-    quote,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, quote
 
 
 def _find(context: Context) -> Findings:
@@ -45,7 +36,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B219",
     title="a node that its container cannot hold",
-    severity=Severity.ERROR,
+    severity="error",
     why="A component container loads C++ components, and a Python container rclpy nodes; neither "
     "can hold the other's, nor a program.",
     failing=example(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule
 
 
 def _find(context: Context) -> Findings:
@@ -18,7 +18,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B524",
     title="a calibration that cannot be used",
-    severity=Severity.WARNING,
+    severity="warning",
     why="The file of that name beside the spec says by how much runs of the unchanged graph "
     "differ; without it, margins below that are not warned of.",
     find=_find,

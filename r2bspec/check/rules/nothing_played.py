@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    suppression_keys,
-)
-from r2bspec.plan.compile_plan import has_own_rate
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, value_key
 
 
 def _find(context: Context) -> Findings:
     benchmark = context.spec.benchmark
     sustained = any(each.requirement.metric == "sustained" for each in context.requirements)
-    own = has_own_rate(context.spec)
+    own = context.has_own_rate
     if not own and not benchmark.rates and benchmark.search is None and not sustained:
-        at = {suppression_keys.value(("slos", name, "at")) for name in context.spec.slos}
+        at = {value_key(("slos", name, "at")) for name in context.spec.slos}
         yield Finding(
             message="nothing is played: there are neither rates nor a search",
             path=("benchmark",),
@@ -32,7 +23,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B500",
     title="a benchmark that plays nothing",
-    severity=Severity.ERROR,
+    severity="error",
     why="Without a rate or a search nothing would be measured.",
     failing=example(benchmark="{duration: 5 s}"),
     passing=example(benchmark="{duration: 5 s, rates: [30 Hz]}"),

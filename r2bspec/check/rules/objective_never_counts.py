@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suggestion,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
 from r2bspec.language.located_tree import ListNode, to_plain
 
 
@@ -39,7 +30,7 @@ def _values(context: Context, variable: str) -> list[str]:
 RULE = Rule(
     code="R2B518",
     title="an objective that never counts",
-    severity=Severity.WARNING,
+    severity="warning",
     why="'when' compares a variable with a value that its choices do not have.",
     failing=example(
         variables="{threads: {type: integer, value: 1, choices: [1, 2]}}",

@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Pointer,
-    Rule,
-    Severity,
-    example,
-    quote,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, quote
 
 
 def _find(context: Context) -> Findings:
@@ -32,7 +23,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B517",
     title="an objective above the search",
-    severity=Severity.WARNING,
+    severity="warning",
     why="A search that ends below what is required says only that the graph holds more than its "
     "end, which is less than what matters.",
     failing=example(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 
 
 def _find(context: Context) -> Findings:
@@ -18,7 +18,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B519",
     title="an objective that is switched off",
-    severity=Severity.INFO,
+    severity="info",
     why="It stays in the document and guards nothing, which is easily forgotten.",
     failing=example(slos="{fast: {at: 30 Hz, level: 'off', require: [latency.p90 < 50 ms]}}"),
     passing=example(slos="{fast: {at: 30 Hz, level: info, require: [latency.p90 < 50 ms]}}"),

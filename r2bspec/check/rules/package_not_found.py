@@ -6,18 +6,16 @@ from collections.abc import Iterator
 
 from r2bspec.check.installed_packages import ament_packages, ament_prefixes
 from r2bspec.check.rule_api import (
-    Certainty,
     Context,
     Finding,
     Findings,
     Path,
     Rule,
-    Severity,
     did_you_mean,
     example,
     pluralize,
     quote,
-    suppression_keys,
+    value_key,
 )
 from r2bspec.wiring.known_packages import catalogue_packages
 
@@ -35,8 +33,8 @@ def _find(context: Context) -> Findings:
                 if close
                 else f"source the workspace that has it; AMENT_PREFIX_PATH names "
                 f"{pluralize(len(ament_prefixes()), 'folder')}",
-                certainty=Certainty.ENVIRONMENT,
-                suppresses=frozenset({suppression_keys.value(path)}),
+                machine_dependent=True,
+                suppresses={value_key(path)},
             )
 
 
@@ -59,7 +57,7 @@ def _packages(context: Context) -> Iterator[tuple[Path, str]]:
 RULE = Rule(
     code="R2B622",
     title="a ROS package that is not installed",
-    severity=Severity.WARNING,
+    severity="warning",
     why="A run on this machine would fail as it starts. It is a warning, because the run may well "
     "happen on another one.",
     failing=example(

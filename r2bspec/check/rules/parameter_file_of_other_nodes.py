@@ -3,16 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.parameter_types import parameter_file_paths
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    NodeWiring,
-    Rule,
-    Severity,
-    quote,
-    quoted_list,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, NodeWiring, Rule, quote, quoted_list
 from r2bspec.wiring.parameter_files import node_key_matches
 
 
@@ -44,7 +35,7 @@ def _advice(keys: list[str], node: NodeWiring) -> str:
 RULE = Rule(
     code="R2B618",
     title="a parameter file that is about other nodes",
-    severity=Severity.ERROR,
+    severity="error",
     why="ROS compares the full name of a node with the keys of the file, and ignores what does not "
     "match without a word.",
     find=_find,

@@ -3,16 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.parameter_types import parameter_file_paths
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -29,14 +20,14 @@ def _find(context: Context) -> Findings:
                 help=f"it is looked for in the folder of the spec, {context.loaded.base_dir}"
                 if file.missing
                 else "parameters stand below the name of their node and 'ros__parameters'",
-                suppresses=frozenset({suppression_keys.value(path)}),
+                suppresses={value_key(path)},
             )
 
 
 RULE = Rule(
     code="R2B614",
     title="a parameter file that cannot be used",
-    severity=Severity.ERROR,
+    severity="error",
     why="The node would not start, or start with its defaults.",
     failing=example(
         graph="""

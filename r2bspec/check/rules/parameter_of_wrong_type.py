@@ -4,16 +4,7 @@ from __future__ import annotations
 
 from r2bspec.check.certainty import as_version_warning
 from r2bspec.check.parameter_types import ParameterOverride, parameter_overrides, parameter_type
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 from r2bspec.diagnostics.quote import clip
 from r2bspec.wiring.node_interface import ParameterInfo
 
@@ -46,14 +37,14 @@ def _finding(node: str, each: ParameterOverride, given: str, declared: Parameter
         if given == "string" and declared.type in {"integer", "double", "bool"}
         else "",
         replacement=None if each.file else fixed,
-        suppresses=frozenset({suppression_keys.value(path)}),
+        suppresses={value_key(path)},
     )
 
 
 RULE = Rule(
     code="R2B212",
     title="a parameter of the wrong type",
-    severity=Severity.ERROR,
+    severity="error",
     why="A node refuses to start with a parameter of another type than it declares.",
     failing=example(
         graph="""

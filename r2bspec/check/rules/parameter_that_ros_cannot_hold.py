@@ -5,16 +5,7 @@ from __future__ import annotations
 import math
 
 from r2bspec.check.parameter_types import parameter_overrides, parameter_type
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 from r2bspec.language.spec import ParameterValue
 
 
@@ -28,7 +19,7 @@ def _find(context: Context) -> Findings:
                     message=f"{quote(each.name)} of {node.key} {problem[0]}",
                     path=path,
                     help=problem[1],
-                    suppresses=frozenset({suppression_keys.value(path)}),
+                    suppresses={value_key(path)},
                 )
 
 
@@ -51,7 +42,7 @@ def _problem(value: ParameterValue) -> tuple[str, str] | None:
 RULE = Rule(
     code="R2B213",
     title="a parameter value that ROS cannot hold",
-    severity=Severity.ERROR,
+    severity="error",
     why="A ROS parameter is a truth value, a 64-bit integer, a double, a string, or a list of "
     "items that are all of one of these types.",
     failing=example(

@@ -4,16 +4,7 @@ from __future__ import annotations
 
 from r2bspec.check.certainty import as_version_warning
 from r2bspec.check.parameter_types import parameter_overrides
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suggestion,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
 
 # Every node declares the first; the others are read by the middleware's side of a node.
 _COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service")
@@ -45,7 +36,7 @@ def _is_common_parameter(name: str) -> bool:
 RULE = Rule(
     code="R2B211",
     title="a parameter that the node does not declare",
-    severity=Severity.ERROR,
+    severity="error",
     why="ROS ignores the value without a word, and the node runs with its default.",
     failing=example(
         graph="""

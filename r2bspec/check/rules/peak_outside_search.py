@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     known_metrics,
     quote,
@@ -38,14 +37,14 @@ def _find(context: Context) -> Findings:
             related=(
                 Pointer(f"it {'ends' if end == 'max' else 'begins'} at {limit}", (*_SEARCH, end)),
             ),
-            suppressed_by=frozenset({each.located.subject}),
+            suppressed_by={each.located.subject},
         )
 
 
 RULE = Rule(
     code="R2B507",
     title="a required peak outside of the search",
-    severity=Severity.ERROR,
+    severity="error",
     why="A search finds no peak beyond its range, so such a requirement would be decided by the "
     "range alone.",
     failing=example(

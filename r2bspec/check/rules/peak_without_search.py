@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    known_metrics,
-    quote,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, known_metrics, quote
 
 
 def _find(context: Context) -> Findings:
@@ -31,14 +22,14 @@ def _find(context: Context) -> Findings:
                 path=each.located.path,
                 part=each.located.metric_part,
                 help="add one under 'benchmark': 'search: {min: 5 Hz, max: 200 Hz}'",
-                suppresses=frozenset({each.located.subject}),
+                suppresses={each.located.subject},
             )
 
 
 RULE = Rule(
     code="R2B506",
     title="a requirement on the peak without a search",
-    severity=Severity.ERROR,
+    severity="error",
     why="The peak is what the search finds.",
     failing=example(slos="{headroom: {require: [peak.rate >= 45 Hz]}}"),
     passing=example(

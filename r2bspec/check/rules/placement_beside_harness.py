@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quoted_list
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quoted_list
 
 
 def _find(context: Context) -> Findings:
@@ -30,7 +30,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B626",
     title="nodes in the process of the harness",
-    severity=Severity.INFO,
+    severity="info",
     why="It saves the way between processes, but what the harness does delays the graph, and only "
     "one of them runs at a time, however many cores there are.",
     failing=example(

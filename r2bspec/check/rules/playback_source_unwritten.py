@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
+    PREPROCESS_FLOW,
     Context,
     Endpoint,
     Finding,
@@ -10,13 +11,13 @@ from r2bspec.check.rule_api import (
     PhaseWiring,
     Pointer,
     Rule,
-    Severity,
     did_you_mean,
     example,
     quote,
     quoted_list,
     suggestion,
-    suppression_keys,
+    topic_key,
+    value_key,
 )
 
 
@@ -54,12 +55,11 @@ def _finding(context: Context, phase: PhaseWiring, each: Endpoint) -> Finding:
             for topic in instead
             for publisher in phase.publishers(topic)[:1]
         ),
-        severity=Severity.WARNING if unknown else None,
-        suppressed_by=frozenset({suppression_keys.topic(phase.phase, each.topic)})
-        | {suppression_keys.value(node.path) for node in phase.possible_publishers},
+        severity="warning" if unknown else None,
+        suppressed_by={topic_key(phase.phase, each.topic)}
+        | {value_key(node.path) for node in phase.possible_publishers},
         suppresses=frozenset(
-            {suppression_keys.PREPROCESS_FLOW}
-            | {suppression_keys.topic(phase.phase, topic) for topic in instead}
+            {PREPROCESS_FLOW} | {topic_key(phase.phase, topic) for topic in instead}
         ),
     )
 
@@ -67,7 +67,7 @@ def _finding(context: Context, phase: PhaseWiring, each: Endpoint) -> Finding:
 RULE = Rule(
     code="R2B401",
     title="a playback input whose messages come from nowhere",
-    severity=Severity.ERROR,
+    severity="error",
     why="What is played is what was loaded, or what preprocessors made of it. Nothing arrives on a "
     "topic that neither of them publishes.",
     failing=example(playback="{inputs: {image: {from: image_rw, format: sensor_msgs/msg/Image}}}"),

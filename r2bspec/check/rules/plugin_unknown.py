@@ -2,17 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Certainty,
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    quote,
-    suggestion,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, suggestion, value_key
 from r2bspec.wiring.known_packages import ROS_DISTRIBUTION, catalogue_nodes
 
 
@@ -25,15 +15,15 @@ def _find(context: Context) -> Findings:
                 f"{quote(node.node.plugin)}",
                 path=(*node.path, "plugin"),
                 help=suggestion(node.node.plugin, known, "it has"),
-                certainty=Certainty.ENVIRONMENT,
-                suppresses=frozenset({suppression_keys.value(node.path)}),
+                machine_dependent=True,
+                suppresses={value_key(node.path)},
             )
 
 
 RULE = Rule(
     code="R2B639",
     title="a component that its package does not have",
-    severity=Severity.WARNING,
+    severity="warning",
     why="The container could not load it. It is a warning, because another version of the package "
     "may have it.",
     find=_find,

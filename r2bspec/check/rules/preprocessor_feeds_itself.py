@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
+    PREPROCESS_FLOW,
     Context,
     Finding,
     Findings,
     Rule,
-    Severity,
     example,
     quote,
-    suppression_keys,
+    topic_key,
 )
 
 
@@ -28,15 +28,15 @@ def _find(context: Context) -> Findings:
                     path=each.path,
                     key=each.topic_is_key,
                     help="preprocessors pass messages on from the bag to the playback inputs",
-                    suppressed_by=frozenset({suppression_keys.topic(phase.phase, each.topic)}),
-                    suppresses=frozenset({suppression_keys.PREPROCESS_FLOW}),
+                    suppressed_by={topic_key(phase.phase, each.topic)},
+                    suppresses={PREPROCESS_FLOW},
                 )
 
 
 RULE = Rule(
     code="R2B402",
     title="preprocessors in a circle",
-    severity=Severity.ERROR,
+    severity="error",
     why="A message in a circle of nodes is never done with, so preprocessing has no end.",
     failing=example(
         preprocessors="""

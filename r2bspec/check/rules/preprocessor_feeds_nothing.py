@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
+    PREPROCESS_FLOW,
     Context,
     Finding,
     Findings,
     Rule,
-    Severity,
     example,
     quoted_list,
-    suppression_keys,
+    topic_key,
 )
 
 
@@ -32,19 +32,17 @@ def _find(context: Context) -> Findings:
                     "it publishes "
                     f"{quoted_list(context.relative_name(topic) for topic in published)}"
                 ),
-                suppressed_by=frozenset(
-                    {
-                        suppression_keys.PREPROCESS_FLOW,
-                        *(suppression_keys.topic(phase.phase, topic) for topic in published),
-                    }
-                ),
+                suppressed_by={
+                    PREPROCESS_FLOW,
+                    *(topic_key(phase.phase, topic) for topic in published),
+                },
             )
 
 
 RULE = Rule(
     code="R2B404",
     title="a preprocessor that feeds nothing",
-    severity=Severity.WARNING,
+    severity="warning",
     why="It runs before every benchmark, and nothing of it is ever played.",
     failing=example(
         preprocessors="""

@@ -10,12 +10,11 @@ from r2bspec.check.rule_api import (
     Findings,
     Path,
     Rule,
-    Severity,
     example,
+    flow_key,
     quote,
-    suppression_keys,
+    topic_key,
 )
-from r2bspec.wiring.build_wiring import harness_topic
 
 
 def _find(context: Context) -> Findings:
@@ -23,7 +22,7 @@ def _find(context: Context) -> Findings:
         if not name.startswith("~"):
             continue
         private = [topic for topic in _private_topics(context, phase) if topic.endswith(name[1:])]
-        topics = (*private, harness_topic(name, context.wiring.namespace))
+        topics = (*private, context.harness_topic(name))
         yield Finding(
             message=f"{quote(name)} is private to a node, but no node stands here",
             path=path,
@@ -31,10 +30,7 @@ def _find(context: Context) -> Findings:
             help=f"did you mean {quote(context.relative_name(private[0]))}?"
             if len(private) == 1
             else "name the topic in full: the node's namespace and name, then the topic",
-            suppresses=frozenset(
-                {suppression_keys.phase_flow(phase)}
-                | {suppression_keys.topic(phase, topic) for topic in topics}
-            ),
+            suppresses=frozenset({flow_key(phase)} | {topic_key(phase, topic) for topic in topics}),
         )
 
 
@@ -64,7 +60,7 @@ def _harness_topics(context: Context) -> Iterator[tuple[str, Path, str, bool]]:
 RULE = Rule(
     code="R2B201",
     title="a private topic that belongs to no node",
-    severity=Severity.ERROR,
+    severity="error",
     why="'~' stands for the name of the node that uses a topic. Loader, player and monitors are no "
     "nodes of the graph, so there is nothing that it could stand for.",
     failing=example(

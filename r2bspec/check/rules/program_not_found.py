@@ -6,17 +6,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path as FilePath
 
-from r2bspec.check.rule_api import (
-    Certainty,
-    Context,
-    Finding,
-    Findings,
-    Path,
-    Rule,
-    Severity,
-    example,
-    quote,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
 
 
 def _find(context: Context) -> Findings:
@@ -34,7 +24,7 @@ def _find(context: Context) -> Findings:
                 message=message,
                 path=path,
                 help=advice,
-                certainty=Certainty.ENVIRONMENT,
+                machine_dependent=True,
             )
 
 
@@ -58,7 +48,7 @@ def _programs(context: Context) -> Iterator[tuple[Path, str, FilePath]]:
 RULE = Rule(
     code="R2B621",
     title="a program that is not installed",
-    severity=Severity.WARNING,
+    severity="warning",
     why="A run on this machine would fail as it starts. It is a warning, because the run may well "
     "happen on another one.",
     failing=example(

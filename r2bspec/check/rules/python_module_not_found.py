@@ -6,18 +6,7 @@ from dataclasses import replace
 
 from r2bspec.check.installed_packages import find_module, top_level_names
 from r2bspec.check.python_target import PythonTarget, python_target
-from r2bspec.check.rule_api import (
-    Certainty,
-    Context,
-    Finding,
-    Findings,
-    Path,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -29,9 +18,7 @@ def _find(context: Context) -> Findings:
             if finding is not None:
                 yield replace(
                     finding,
-                    suppresses=frozenset(
-                        {suppression_keys.value(path), suppression_keys.value(node.path)}
-                    ),
+                    suppresses={value_key(path), value_key(node.path)},
                 )
 
 
@@ -43,8 +30,8 @@ def _module(path: Path, target: PythonTarget) -> Finding | None:
         path=path,
         part=(0, len(target.module)),
         help="install it, or source the workspace that has it; a file is written ./file.py:Class",
-        severity=Severity.WARNING,
-        certainty=Certainty.ENVIRONMENT,
+        severity="warning",
+        machine_dependent=True,
     )
 
 
@@ -73,7 +60,7 @@ def _file(context: Context, path: Path, target: PythonTarget) -> Finding | None:
 RULE = Rule(
     code="R2B624",
     title="a Python node whose file or module is not there",
-    severity=Severity.ERROR,
+    severity="error",
     why="A run would fail as it starts. A file belongs to the spec, so its absence is an error; an "
     "installed module may be missing on this machine only, which is a warning.",
     failing=example(

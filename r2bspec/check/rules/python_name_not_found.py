@@ -7,16 +7,14 @@ from pathlib import Path
 from r2bspec.check.installed_packages import find_module, top_level_names
 from r2bspec.check.python_target import PythonTarget, python_target
 from r2bspec.check.rule_api import (
-    Certainty,
     Context,
     Finding,
     Findings,
     Rule,
-    Severity,
     example,
     quote,
     suggestion,
-    suppression_keys,
+    value_key,
 )
 from r2bspec.wiring.node_interface import reference_node_interfaces
 
@@ -40,10 +38,10 @@ def _find(context: Context) -> Findings:
             path=path,
             part=(len(target.text) - len(target.name), len(target.name)),
             help=suggestion(target.name, _public(names), "it has"),
-            severity=None if certain else Severity.WARNING,
-            certainty=Certainty.CERTAIN if certain else Certainty.ENVIRONMENT,
-            suppressed_by=frozenset({suppression_keys.value(path)}),
-            suppresses=frozenset({suppression_keys.value(node.path)}),
+            severity=None if certain else "warning",
+            machine_dependent=not certain,
+            suppressed_by={value_key(path)},
+            suppresses={value_key(node.path)},
         )
 
 
@@ -74,7 +72,7 @@ def _public(names: frozenset[str]) -> list[str]:
 RULE = Rule(
     code="R2B625",
     title="a Python node that its file or module does not have",
-    severity=Severity.ERROR,
+    severity="error",
     why="A run would fail as it starts. The file is read, not executed; where a name might come "
     "from elsewhere (from x import *), nothing is said.",
     failing=example(

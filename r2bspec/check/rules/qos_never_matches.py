@@ -10,10 +10,10 @@ from r2bspec.check.rule_api import (
     PhaseWiring,
     Pointer,
     Rule,
-    Severity,
     example,
+    flow_key,
     quote,
-    suppression_keys,
+    topic_key,
 )
 
 
@@ -55,8 +55,8 @@ def _finding(
         help=f"write {quote(f'{field}: {offered}')} for {_endpoint_label(subscription)}, or "
         f"{quote(f'{field}: {requested}')} for {_endpoint_label(publisher)}",
         related=(Pointer("the other side", other.qos_path or other.path),),
-        suppressed_by=frozenset({suppression_keys.topic(phase.phase, publisher.topic)}),
-        suppresses=frozenset({suppression_keys.phase_flow(phase.phase)}),
+        suppressed_by={topic_key(phase.phase, publisher.topic)},
+        suppresses={flow_key(phase.phase)},
     )
 
 
@@ -69,7 +69,7 @@ def _endpoint_label(endpoint: Endpoint) -> str:
 RULE = Rule(
     code="R2B216",
     title="a writer and a reader whose profiles exclude each other",
-    severity=Severity.ERROR,
+    severity="error",
     why="A reader that asks for more than its writer offers is never connected with it, and "
     "nothing arrives.",
     failing=example(

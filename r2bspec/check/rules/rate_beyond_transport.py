@@ -2,20 +2,9 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Certainty,
-    Context,
-    Finding,
-    Findings,
-    Path,
-    Rule,
-    Severity,
-    example,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example
 from r2bspec.language.located_tree import ListNode
-from r2bspec.plan.compile_plan import has_own_rate
 from r2bspec.plan.topic_plans import straight_from
-from r2bspec.wiring.build_wiring import harness_topic
 
 _CAPACITY_BYTES_PER_S = {"udp": 250e6, "shared_memory": 3e9}
 """Bytes per second between two processes on one host. Estimates: a 2-core x86-64 machine carried
@@ -26,7 +15,7 @@ to 1 ms."""
 def _find(context: Context) -> Findings:
     spec, bag = context.spec, context.bag
     capacity = _CAPACITY_BYTES_PER_S.get(spec.transport)
-    if capacity is None or bag is None or has_own_rate(spec):
+    if capacity is None or bag is None or context.has_own_rate:
         return
     largest = max(
         (
@@ -50,7 +39,7 @@ def _find(context: Context) -> Findings:
                 path=path if written else ("benchmark", "rates"),
                 help=f"an estimate, from a machine of two cores: about {max_rate_hz:.0f} Hz can be "
                 "carried" + ("; shared_memory carries more" if spec.transport == "udp" else ""),
-                certainty=Certainty.ENVIRONMENT,
+                machine_dependent=True,
             )
             if not written:
                 return
@@ -59,10 +48,7 @@ def _find(context: Context) -> Findings:
 def _is_played_unchanged(context: Context, bag_topic: str) -> bool:
     """Whether messages are played as large as they were recorded."""
     return any(
-        straight_from(
-            harness_topic(each.source, context.wiring.namespace), context.spec, context.wiring
-        )
-        == bag_topic
+        straight_from(context.harness_topic(each.source), context.spec, context.wiring) == bag_topic
         for each in context.spec.playback.inputs.values()
     )
 
@@ -70,7 +56,7 @@ def _is_played_unchanged(context: Context, bag_topic: str) -> bool:
 RULE = Rule(
     code="R2B627",
     title="a rate beyond what the transport carries",
-    severity=Severity.WARNING,
+    severity="warning",
     why="What is measured then is the transport, and playback will miss its own schedule. The "
     "figures are estimates: a faster machine carries more.",
     failing=example(transport="udp", benchmark="{rates: [200 Hz]}"),

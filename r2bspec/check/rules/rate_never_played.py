@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, value_key
 from r2bspec.language.spec import Objective
 from r2bspec.measure.metric_catalogue import METRICS
-from r2bspec.plan.compile_plan import has_own_rate
 
 
 def _find(context: Context) -> Findings:
-    if has_own_rate(context.spec):
+    if context.has_own_rate:
         return
     played = context.spec.benchmark.rates
     for name, objective in context.spec.slos.items():
@@ -29,7 +20,7 @@ def _find(context: Context) -> Findings:
                 help=f"played are {rates}; add it under 'benchmark.rates'"
                 if played
                 else "add it under 'benchmark.rates', which is empty",
-                suppresses=frozenset({suppression_keys.value(("slos", name, "at"))}),
+                suppresses={value_key(("slos", name, "at"))},
             )
 
 
@@ -44,7 +35,7 @@ def _needs_playing(objective: Objective) -> bool:
 RULE = Rule(
     code="R2B504",
     title="an objective at a rate that is never played",
-    severity=Severity.ERROR,
+    severity="error",
     why="There would be nothing to judge it by.",
     failing=example(slos="{fast: {at: 60 Hz, require: [latency.p90 < 50 ms]}}"),
     passing=example(

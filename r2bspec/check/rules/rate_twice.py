@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example
 from r2bspec.language.quantities import Rate
 
 
@@ -22,7 +22,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B512",
     title="a rate that is listed twice",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Results are kept by rate; the second time would have nowhere to go.",
     failing=example(benchmark="{rates: [30 Hz, 0.03 kHz]}"),
     passing=example(benchmark="{rates: [30 Hz, 60 Hz]}"),

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
-from r2bspec.plan.compile_plan import has_own_rate
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 
 
 def _find(context: Context) -> Findings:
-    if not has_own_rate(context.spec):
+    if not context.has_own_rate:
         return
     mode = context.spec.playback.mode
     whose = "the recording" if mode == "timeline" else "the graph's own source"
@@ -20,7 +19,7 @@ def _find(context: Context) -> Findings:
                 path=("benchmark", key),
                 key=True,
                 help="remove it, or write 'mode: looping'",
-                suppresses=frozenset({"rates"}),
+                suppresses={"rates"},
             )
     for name, objective in context.spec.slos.items():
         if objective.at is not None or objective.at_peak:
@@ -28,14 +27,14 @@ def _find(context: Context) -> Findings:
                 message=f"nothing is played at a chosen rate with 'mode: {mode}'",
                 path=("slos", name, "at"),
                 help="remove 'at'",
-                suppressed_by=frozenset({"rates"}),
+                suppressed_by={"rates"},
             )
 
 
 RULE = Rule(
     code="R2B408",
     title="a rate where messages have times of their own",
-    severity=Severity.ERROR,
+    severity="error",
     why="A timeline is played at the times of its recording, and a live graph has its own source. "
     "Neither can be offered at another rate.",
     failing=example(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
 
 
 def _find(context: Context) -> Findings:
@@ -24,7 +24,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B410",
     title="a ratio of a monitor that matches by stamp",
-    severity=Severity.ERROR,
+    severity="error",
     why="By stamp each output answers the one input that carries the same. How many outputs answer "
     "how many inputs is a matter of their order.",
     failing=example(

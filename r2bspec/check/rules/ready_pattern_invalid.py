@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 
 
 def _find(context: Context) -> Findings:
@@ -27,7 +27,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B609",
     title="a pattern that is no regular expression",
-    severity=Severity.ERROR,
+    severity="error",
     why="A probe looks for a line of output by a regular expression, as Python's 're' reads it.",
     failing=example(ready="{up: {log: {process: relay, pattern: 'started ('}}}"),
     passing=example(ready="{up: {log: {process: relay, pattern: 'started \\('}}}"),

@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suggestion,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
 
 
 def _find(context: Context) -> Findings:
@@ -28,7 +19,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B608",
     title="a probe of a process that does not exist",
-    severity=Severity.ERROR,
+    severity="error",
     why="The line never comes. A node's process is called like the node, or like its container.",
     failing=example(ready="{up: {log: {process: rely, pattern: started}}}"),
     passing=example(ready="{up: {log: {process: relay, pattern: started}}}"),

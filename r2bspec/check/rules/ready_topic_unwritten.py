@@ -7,20 +7,18 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    Severity,
     example,
     quote,
     quoted_list,
     suggestion,
-    suppression_keys,
+    topic_key,
 )
-from r2bspec.wiring.build_wiring import harness_topic
 
 
 def _find(context: Context) -> Findings:
     phase = context.wiring.measure
     for name, probe in context.spec.ready.items():
-        topic = harness_topic(probe.topic, context.wiring.namespace) if probe.topic else ""
+        topic = context.harness_topic(probe.topic) if probe.topic else ""
         if not topic or phase.publishers(topic):
             continue
         unknown = [node.key for node in phase.possible_publishers]
@@ -39,15 +37,15 @@ def _find(context: Context) -> Findings:
             ),
             path=("ready", name, "topic"),
             help=advice,
-            severity=Severity.WARNING if unknown else None,
-            suppressed_by=frozenset({suppression_keys.topic(phase.phase, topic)}),
+            severity="warning" if unknown else None,
+            suppressed_by={topic_key(phase.phase, topic)},
         )
 
 
 RULE = Rule(
     code="R2B413",
     title="a ready probe that waits for a topic which nobody publishes",
-    severity=Severity.ERROR,
+    severity="error",
     why="The run would wait until the timeout of the probe, and then give up.",
     failing=example(ready="{relay: {topic: outptu}}"),
     passing=example(ready="{relay: {topic: output}}"),

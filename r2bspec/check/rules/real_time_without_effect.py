@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
 
 
 def _find(context: Context) -> Findings:
@@ -18,7 +18,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B326",
     title="loading in real time without preprocessors",
-    severity=Severity.WARNING,
+    severity="warning",
     why="It says how fast preprocessors are fed. Without any, messages go straight from the bag "
     "into the buffer.",
     failing=example(

@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    quoted_list,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, quoted_list
 
 
 def _find(context: Context) -> Findings:
@@ -33,7 +24,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B324",
     title="a recording of which nothing is used",
-    severity=Severity.WARNING,
+    severity="warning",
     why="It is looked for, hashed and kept for nothing.",
     failing=example(
         data_loader="""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 from r2bspec.wiring.name_resolution import expand
 
 
@@ -23,7 +23,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B206",
     title="a remapping of a topic to itself",
-    severity=Severity.WARNING,
+    severity="warning",
     why="It does nothing, and who reads it looks for what it is there for.",
     failing=example(
         graph="""

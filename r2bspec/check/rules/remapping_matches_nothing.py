@@ -9,12 +9,12 @@ from r2bspec.check.rule_api import (
     Findings,
     NodeWiring,
     Rule,
-    Severity,
     did_you_mean,
     example,
+    flow_key,
     quote,
     quoted_list,
-    suppression_keys,
+    topic_key,
 )
 from r2bspec.wiring.name_resolution import expand, remap
 
@@ -54,7 +54,7 @@ def _finding(phase: str, node: NodeWiring, left: str, right: str) -> Finding:
         path=(*node.path, "remappings", left),
         key=True,
         help=_help(left, right, close, own),
-        severity=None if sources <= COMPLETE_SOURCES else Severity.WARNING,
+        severity=None if sources <= COMPLETE_SOURCES else "warning",
         suppresses=_consequences(phase, node, (left, right), close),
     )
     return as_version_warning(node.interface, finding) if "catalogue" in sources else finding
@@ -77,10 +77,7 @@ def _consequences(
     rules = node.node.remappings
     topics = {expand(name, node.key, node.namespace) for name in rule}
     topics |= {remap(name, rules, node.key, node.namespace).name for name in own}
-    return frozenset(
-        {suppression_keys.phase_flow(phase)}
-        | {suppression_keys.topic(phase, name) for name in topics}
-    )
+    return frozenset({flow_key(phase)} | {topic_key(phase, name) for name in topics})
 
 
 def _node_remapping_finding(phase: str, node: NodeWiring, left: str) -> Finding:
@@ -92,14 +89,14 @@ def _node_remapping_finding(phase: str, node: NodeWiring, left: str) -> Finding:
         help=f"write it as {quote(instead)} of the node"
         if instead
         else "the node is called like its key here",
-        suppresses=frozenset({suppression_keys.phase_flow(phase)}),
+        suppresses={flow_key(phase)},
     )
 
 
 RULE = Rule(
     code="R2B204",
     title="a remapping that matches no topic of its node",
-    severity=Severity.ERROR,
+    severity="error",
     why="ROS ignores such a remapping without a word; the node goes on using the topic under its "
     "own name, and no message arrives.",
     failing=example(

@@ -8,10 +8,9 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     quote,
-    suppression_keys,
+    topic_key,
 )
 from r2bspec.wiring.name_resolution import expand
 
@@ -32,16 +31,14 @@ def _find(context: Context) -> Findings:
                 key=True,
                 help="ROS applies the first of them; remove one",
                 related=(Pointer("remapped here already", (*place, first[full]), key=True),),
-                suppresses=frozenset(
-                    {suppression_keys.topic(phase, expand(right, node.key, node.namespace))}
-                ),
+                suppresses={topic_key(phase, expand(right, node.key, node.namespace))},
             )
 
 
 RULE = Rule(
     code="R2B205",
     title="a remapping that another one shadows",
-    severity=Severity.ERROR,
+    severity="error",
     why="ROS applies the first remapping that matches a topic and never looks at the second.",
     failing=example(
         graph="""

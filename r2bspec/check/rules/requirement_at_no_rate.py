@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    known_metrics,
-    quote,
-)
-from r2bspec.plan.compile_plan import has_own_rate
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, known_metrics, quote
 
 
 def _find(context: Context) -> Findings:
-    if has_own_rate(context.spec):
+    if context.has_own_rate:
         return
     rates = ", ".join(str(rate) for rate in context.spec.benchmark.rates)
     for each in known_metrics(context):
@@ -28,14 +18,14 @@ def _find(context: Context) -> Findings:
                 part=located.metric_part,
                 help=f"give the objective {quote(located.objective)} a rate"
                 + (f": 'at:' and one of {rates}" if rates else " with 'at:'"),
-                suppresses=frozenset({located.subject}),
+                suppresses={located.subject},
             )
 
 
 RULE = Rule(
     code="R2B505",
     title="a requirement at no rate",
-    severity=Severity.ERROR,
+    severity="error",
     why="A latency at 10 Hz says little about one at 60 Hz. Only the outcome of the search "
     "(peak.rate) belongs to no rate.",
     failing=example(slos="{fast: {require: [latency.p90 < 50 ms]}}"),

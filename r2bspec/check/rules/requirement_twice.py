@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Pointer,
-    Rule,
-    Severity,
-    example,
-    quote,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, quote
 from r2bspec.check.spec_requirements import LocatedRequirement
 
 
@@ -28,7 +19,7 @@ def _find(context: Context) -> Findings:
                 path=located.path,
                 help="remove one",
                 related=(Pointer("required here already", other.path),),
-                suppressed_by=frozenset({located.subject}),
+                suppressed_by={located.subject},
             )
 
 
@@ -41,7 +32,7 @@ def _when(context: Context, located: LocatedRequirement) -> str:
 RULE = Rule(
     code="R2B516",
     title="a requirement that is written twice",
-    severity=Severity.WARNING,
+    severity="warning",
     why="It is judged once more, and a run that fails it fails two requirements.",
     failing=example(
         slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms, latency.p90 < 50 ms]}}"

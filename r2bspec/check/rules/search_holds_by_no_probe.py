@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    known_metrics,
-    quote,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, known_metrics, quote
 
 _PROBE_SCOPES = ("monitor", "playback")
 
@@ -26,14 +17,14 @@ def _find(context: Context) -> Findings:
                 help="that the backlog does not grow is always asked; leave it out"
                 if each.info.scope == "probe"
                 else "conditions are on metrics of monitors, such as 'drop_rate <= 5 %'",
-                suppresses=frozenset({each.located.subject}),
+                suppresses={each.located.subject},
             )
 
 
 RULE = Rule(
     code="R2B509",
     title="a condition of a search that no probe can answer",
-    severity=Severity.ERROR,
+    severity="error",
     why="A probe plays one rate for a few seconds and looks at what comes out.",
     failing=example(benchmark="{search: {min: 5 Hz, max: 200 Hz, holds: [cpu.relay.mean < 80 %]}}"),
     passing=example(benchmark="{search: {min: 5 Hz, max: 200 Hz, holds: [drop_rate <= 5 %]}}"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 
 _SECRET_NAME = re.compile(
@@ -57,7 +57,7 @@ def _is_secret(node: TreeNode) -> bool:
 RULE = Rule(
     code="R2B604",
     title="a secret in plain text",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Specs are kept in repositories and copied into run folders and reports. What comes from "
     "the environment is not.",
     failing=example(

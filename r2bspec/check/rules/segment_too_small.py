@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Pointer,
-    Rule,
-    Severity,
-    example,
-    quote,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, quote
 from r2bspec.language.quantities import Size
 
 
@@ -39,7 +30,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B628",
     title="a segment of shared memory that is too small",
-    severity=Severity.ERROR,
+    severity="error",
     why="A message that does not fit travels in fragments over UDP, at ten times the latency.",
     failing=example(transport="{kind: shared_memory, segment: 1 MiB}"),
     passing=example(transport="{kind: shared_memory, segment: 128 MiB}"),

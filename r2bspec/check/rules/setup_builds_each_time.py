@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 
 _BUILD_COMMAND = re.compile(
     r"(?:^|/)(?:colcon|cmake|make|ninja|bazel|cargo|pip|trtexec)$|build|compile|convert|download"
@@ -27,7 +27,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B607",
     title="a setup step that builds before every run",
-    severity=Severity.INFO,
+    severity="info",
     why="A step with 'creates' runs once, and a lock keeps runs from making the same file at once.",
     failing=example(setup="{model: {command: [sh, ./build_model.sh]}}"),
     passing=example(setup="{model: {command: [sh, ./build_model.sh], creates: model.plan}}"),

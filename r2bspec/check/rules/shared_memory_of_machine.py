@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 
-from r2bspec.check.rule_api import Certainty, Context, Finding, Findings, Rule, Severity
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule
 from r2bspec.language.quantities import Size
 
 _FOLDER = "/dev/shm"  # noqa: S108 -- looked at, not written to
@@ -27,14 +27,14 @@ def _find(context: Context) -> Findings:
             f"{Size(available_bytes // 2**20 * 2**20)}",
             path=("transport", "segment"),
             help=f"make it smaller, or {_FOLDER} larger (docker run --shm-size)",
-            certainty=Certainty.ENVIRONMENT,
+            machine_dependent=True,
         )
 
 
 RULE = Rule(
     code="R2B629",
     title="more shared memory than this machine has",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Every process that uses the transport makes a segment of that size. Where there is no "
     "more room, messages take the way over UDP.",
     find=_find,

@@ -10,7 +10,6 @@ from r2bspec.check.rule_api import (
     Path,
     Pointer,
     Rule,
-    Severity,
     example,
 )
 
@@ -42,7 +41,7 @@ def _shared_process(context: Context, node: NodeWiring) -> str:
 RULE = Rule(
     code="R2B615",
     title="two values of an environment variable in one process",
-    severity=Severity.ERROR,
+    severity="error",
     why="Nodes of one container, and with 'placement: shared' all Python nodes, run in one "
     "process, and a process has one environment.",
     failing=example(

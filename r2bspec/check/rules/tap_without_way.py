@@ -3,16 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    quoted_list,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, quoted_list
 
 
 def _find(context: Context) -> Findings:
@@ -55,7 +46,7 @@ def _any_stamp(context: Context) -> bool:
 RULE = Rule(
     code="R2B412",
     title="taps where there is nothing to tap",
-    severity=Severity.INFO,
+    severity="info",
     why="Taps split the latency of a graph into that of its hops. They are set on the topics "
     "between the playback inputs and the monitored one, as far as these are known.",
     failing=example(

@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    pluralize,
-    quote,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, pluralize, quote
 from r2bspec.language.spec import Container
 
 
@@ -41,7 +32,7 @@ def _reason(container: Container) -> str:
 RULE = Rule(
     code="R2B222",
     title="a number of threads without effect",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Only component_container_mt and Python containers with a multi-threaded executor spin "
     "their nodes with a number of threads.",
     failing=example(

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example
 from r2bspec.language.quantities import Duration
-from r2bspec.plan.compile_plan import has_own_rate
 
 
 def _find(context: Context) -> Findings:
     benchmark = context.spec.benchmark
     budget = benchmark.gate.time_budget
-    rates = 1 if has_own_rate(context.spec) else len(set(benchmark.rates))
+    rates = 1 if context.has_own_rate else len(set(benchmark.rates))
     needed = benchmark.duration.ns * benchmark.iterations * rates
     if budget is not None and needed > budget.ns:
         yield Finding(
@@ -25,7 +24,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B521",
     title="a time budget that is too short",
-    severity=Severity.ERROR,
+    severity="error",
     why="A run that ends before its iterations do decides nothing.",
     failing=example(
         benchmark="{duration: 10 s, iterations: 5, rates: [30 Hz], gate: {time_budget: 20 s}}"

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 from r2bspec.plan.topic_plans import straight_from
-from r2bspec.wiring.build_wiring import harness_topic
 
 
 def _find(context: Context) -> Findings:
@@ -13,7 +12,7 @@ def _find(context: Context) -> Findings:
     if playback.mode != "timeline" or playback.record_timeline:
         return
     for name, each in playback.inputs.items():
-        source = harness_topic(each.source, context.wiring.namespace)
+        source = context.harness_topic(each.source)
         made = not straight_from(source, context.spec, context.wiring)
         if made and begins_with_header(each.format) is False:
             yield Finding(
@@ -29,7 +28,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B409",
     title="a timeline without times",
-    severity=Severity.ERROR,
+    severity="error",
     why="A message of a timeline is played when its header, or the recording, says. What a "
     "preprocessor makes has only the first.",
     failing=example(

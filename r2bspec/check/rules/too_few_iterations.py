@@ -8,11 +8,10 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     known_metrics,
     quote,
-    suppression_keys,
+    value_key,
 )
 
 
@@ -29,16 +28,14 @@ def _find(context: Context) -> Findings:
                 path=located.path,
                 help="set 'benchmark.iterations' to 2 at least; 5 or more make a useful interval",
                 related=(Pointer("one iteration", ("benchmark", "iterations")),),
-                suppressed_by=frozenset(
-                    {located.subject, suppression_keys.value(("slos", located.objective, "at"))}
-                ),
+                suppressed_by={located.subject, value_key(("slos", located.objective, "at"))},
             )
 
 
 RULE = Rule(
     code="R2B511",
     title="a bound on a mean with a single iteration",
-    severity=Severity.ERROR,
+    severity="error",
     why="How much a mean scatters is seen in how much iterations differ, and one differs from "
     "nothing: such a requirement stays inconclusive for ever.",
     failing=example(

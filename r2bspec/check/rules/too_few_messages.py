@@ -10,11 +10,10 @@ from r2bspec.check.rule_api import (
     Findings,
     KnownMetric,
     Rule,
-    Severity,
     example,
     known_metrics,
     quote,
-    suppression_keys,
+    value_key,
 )
 from r2bspec.check.sample_size import min_sample_size
 from r2bspec.language.quantities import Rate
@@ -58,7 +57,7 @@ def _unprovable(each: KnownMetric) -> Finding:
         message=f"no number of messages can show that {quote(each.located.requirement.text)}",
         path=each.located.path,
         help="require 'missed == 0' of what is observed, or allow a small share",
-        suppressed_by=frozenset({each.located.subject}),
+        suppressed_by={each.located.subject},
     )
 
 
@@ -82,16 +81,14 @@ def _too_few(context: Context, each: KnownMetric, at: Rate, needed: int) -> Find
             else "make 'benchmark.duration' longer"
         )
         + "; with some messages over the bound it takes several times as many",
-        suppressed_by=frozenset(
-            {each.located.subject, suppression_keys.value(("slos", each.located.objective, "at"))}
-        ),
+        suppressed_by={each.located.subject, value_key(("slos", each.located.objective, "at"))},
     )
 
 
 RULE = Rule(
     code="R2B510",
     title="a requirement that a run of this length can never settle",
-    severity=Severity.ERROR,
+    severity="error",
     why="A verdict needs 95 % confidence. To show that at most 1 % of all messages are late takes "
     "299 messages of which none is late; with fewer, the best possible run is inconclusive.",
     failing=example(

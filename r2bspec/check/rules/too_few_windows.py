@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     known_metrics,
     pluralize,
@@ -40,14 +39,14 @@ def _find(context: Context) -> Findings:
             if needed is None
             else "play longer or more often, take shorter windows, or ask for a smaller share",
             related=(Pointer("an iteration is this long", ("benchmark", "duration")),),
-            suppressed_by=frozenset({located.subject}),
+            suppressed_by={located.subject},
         )
 
 
 RULE = Rule(
     code="R2B520",
     title="a share of windows that too few windows can show",
-    severity=Severity.ERROR,
+    severity="error",
     why="By the exact binomial test a share p of windows is shown at confidence c by no fewer than "
     "ln(1 - c) / ln(p) windows, even if every one of them is within the bound.",
     failing=example(

@@ -7,11 +7,10 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    Severity,
     example,
     quote,
     suggestion,
-    suppression_keys,
+    value_key,
 )
 
 
@@ -26,14 +25,14 @@ def _find(context: Context) -> Findings:
                 path=("data_loader", "topics", name),
                 key=True,
                 help=suggestion(name, bag.topics, "its topics"),
-                suppresses=frozenset({suppression_keys.value(("data_loader", "topics", name))}),
+                suppresses={value_key(("data_loader", "topics", name))},
             )
 
 
 RULE = Rule(
     code="R2B308",
     title="a topic that the bag does not hold",
-    severity=Severity.ERROR,
+    severity="error",
     why="No message of it can be loaded, and what depends on it would wait for ever.",
     failing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_imgae: image_raw}}"),
     passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 
 
 def _find(context: Context) -> Findings:
@@ -23,7 +23,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B306",
     title="recorded messages that are not CDR",
-    severity=Severity.ERROR,
+    severity="error",
     why="Messages are played as they were recorded, and ROS 2 nodes understand CDR.",
     find=_find,
 )

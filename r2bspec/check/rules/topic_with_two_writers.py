@@ -10,10 +10,10 @@ from r2bspec.check.rule_api import (
     PhaseWiring,
     Pointer,
     Rule,
-    Severity,
     example,
+    flow_key,
     quote,
-    suppression_keys,
+    topic_key,
 )
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
 
@@ -41,9 +41,9 @@ def _finding(context: Context, phase: PhaseWiring, first: Endpoint, second: Endp
         key=second.topic_is_key,
         help="give one of the two topics another name",
         related=(Pointer("the other one", first.path, first.topic_is_key),),
-        severity=Severity.ERROR if mixed else None,
-        suppressed_by=frozenset({suppression_keys.topic(phase.phase, first.topic)}),
-        suppresses=frozenset({suppression_keys.phase_flow(phase.phase)}) if mixed else frozenset(),
+        severity="error" if mixed else None,
+        suppressed_by={topic_key(phase.phase, first.topic)},
+        suppresses={flow_key(phase.phase)} if mixed else frozenset(),
     )
 
 
@@ -54,7 +54,7 @@ def _endpoint_label(endpoint: Endpoint) -> str:
 RULE = Rule(
     code="R2B209",
     title="a topic with two writers",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Their messages mix, and nobody can tell which input an output answers. If one of the two "
     "is the player or the data loader, what is measured has no meaning, and this is an error.",
     failing=example(

@@ -10,11 +10,10 @@ from r2bspec.check.rule_api import (
     Findings,
     PhaseWiring,
     Rule,
-    Severity,
     example,
     quote,
     suggestion,
-    suppression_keys,
+    topic_key,
 )
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
 
@@ -57,14 +56,14 @@ def _finding(
         path=publisher.path,
         key=publisher.topic_is_key,
         help=suggestion(shown, subscribed, "topics that are read"),
-        suppressed_by=frozenset({suppression_keys.topic(phase.phase, publisher.topic)}),
+        suppressed_by={topic_key(phase.phase, publisher.topic)},
     )
 
 
 RULE = Rule(
     code="R2B208",
     title="a topic that nobody reads",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Playing it costs time and measures nothing; a remapping that leads nowhere is often a "
     "misspelt one.",
     failing=example(

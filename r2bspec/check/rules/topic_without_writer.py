@@ -15,12 +15,13 @@ from r2bspec.check.rule_api import (
     PhaseWiring,
     Pointer,
     Rule,
-    Severity,
     did_you_mean,
     example,
+    flow_key,
     quote,
     quoted_list,
-    suppression_keys,
+    topic_key,
+    value_key,
 )
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
 
@@ -103,9 +104,9 @@ def _finding(unpublished: _UnpublishedTopic) -> Finding:
         key=subscription.topic_is_key,
         help="; or ".join(part for part in (_advice(unpublished), state) if part),
         related=_misspelt_publisher(unpublished),
-        severity=Severity.WARNING if unknown else None,
-        suppressed_by=frozenset({suppression_keys.topic(phase.phase, subscription.topic)})
-        | {suppression_keys.value(node.path) for node in phase.possible_publishers},
+        severity="warning" if unknown else None,
+        suppressed_by={topic_key(phase.phase, subscription.topic)}
+        | {value_key(node.path) for node in phase.possible_publishers},
         suppresses=_consequences(unpublished),
     )
 
@@ -161,17 +162,14 @@ def _consequences(unpublished: _UnpublishedTopic) -> frozenset[str]:
         if not phase.subscriptions(name)
         and (name == unpublished.close or unpublished.type_matches(name))
     }
-    topics = {
-        suppression_keys.topic(phase.phase, name)
-        for name in (unpublished.subscription.topic, *instead)
-    }
-    return frozenset({suppression_keys.phase_flow(phase.phase)} | topics)
+    topics = {topic_key(phase.phase, name) for name in (unpublished.subscription.topic, *instead)}
+    return frozenset({flow_key(phase.phase)} | topics)
 
 
 RULE = Rule(
     code="R2B207",
     title="a topic is read that nobody publishes",
-    severity=Severity.ERROR,
+    severity="error",
     why="Whoever reads it waits for ever. Where the interfaces of all nodes are known this is "
     "certain; otherwise it is a warning that says of which nodes nothing is known.",
     failing=example(

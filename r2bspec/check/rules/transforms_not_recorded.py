@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 
 
 def _find(context: Context) -> Findings:
@@ -21,7 +21,7 @@ def _find(context: Context) -> Findings:
 RULE = Rule(
     code="R2B325",
     title="transforms that the bag does not hold",
-    severity=Severity.ERROR,
+    severity="error",
     why="Nothing would be published, and whoever looks transforms up waits for ever.",
     failing=example(
         data_loader="""

@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -22,14 +13,14 @@ def _find(context: Context) -> Findings:
                 path=("variables", name),
                 key=True,
                 help=f"write {quote(f'$(var {name})')} where its value belongs, or remove it",
-                suppressed_by=frozenset({suppression_keys.value(("variables", name))}),
+                suppressed_by={value_key(("variables", name))},
             )
 
 
 RULE = Rule(
     code="R2B616",
     title="a variable that nothing uses",
-    severity=Severity.WARNING,
+    severity="warning",
     why="Whoever sets it with --var expects that something changes.",
     failing=example(variables="{rate: 30 Hz}"),
     passing=example(variables="{rate: 30 Hz}", benchmark="{rates: [$(var rate)]}"),

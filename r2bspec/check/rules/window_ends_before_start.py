@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Pointer,
-    Rule,
-    Severity,
-    example,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, value_key
 
 _WINDOW = ("data_loader", "window")
 
@@ -24,14 +15,14 @@ def _find(context: Context) -> Findings:
             path=(*_WINDOW, "end"),
             help="both count from the beginning of the bag; 'end' is not a length",
             related=(Pointer("it starts here", (*_WINDOW, "start")),),
-            suppresses=frozenset({suppression_keys.value(_WINDOW)}),
+            suppresses={value_key(_WINDOW)},
         )
 
 
 RULE = Rule(
     code="R2B320",
     title="a window that ends before it begins",
-    severity=Severity.ERROR,
+    severity="error",
     why="It holds no message.",
     failing=example(
         data_loader="""

@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 from r2bspec.language.quantities import Duration
 
 _WINDOW = ("data_loader", "window")
@@ -29,7 +20,7 @@ def _find(context: Context) -> Findings:
             message=f"the window starts at {window.start}, but {lasts}",
             path=(*_WINDOW, "start"),
             help="a window counts from the beginning of the bag",
-            suppresses=frozenset({suppression_keys.value(_WINDOW)}),
+            suppresses={value_key(_WINDOW)},
         )
     elif window.end is not None and window.end.ns > lasts_ns:
         yield Finding(
@@ -38,8 +29,8 @@ def _find(context: Context) -> Findings:
             help=f"write {Duration(lasts_ns)}"
             if rendered
             else "what is there is used; leave 'end' out to say so",
-            severity=None if rendered else Severity.WARNING,
-            suppresses=frozenset({suppression_keys.value(_WINDOW)}) if rendered else frozenset(),
+            severity=None if rendered else "warning",
+            suppresses={value_key(_WINDOW)} if rendered else frozenset(),
         )
 
 
@@ -55,7 +46,7 @@ def _duration_ns(context: Context) -> int:
 RULE = Rule(
     code="R2B309",
     title="a window outside of the bag",
-    severity=Severity.ERROR,
+    severity="error",
     why="The part of the window outside of the recording holds no messages. A recorded bag that "
     "merely ends before its window does is a warning.",
     failing=example(

@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Findings,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 from r2bspec.check.window_counts import window_message_counts
 
 _WINDOW = ("data_loader", "window")
@@ -36,15 +27,15 @@ def _find(context: Context) -> Findings:
             help=""
             if empty
             else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} in each second",
-            suppressed_by=frozenset({suppression_keys.value(_WINDOW)}),
-            suppresses=frozenset({suppression_keys.value(("data_loader", "topics", name))}),
+            suppressed_by={value_key(_WINDOW)},
+            suppresses={value_key(("data_loader", "topics", name))},
         )
 
 
 RULE = Rule(
     code="R2B321",
     title="a window without a message",
-    severity=Severity.ERROR,
+    severity="error",
     why="Without a message there is nothing to play.",
     failing=example(
         data_loader="""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 
 _BOOLEAN_WORDS = frozenset({"yes", "no", "on", "off", "y", "n"})
@@ -57,7 +57,7 @@ def _yaml_1_1_value(text: str) -> tuple[str, str] | None:
 RULE = Rule(
     code="R2B603",
     title="a word that YAML 1.1 read as a number or a truth value",
-    severity=Severity.WARNING,
+    severity="warning",
     why="These documents are YAML 1.2, as editors read them: 'on', '010' and '12:30' are texts. "
     "Parameter files of ROS are YAML 1.1, where they are not.",
     failing=example(
