@@ -1,4 +1,4 @@
-"""Absolute topic names outside of the benchmark's namespace."""
+"""Absolute topic names outside of the namespace of the benchmark."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ def _find(context: Context) -> Findings:
         if name.startswith(inside) or name in SHARED_TOPICS or outside:
             continue
         yield Finding(
-            message=f"{quote(name)} lies outside of the namespace {quote(namespace)}",
+            message=f"{quote(name)} is outside of the namespace {quote(namespace)}",
             path=path,
             key=key,
-            help=f"write {quote(name.lstrip('/'))} to stay inside, or {quote('namespace: /')} if "
-            "the graph needs fixed names",
+            help=f"write {quote(name.lstrip('/'))}, or {quote('namespace: /')} if the graph needs "
+            "absolute names",
         )
 
 
 def _absolute_names(context: Context) -> Iterator[tuple[str, Path, bool]]:
-    """Every absolute name to which the spec leads messages, its place, and if it is a key."""
+    """Every absolute name that receives messages: name, path, whether it is a key."""
     spec = context.spec
     for bag_topic, target in spec.data_loader.topics.items():
         if target.startswith("/"):
@@ -43,10 +43,10 @@ def _absolute_names(context: Context) -> Iterator[tuple[str, Path, bool]]:
 
 RULE = Rule(
     code="R2B214",
-    title="an absolute name that leaves the namespace",
+    title="absolute name outside of the namespace",
     severity="info",
-    why="The namespace keeps a benchmark's topics together. A name outside of it may be meant, or "
-    "may be a slash too many.",
+    why="The namespace separates the topics of a benchmark from all others. A name outside of it "
+    "may be intended, or have a '/' too many.",
     failing=example(
         playback="{inputs: {/image: {from: image_raw, format: sensor_msgs/msg/Image}}}",
         graph="""

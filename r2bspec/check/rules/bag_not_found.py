@@ -1,4 +1,4 @@
-"""Bags that are not there, or that nobody can read."""
+"""Bags that do not exist or cannot be read; each finding has the code of its error."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ def _find(context: Context) -> Findings:
 
 RULE = Rule(
     code="R2B301",
-    title="a bag that does not exist",
+    title="bag does not exist",
     severity="error",
-    why="There is nothing to play.",
+    why="There are no messages to play.",
     failing=example(data_loader="{bag: ./bags/kitchen, topics: {/camera/image_raw: image_raw}}"),
     passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
     find=_find,

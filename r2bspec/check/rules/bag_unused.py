@@ -1,4 +1,4 @@
-"""Recordings of which no topic is used."""
+"""Bags of which no topic is loaded."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ def _find(context: Context) -> Findings:
         bag_index = recording.content
         if bag_index is not None and not any(bag_index.find(name) for name in topics):
             yield Finding(
-                message=f"no topic of {quote(bag_index.name)} is used",
+                message=f"no topic of bag {quote(bag_index.name)} is loaded",
                 path=recording.path,
-                help=f"it has {quoted_list(bag_index.topics)}"
+                help=f"its topics: {quoted_list(bag_index.topics)}"
                 if bag_index.topics
-                else "it is empty",
+                else "the bag has no topics",
             )
 
 
 RULE = Rule(
     code="R2B324",
-    title="a recording of which nothing is used",
+    title="unused bag",
     severity="warning",
-    why="It is looked for, hashed and kept for nothing.",
+    why="The bag is located and hashed, but none of its messages is played.",
     failing=example(
         data_loader="""
             bags: [r2b_storage, r2b_hope]

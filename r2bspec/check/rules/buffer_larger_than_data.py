@@ -1,4 +1,4 @@
-"""Buffers for more messages than there are."""
+"""Buffers for more messages than the window has."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
 from r2bspec.check.window_counts import MessageCount, window_message_counts
 
 _ESTIMATE_TOLERANCE = 1.5
-"""How far an estimate must be exceeded before it is worth a word."""
+"""Findings from an estimated count must exceed it by this factor."""
 
 
 def _find(context: Context) -> Findings:
@@ -35,18 +35,18 @@ def _find(context: Context) -> Findings:
         name, message_count = smallest
         about = "" if message_count.exact else "about "
         yield Finding(
-            message=f"a buffer of {pluralize(buffer, 'message')} is larger than the "
-            f"{about}{message_count.messages:,} of {quote(name)} in the window",
+            message=f"the buffer has {pluralize(buffer, 'message')}, but the window has "
+            f"{about}{message_count.messages:,} of {quote(name)}",
             path=("playback", "buffer"),
-            help="all of them are played, in turn; 0 says that",
+            help="set 'buffer: 0' to play all messages of the window",
             suppressed_by={value_key(("data_loader", "window"))},
         )
 
 
 def _counts_by_input(context: Context) -> dict[str, MessageCount]:
-    """The most messages that each playback input can have.
+    """The maximum number of messages of each playback input.
 
-    What preprocessors make of the loaded messages is taken to be at most one for each.
+    Preprocessors are assumed to publish at most one message for each loaded one.
     """
     loaded = {
         context.harness_topic(context.spec.data_loader.topics[name]): message_count
@@ -64,9 +64,9 @@ def _counts_by_input(context: Context) -> dict[str, MessageCount]:
 
 RULE = Rule(
     code="R2B322",
-    title="a buffer larger than the data",
+    title="buffer larger than the data",
     severity="warning",
-    why="Fewer different messages are played than the spec says.",
+    why="Fewer distinct messages are played than the spec states.",
     failing=example(
         data_loader="""
             bag: r2b_storage

@@ -1,4 +1,4 @@
-"""Buffers that hold a single message."""
+"""Buffers of one message."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ def _find(context: Context) -> Findings:
     playback = context.spec.playback
     if playback.buffer == 1 and playback.mode in {"looping", "sweeping"}:
         yield Finding(
-            message="a buffer of one message plays the same one again and again",
+            message="a buffer of one message repeats the same message",
             path=("playback", "buffer"),
-            help="a node that remembers what it has seen is faster than it would be; 10 or more "
-            "messages show more",
+            help="set 'buffer' to 10 or more, unless every message costs the same",
         )
 
 
 RULE = Rule(
     code="R2B323",
-    title="a buffer of a single message",
+    title="buffer of one message",
     severity="info",
-    why="Caches, trackers and branch predictors get used to one message. That may be meant, where "
-    "every message costs the same.",
+    why="Caches, trackers and branch predictors adapt to a repeated message, so nodes appear "
+    "faster than they are. It may be intended where every message costs the same.",
     failing=example(
         playback="""
             buffer: 1

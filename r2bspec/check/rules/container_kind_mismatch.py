@@ -1,4 +1,4 @@
-"""Nodes that their container cannot hold."""
+"""Nodes of a kind that their container cannot load."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ def _find(context: Context) -> Findings:
         placed = f"{node.key} cannot run in {quote(node.node.container)}"
         contents = "Python nodes" if contained_kind == "python" else "C++ components"
         yield Finding(
-            message=f"{placed}, which holds {contents}"
+            message=f"{placed}, which loads {contents}"
             if kind in {"python", "plugin"}
-            else f"{placed}: it is a process of its own",
+            else f"{placed}: it runs in its own process",
             path=(*node.path, "container"),
-            help="name another container, or none"
+            help="use another container, or none"
             if kind in {"python", "plugin"}
             else "only Python nodes and C++ components run in containers",
             related=(
                 Pointer(
-                    f"its executable is {container.executable}",
+                    f"container executable: {container.executable}",
                     ("containers", node.node.container, "executable"),
                 ),
             ),
@@ -35,10 +35,10 @@ def _find(context: Context) -> Findings:
 
 RULE = Rule(
     code="R2B219",
-    title="a node that its container cannot hold",
+    title="node kind does not match its container",
     severity="error",
-    why="A component container loads C++ components, and a Python container rclpy nodes; neither "
-    "can hold the other's, nor a program.",
+    why="A component container loads C++ components, and a Python container loads rclpy nodes. "
+    "Neither can load the other kind, or a program.",
     failing=example(
         containers="{perception: {executable: component_container}}",
         graph="""

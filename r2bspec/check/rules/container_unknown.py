@@ -1,4 +1,4 @@
-"""Containers that are named but not declared."""
+"""References to containers that are not declared."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def _find(context: Context) -> Findings:
         if name and name not in containers:
             close = did_you_mean(name, containers)
             yield Finding(
-                message=f"there is no container {quote(name)}",
+                message=f"unknown container {quote(name)}",
                 path=(*node.path, "container"),
-                help=suggestion(name, containers, "declared are")
+                help=suggestion(name, containers, "declared containers")
                 or f"declare it: {quote(f'containers: {{{name}: {{}}}}')}",
                 related=(
                     Pointer(f"{quote(close)} is declared here", ("containers", close), key=True),
@@ -37,9 +37,9 @@ def _find(context: Context) -> Findings:
 
 RULE = Rule(
     code="R2B217",
-    title="a container that is not declared",
+    title="unknown container",
     severity="error",
-    why="A node runs in a process that the plan starts; nobody starts this one.",
+    why="Only declared containers are started, so the node would have no process to run in.",
     failing=example(
         containers="{perception: {executable: python}}",
         graph="""

@@ -1,4 +1,4 @@
-"""External nodes of which the spec says nothing."""
+"""External nodes without declared topics."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ def _find(context: Context) -> Findings:
             and interface.subscribes is None
         ):
             yield Finding(
-                message=f"nothing is known of the external node {quote(node.name)}",
+                message=f"the topics of external node {quote(node.name)} are unknown",
                 path=node.path,
                 key=True,
-                help="say what it 'publishes:' or 'subscribes:'",
+                help="list its topics under 'publishes:' or 'subscribes:'",
             )
 
 
 RULE = Rule(
     code="R2B220",
-    title="an external node of which nothing is known",
+    title="external node without declared topics",
     severity="info",
-    why="Nobody starts it, so all that can be checked of it is its topics: whether they are there, "
-    "and of the right type.",
+    why="A run does not start an external node; it can only check that the node's topics exist "
+    "and have the right types.",
     failing=example(
         graph="""
             nodes:

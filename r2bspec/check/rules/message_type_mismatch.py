@@ -1,4 +1,4 @@
-"""Topics of which writers and readers state different types."""
+"""Topics whose publishers and subscriptions have different types."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _find(context: Context) -> Findings:
 
 
 def _confirmed(context: Context) -> set[Path]:
-    """The places of those formats of playback inputs that the bag or a preprocessor agrees with."""
+    """The paths of formats of playback inputs that equal the type of the bag or preprocessor."""
     phase = context.wiring.preprocess
     return {
         each.type_path
@@ -50,7 +50,7 @@ def _confirmed(context: Context) -> set[Path]:
 
 
 def _uncertainty(endpoint: Endpoint) -> int:
-    """How much an endpoint's type is open to doubt: the bag knows, a format is but stated."""
+    """Rank of an endpoint's type: the bag is certain, a format is only stated."""
     if endpoint.owner == "loader":
         return 0
     if not endpoint.is_node:
@@ -68,7 +68,7 @@ def _finding(context: Context, phase: PhaseWiring, trusted: Endpoint, wrong: End
     else:
         fact = f"{_endpoint_label(trusted)} {_verb(trusted)} {topic} as {trusted.type}"
         related = Pointer(
-            "see here",
+            "publisher" if trusted.is_publisher else "subscription",
             trusted.type_path or trusted.path,
             trusted.topic_is_key and not trusted.type_path,
         )
@@ -86,13 +86,13 @@ def _finding(context: Context, phase: PhaseWiring, trusted: Endpoint, wrong: End
 def _mismatch_text(wrong: Endpoint, topic: str) -> str:
     if wrong.is_node:
         return f"{_endpoint_label(wrong)} {_verb(wrong)} {topic} as {wrong.type}"
-    return f"the format of {topic} is given as {wrong.type}"
+    return f"the format of {topic} is {wrong.type}"
 
 
 def _help(trusted: Endpoint, wrong: Endpoint) -> str:
     if wrong.type_parameter:
         return f"set its parameter {quote(wrong.type_parameter)} to {trusted.type}"
-    return "" if wrong.is_node else f"write {trusted.type}, or name another topic"
+    return "" if wrong.is_node else f"write {trusted.type}, or use another topic"
 
 
 def _endpoint_label(endpoint: Endpoint) -> str:
@@ -104,14 +104,15 @@ def _endpoint_label(endpoint: Endpoint) -> str:
 
 
 def _verb(endpoint: Endpoint) -> str:
-    return "publishes" if endpoint.is_publisher else "reads"
+    return "publishes" if endpoint.is_publisher else "subscribes to"
 
 
 RULE = Rule(
     code="R2B210",
-    title="a topic of two types",
+    title="topic with two message types",
     severity="error",
-    why="ROS never connects a writer with a reader of another type, and says nothing about it.",
+    why="ROS does not connect a publisher with a subscription of another type, and reports no "
+    "error.",
     failing=example(
         data_loader="""
             bag: r2b_storage

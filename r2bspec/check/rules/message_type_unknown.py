@@ -1,4 +1,4 @@
-"""Message types that the common interfaces do not have."""
+"""Message types that the common interfaces do not contain."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ def _find(context: Context) -> Findings:
         close = did_you_mean(name, siblings or message_types.common_types())
         if siblings and not close:
             yield Finding(
-                message=f"the package {package} of ROS 2 Jazzy has no message {quote(name)}",
+                message=f"package {package} of ROS 2 Jazzy has no message type {quote(name)}",
                 path=path,
                 severity="warning",
                 machine_dependent=True,
                 suppresses=about,
             )
         elif siblings or close.partition("/")[2] == name.partition("/")[2]:
-            # A package of one's own may well be called like this, a message in a common one not.
+            # The user may have a package of this name, but cannot add messages to a common package.
             yield Finding(
-                message=f"there is no message type {quote(name)}"
+                message=f"unknown message type {quote(name)}"
                 if siblings
-                else f"{quote(name)} is much like the type {quote(close)} of the common interfaces",
+                else f"{quote(name)} resembles {quote(close)} of the common interfaces",
                 path=path,
                 help=f"did you mean {quote(close)}?",
                 severity=None if siblings else "warning",
@@ -46,16 +46,16 @@ def _find(context: Context) -> Findings:
 
 
 def _stated_types(context: Context) -> dict[Path, str]:
-    """Every message type that the spec itself writes, by its place."""
+    """Every message type that the spec states, by its path."""
     endpoints = (each for phase in context.wiring.phases for each in phase.endpoints)
     return {each.type_path: each.type for each in endpoints if each.type_path and each.type}
 
 
 RULE = Rule(
     code="R2B202",
-    title="a message type that does not exist",
+    title="unknown message type",
     severity="error",
-    why="A topic of a type that is not installed can be neither played nor watched.",
+    why="A topic whose type is not installed can be neither played nor monitored.",
     failing=example(monitors="{output: {topic: output, format: sensor_msgs/msg/Imgae}}"),
     passing=example(monitors="{output: {topic: output, format: sensor_msgs/msg/Image}}"),
     find=_find,

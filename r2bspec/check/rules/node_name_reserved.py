@@ -1,4 +1,4 @@
-"""Nodes whose process would have a name that is taken."""
+"""Nodes and containers whose process name is reserved or already in use."""
 
 from __future__ import annotations
 
@@ -20,38 +20,36 @@ def _find(context: Context) -> Findings:
     for node in context.wiring.measure.nodes:
         if node.key in reserved:
             yield Finding(
-                message=f"a node cannot be called {quote(node.key)}, which has a meaning of its "
-                "own among processes",
+                message=f"node name {quote(node.key)} is reserved",
                 path=node.path,
                 key=True,
-                help=f"reserved: {quoted_list(reserved)}",
+                help=f"reserved names: {quoted_list(reserved)}",
             )
         elif node.key in context.spec.containers:
             yield Finding(
-                message=f"{quote(node.key)} is a container, too",
+                message=f"{quote(node.key)} is also the name of a container",
                 path=node.path,
                 key=True,
-                help="call one of the two otherwise",
+                help="rename one of them",
                 related=(Pointer("the container", ("containers", node.key), key=True),),
             )
     for name in context.spec.containers:
         if name in reserved:
             yield Finding(
-                message=f"a container cannot be called {quote(name)}, which has a meaning of its "
-                "own among processes",
+                message=f"container name {quote(name)} is reserved",
                 path=("containers", name),
                 key=True,
-                help=f"reserved: {quoted_list(reserved)}",
+                help=f"reserved names: {quoted_list(reserved)}",
             )
 
 
 RULE = Rule(
     code="R2B203",
-    title="a node with a name that is taken",
+    title="node name is reserved or already used by a container",
     severity="error",
-    why="Each process has a log and metrics (cpu.NAME.mean) under its own name, and a node's "
-    "process is called like the node. Processes of the harness have names, too, and 'system' is "
-    "the whole machine.",
+    why="Logs and metrics (cpu.NAME.mean) are stored under the name of a process, and the process "
+    "of a node has the node's name. The harness uses the reserved names for its own processes, and "
+    "'system' for the whole machine.",
     failing=example(
         graph="""
             nodes:

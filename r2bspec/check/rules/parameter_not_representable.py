@@ -1,4 +1,4 @@
-"""Parameter values for which ROS has no type, or a plan no way to write them."""
+"""Parameter values that ROS parameters or plans cannot represent."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def _find(context: Context) -> Findings:
             if problem:
                 path = each.path
                 yield Finding(
-                    message=f"{quote(each.name)} of {node.key} {problem[0]}",
+                    message=f"parameter {quote(each.name)} of {node.key} {problem[0]}",
                     path=path,
                     help=problem[1],
                     suppresses={value_key(path)},
@@ -26,25 +26,25 @@ def _find(context: Context) -> Findings:
 def _problem(value: ParameterValue) -> tuple[str, str] | None:
     items = value if isinstance(value, list) else [value]
     if any(isinstance(each, float) and not math.isfinite(each) for each in items):
-        return "is not a finite number, which a plan cannot hold", ""
+        return "is not a finite number; plans store finite numbers only", ""
     if any(isinstance(each, int) and not -(2**63) <= each < 2**63 for each in items):
-        return "does not fit into the 64 bits of a ROS integer", ""
+        return "does not fit into a 64-bit ROS integer", ""
     if isinstance(value, list) and not value:
-        return "is an empty list, of which ROS cannot tell the type", "leave the parameter out"
+        return "is an empty list, whose type ROS cannot determine", "remove the parameter"
     if parameter_type(value) is None:
         return (
-            "is a list of different types, which ROS does not have",
-            "make all items integers, all doubles (1.0), all strings or all truth values",
+            "is a list of different types, which ROS does not support",
+            "make all items integers, doubles (1.0), strings or booleans",
         )
     return None
 
 
 RULE = Rule(
     code="R2B213",
-    title="a parameter value that ROS cannot hold",
+    title="parameter value that ROS cannot represent",
     severity="error",
-    why="A ROS parameter is a truth value, a 64-bit integer, a double, a string, or a list of "
-    "items that are all of one of these types.",
+    why="A ROS parameter is a boolean, a 64-bit integer, a double, a string, or a list whose items "
+    "all have the same of these types.",
     failing=example(
         graph="""
             nodes:

@@ -1,4 +1,4 @@
-"""Parameters whose value has another type than the node declares."""
+"""Parameter values of another type than the node declares."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def _finding(node: str, each: ParameterOverride, given: str, declared: Parameter
     also = "an" if given[0] in "aeiou" else "a"
     fixed = f"{value}.0" if given == "integer" and declared.type == "double" else None
     return Finding(
-        message=f"{quote(each.name)} of {node} is {article} {declared.type}, but "
+        message=f"parameter {quote(each.name)} of {node} is {article} {declared.type}, but "
         f"{clip(str(value))} is {also} {given}" + (f" in {quote(each.file)}" if each.file else ""),
         path=path,
-        help=f"write {fixed}; to ROS, an integer is no double"
+        help=f"write {fixed}; ROS does not convert integers to doubles"
         if fixed
         else "remove the quotes"
         if given == "string" and declared.type in {"integer", "double", "bool"}
@@ -43,9 +43,9 @@ def _finding(node: str, each: ParameterOverride, given: str, declared: Parameter
 
 RULE = Rule(
     code="R2B212",
-    title="a parameter of the wrong type",
+    title="parameter value of the wrong type",
     severity="error",
-    why="A node refuses to start with a parameter of another type than it declares.",
+    why="A node does not start with a parameter of another type than it declares.",
     failing=example(
         graph="""
             nodes:

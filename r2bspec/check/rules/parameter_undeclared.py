@@ -6,7 +6,7 @@ from r2bspec.check.certainty import as_version_warning
 from r2bspec.check.parameter_types import parameter_overrides
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
 
-# Every node declares the first; the others are read by the middleware's side of a node.
+# Every node accepts these, and qos_overrides of its topics.
 _COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service")
 
 
@@ -16,7 +16,7 @@ def _find(context: Context) -> Findings:
         if declared is None:
             continue
         for each in parameter_overrides(context, node):
-            # A file may well hold parameters of other nodes.
+            # A parameter file may contain parameters of other nodes.
             if each.name in declared or each.file or _is_common_parameter(each.name):
                 continue
             finding = Finding(
@@ -35,9 +35,9 @@ def _is_common_parameter(name: str) -> bool:
 
 RULE = Rule(
     code="R2B211",
-    title="a parameter that the node does not declare",
+    title="parameter that the node does not declare",
     severity="error",
-    why="ROS ignores the value without a word, and the node runs with its default.",
+    why="ROS ignores the value and prints no warning; the node uses its default.",
     failing=example(
         graph="""
             nodes:

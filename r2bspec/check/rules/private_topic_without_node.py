@@ -1,4 +1,4 @@
-"""Private topics where there is no node that they could belong to."""
+"""Private topic names, with '~', outside of a node."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ def _find(context: Context) -> Findings:
         private = [topic for topic in _private_topics(context, phase) if topic.endswith(name[1:])]
         topics = (*private, context.harness_topic(name))
         yield Finding(
-            message=f"{quote(name)} is private to a node, but no node stands here",
+            message=f"private topic {quote(name)} is used outside of a node",
             path=path,
             key=key,
             help=f"did you mean {quote(context.relative_name(private[0]))}?"
             if len(private) == 1
-            else "name the topic in full: the node's namespace and name, then the topic",
+            else "write the full name: namespace, node name, topic",
             suppresses=frozenset({flow_key(phase)} | {topic_key(phase, topic) for topic in topics}),
         )
 
 
 def _private_topics(context: Context, phase: str) -> list[str]:
-    """The topics of a phase that lie below the name of one of its nodes."""
+    """The topics of a phase under the name of one of its nodes."""
     return [
         topic
         for wiring in context.wiring.phases
@@ -46,7 +46,7 @@ def _private_topics(context: Context, phase: str) -> list[str]:
 
 
 def _harness_topics(context: Context) -> Iterator[tuple[str, Path, str, bool]]:
-    """Each topic that the spec names outside of nodes, its place, phase, and if it is a key."""
+    """Each topic that the spec names outside of nodes: name, path, phase, whether it is a key."""
     spec = context.spec
     for bag_topic, target in spec.data_loader.topics.items():
         yield target, ("data_loader", "topics", bag_topic), "preprocess", False
@@ -59,10 +59,10 @@ def _harness_topics(context: Context) -> Iterator[tuple[str, Path, str, bool]]:
 
 RULE = Rule(
     code="R2B201",
-    title="a private topic that belongs to no node",
+    title="private topic used outside of a node",
     severity="error",
-    why="'~' stands for the name of the node that uses a topic. Loader, player and monitors are no "
-    "nodes of the graph, so there is nothing that it could stand for.",
+    why="'~' is replaced by the name of the node that uses the topic. The data loader, the player "
+    "and monitors are not nodes of the graph, so there is no name to insert.",
     failing=example(
         graph="""
             nodes:

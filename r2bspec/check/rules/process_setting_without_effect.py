@@ -1,4 +1,4 @@
-"""Settings of a process at a node that has none of its own."""
+"""Process settings of nodes without their own process."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ def _find(context: Context) -> Findings:
                     message=f"{quote(name)} of {node.key} has no effect: {shared}",
                     path=(*node.path, name),
                     key=True,
-                    help="write it for the container"
+                    help="set it for the container"
                     if node.node.container
-                    else "give the node a container, or a process of its own",
+                    else "give the node its own container or process",
                 )
 
 
 def _why_shared(context: Context, node: NodeWiring) -> str:
-    """Why a node has no process of its own; empty if it has."""
+    """Why a node does not have its own process; empty if it has."""
     if node.node.kind == "external":
-        return "it must already run"
+        return "a run does not start external nodes"
     if node.node.container:
-        return f"it runs in the container {node.node.container}"
+        return f"the node runs in container {node.node.container}"
     placement = context.spec.graph.placement
     shares = node.path[0] == "graph" and node.node.kind in {"python", "plugin"}
     if placement == "separate" or not shares:
         return ""
-    return f"with 'placement: {placement}' it shares a process"
+    return f"with 'placement: {placement}' the node shares a process"
 
 
 RULE = Rule(
     code="R2B221",
-    title="a setting of a process at a node that has none",
+    title="process setting without effect",
     severity="warning",
-    why="Priority, processors, memory and the words before the command belong to a process. A node "
-    "in a container shares that of the others.",
+    why="'cpus', 'nice', 'prefix' and 'memory_limit' apply to a process. A node in a container "
+    "shares the process of the other nodes.",
     failing=example(
         graph="""
             placement: shared

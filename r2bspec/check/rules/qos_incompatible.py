@@ -1,4 +1,4 @@
-"""Writers and readers whose profiles exclude each other."""
+"""Publishers and subscriptions with incompatible QoS."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _find(context: Context) -> Findings:
 
 
 def _incompatibility(publisher: Endpoint, subscription: Endpoint) -> tuple[str, str, str] | None:
-    """What the reader asks for, what the writer offers, and the field of both."""
+    """The requested value, the offered value and the QoS field; None if they are compatible."""
     if publisher.qos is None or subscription.qos is None:
         return None
     if subscription.qos.reliability == "reliable" and publisher.qos.reliability == "best_effort":
@@ -48,13 +48,17 @@ def _finding(
     requested, offered, field = problem
     wrong, other = (subscription, publisher) if subscription.qos_path else (publisher, subscription)
     return Finding(
-        message=f"{_endpoint_label(subscription)} asks for {requested} messages on "
+        message=f"{_endpoint_label(subscription)} requests {field} {quote(requested)} on "
         f"{quote(context.relative_name(publisher.topic))}, but "
-        f"{_endpoint_label(publisher)} offers {offered} ones",
+        f"{_endpoint_label(publisher)} offers {quote(offered)}",
         path=(*wrong.qos_path, field) if wrong.qos_path else wrong.path,
-        help=f"write {quote(f'{field}: {offered}')} for {_endpoint_label(subscription)}, or "
+        help=f"set {quote(f'{field}: {offered}')} for {_endpoint_label(subscription)}, or "
         f"{quote(f'{field}: {requested}')} for {_endpoint_label(publisher)}",
-        related=(Pointer("the other side", other.qos_path or other.path),),
+        related=(
+            Pointer(
+                "publisher" if other.is_publisher else "subscription", other.qos_path or other.path
+            ),
+        ),
         suppressed_by={topic_key(phase.phase, publisher.topic)},
         suppresses={flow_key(phase.phase)},
     )
@@ -68,10 +72,10 @@ def _endpoint_label(endpoint: Endpoint) -> str:
 
 RULE = Rule(
     code="R2B216",
-    title="a writer and a reader whose profiles exclude each other",
+    title="incompatible QoS of a publisher and a subscription",
     severity="error",
-    why="A reader that asks for more than its writer offers is never connected with it, and "
-    "nothing arrives.",
+    why="ROS does not connect a subscription that requests more than the publisher offers, so no "
+    "message arrives.",
     failing=example(
         playback="""
             inputs:

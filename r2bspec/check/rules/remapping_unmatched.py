@@ -1,4 +1,4 @@
-"""Remappings of topics that the node does not have."""
+"""Remappings that match no topic of their node."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ def _matches_nothing(node: NodeWiring, left: str) -> bool:
 def _finding(phase: str, node: NodeWiring, left: str, right: str) -> Finding:
     own = node.interface.topics or ()
     close = did_you_mean(left, own)
-    # What the spec states may leave out services, which are remapped in the same way.
+    # The spec may state topics only; services are remapped in the same way.
     sources = {node.interface.subscribes_from, node.interface.publishes_from}
     finding = Finding(
-        message=f"{node.key} has no topic {quote(left)} that could be remapped",
+        message=f"{node.key} has no topic {quote(left)} to remap",
         path=(*node.path, "remappings", left),
         key=True,
         help=_help(left, right, close, own),
@@ -65,14 +65,14 @@ def _help(left: str, right: str, close: str, own: tuple[str, ...]) -> str:
         return f"did you mean {quote(close)}?"
     if right in own:
         turned = quote(f"{right}: {left}")
-        return f"the node's own name of the topic comes first: {turned}"
+        return f"the topic name of the node comes first: {turned}"
     return f"its topics: {quoted_list(own)}"
 
 
 def _consequences(
     phase: str, node: NodeWiring, rule: tuple[str, str], close: str
 ) -> frozenset[str]:
-    """The topic that was meant to be used, and those that are used in its place."""
+    """The intended topics, and those that are used instead."""
     own = (close,) if close else node.interface.topics or ()
     rules = node.node.remappings
     topics = {expand(name, node.key, node.namespace) for name in rule}
@@ -83,22 +83,20 @@ def _consequences(
 def _node_remapping_finding(phase: str, node: NodeWiring, left: str) -> Finding:
     instead = _NODE_REMAPPINGS[left]
     return Finding(
-        message=f"{quote(left)} is not a topic, but ROS's way to rename the node",
+        message=f"{quote(left)} is not a topic; in ROS it renames the node",
         path=(*node.path, "remappings", left),
         key=True,
-        help=f"write it as {quote(instead)} of the node"
-        if instead
-        else "the node is called like its key here",
+        help=f"set {quote(instead)} of the node" if instead else "rename the node's key instead",
         suppresses={flow_key(phase)},
     )
 
 
 RULE = Rule(
     code="R2B204",
-    title="a remapping that matches no topic of its node",
+    title="remapping matches no topic of the node",
     severity="error",
-    why="ROS ignores such a remapping without a word; the node goes on using the topic under its "
-    "own name, and no message arrives.",
+    why="ROS ignores a remapping that matches no topic and prints no warning. The node keeps its "
+    "own topic name, and no message arrives.",
     failing=example(
         graph="""
             nodes:

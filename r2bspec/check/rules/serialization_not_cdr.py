@@ -12,18 +12,18 @@ def _find(context: Context) -> Findings:
         info = context.bag.find(name)
         if info is not None and info.serialization != "cdr":
             yield Finding(
-                message=f"the bag holds {quote(name)} serialised as {quote(info.serialization)}; "
+                message=f"messages of {quote(name)} are serialised as {quote(info.serialization)}; "
                 "only 'cdr' can be played",
                 path=("data_loader", "topics", name),
                 key=True,
-                help="convert the bag with 'ros2 bag convert' where that format is installed",
+                help="convert the bag with 'ros2 bag convert', where that format is installed",
             )
 
 
 RULE = Rule(
     code="R2B306",
-    title="recorded messages that are not CDR",
+    title="recorded messages are not CDR",
     severity="error",
-    why="Messages are played as they were recorded, and ROS 2 nodes understand CDR.",
+    why="Messages are played as recorded, and ROS 2 nodes expect CDR.",
     find=_find,
 )

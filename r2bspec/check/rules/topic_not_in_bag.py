@@ -1,4 +1,4 @@
-"""Topics that the bag does not hold."""
+"""Loaded topics that the bag does not contain."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _find(context: Context) -> Findings:
     for name in context.spec.data_loader.topics:
         if bag.find(name) is None:
             yield Finding(
-                message=f"the bag {quote(bag.name)} has no topic {quote(name)}",
+                message=f"bag {quote(bag.name)} has no topic {quote(name)}",
                 path=("data_loader", "topics", name),
                 key=True,
                 help=suggestion(name, bag.topics, "its topics"),
@@ -31,9 +31,9 @@ def _find(context: Context) -> Findings:
 
 RULE = Rule(
     code="R2B308",
-    title="a topic that the bag does not hold",
+    title="topic not in the bag",
     severity="error",
-    why="No message of it can be loaded, and what depends on it would wait for ever.",
+    why="No message of the topic can be loaded, and every node that depends on it waits forever.",
     failing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_imgae: image_raw}}"),
     passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
     find=_find,

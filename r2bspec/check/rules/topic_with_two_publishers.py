@@ -1,4 +1,4 @@
-"""Topics that several write."""
+"""Topics with several publishers."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _HARNESS_LABELS = {"loader": "the data loader", "player": "the player"}
 def _find(context: Context) -> Findings:
     for phase in context.wiring.phases:
         for topic in set(phase.topics) - SHARED_TOPICS:
-            writers = phase.publishers(topic)
-            for second in writers[1:]:
-                yield _finding(context, phase, writers[0], second)
+            publishers = phase.publishers(topic)
+            for second in publishers[1:]:
+                yield _finding(context, phase, publishers[0], second)
 
 
 def _finding(context: Context, phase: PhaseWiring, first: Endpoint, second: Endpoint) -> Finding:
@@ -33,14 +33,14 @@ def _finding(context: Context, phase: PhaseWiring, first: Endpoint, second: Endp
     if first.owner == second.owner:
         message = f"{_endpoint_label(first)} publishes {shown} twice"
     else:
-        message = f"both {_endpoint_label(first)} and {_endpoint_label(second)} publish {shown}"
+        message = f"{_endpoint_label(first)} and {_endpoint_label(second)} both publish {shown}"
     mixed = not (first.is_node and second.is_node)
     return Finding(
         message=message,
         path=second.path,
         key=second.topic_is_key,
-        help="give one of the two topics another name",
-        related=(Pointer("the other one", first.path, first.topic_is_key),),
+        help="rename one of the two topics",
+        related=(Pointer("other publisher", first.path, first.topic_is_key),),
         severity="error" if mixed else None,
         suppressed_by={topic_key(phase.phase, first.topic)},
         suppresses={flow_key(phase.phase)} if mixed else frozenset(),
@@ -53,10 +53,10 @@ def _endpoint_label(endpoint: Endpoint) -> str:
 
 RULE = Rule(
     code="R2B209",
-    title="a topic with two writers",
+    title="topic with two publishers",
     severity="warning",
-    why="Their messages mix, and nobody can tell which input an output answers. If one of the two "
-    "is the player or the data loader, what is measured has no meaning, and this is an error.",
+    why="Messages of two publishers interleave, so outputs cannot be matched to inputs. If one of "
+    "them is the player or the data loader, the measurement is meaningless, and this is an error.",
     failing=example(
         graph="""
             nodes:

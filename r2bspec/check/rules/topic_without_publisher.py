@@ -1,4 +1,4 @@
-"""Topics that are read although nobody publishes them."""
+"""Subscribed topics without a publisher."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _find(context: Context) -> Findings:
         for subscription in phase.endpoints:
             if subscription.topic in SHARED_TOPICS and subscription.is_node:
                 continue
-            # What the recorder reads is a playback input's 'from', which has a rule of its own.
+            # The recorder subscribes to the 'from' of playback inputs: see R2B401.
             if (
                 not subscription.is_publisher
                 and subscription.owner != "recorder"
@@ -46,7 +46,7 @@ def _find(context: Context) -> Findings:
 
 @dataclass(frozen=True)
 class _UnpublishedTopic:
-    """A topic that is read in vain, and the topics that might have been meant."""
+    """A subscription without a publisher, and the published topics that may have been meant."""
 
     context: Context
     phase: PhaseWiring
@@ -55,21 +55,21 @@ class _UnpublishedTopic:
 
     @cached_property
     def node(self) -> NodeWiring | None:
-        """The node that reads it; None for a monitor."""
+        """The node that subscribes; None for a monitor."""
         return self.phase.node(self.subscription.owner)
 
     @cached_property
     def topic_name(self) -> str:
-        """The topic as one would write it here."""
+        """The topic, relative to the namespace of the node."""
         return self.relative_name(self.subscription.topic)
 
     def relative_name(self, topic: str) -> str:
-        """Any topic as one would write it here."""
+        """Any topic, relative to the namespace of the node."""
         return self.context.relative_name(topic, self.node.namespace if self.node else "")
 
     @cached_property
     def candidates(self) -> dict[str, str]:
-        """The topics that are published, by the name that one would write here."""
+        """Full names of the published topics, by their relative names."""
         return {self.relative_name(name): name for name in self.published if not self._is_own(name)}
 
     def _is_own(self, topic: str) -> bool:
@@ -79,11 +79,11 @@ class _UnpublishedTopic:
 
     @cached_property
     def close(self) -> str:
-        """The full name of the published topic that is most like it, or empty."""
+        """The full name of the published topic with the closest name; empty if none is close."""
         return self.candidates.get(did_you_mean(self.topic_name, self.candidates), "")
 
     def type_matches(self, topic: str) -> bool:
-        """Whether a topic has the type that is read, as far as known."""
+        """Whether a topic has the type of the subscription, or an unknown one."""
         return any(
             each.type in {self.subscription.type, ""} for each in self.phase.publishers(topic)
         )
@@ -93,10 +93,10 @@ def _finding(unpublished: _UnpublishedTopic) -> Finding:
     phase, subscription = unpublished.phase, unpublished.subscription
     unknown = [node.key for node in phase.possible_publishers]
     if unknown:
-        message = f"nobody is known to publish {_topic_text(unpublished)}"
-        state = f"state what {quoted_list(unknown)} publishes under 'publishes:' there"
+        message = f"no known publisher on {_topic_text(unpublished)}"
+        state = f"list the topics of {quoted_list(unknown)} under 'publishes:'"
     else:
-        message = f"nobody publishes {_topic_text(unpublished)}"
+        message = f"no publisher on {_topic_text(unpublished)}"
         state = ""
     return Finding(
         message=message,
@@ -112,16 +112,13 @@ def _finding(unpublished: _UnpublishedTopic) -> Finding:
 
 
 def _topic_text(unpublished: _UnpublishedTopic) -> str:
-    """The topic, with who reads it and how."""
+    """The topic and its subscriber."""
     subscription, node = unpublished.subscription, unpublished.node
-    if node is None:
-        return f"{quote(unpublished.topic_name)}, which monitor {subscription.monitor} watches"
-    if "remappings" in subscription.path:
-        return (
-            f"{quote(unpublished.topic_name)}, which {node.key} reads as "
-            f"{quote(subscription.own_name)}"
-        )
-    return f"{quote(unpublished.topic_name)}, which {node.key} reads"
+    subscriber = node.key if node is not None else f"monitor {subscription.monitor}"
+    text = f"{quote(unpublished.topic_name)}, to which {subscriber} subscribes"
+    if node is not None and "remappings" in subscription.path:
+        return f"{text} as {quote(subscription.own_name)}"
+    return text
 
 
 def _advice(unpublished: _UnpublishedTopic) -> str:
@@ -132,7 +129,7 @@ def _advice(unpublished: _UnpublishedTopic) -> str:
     ]
     if unpublished.node is None or not unpublished.subscription.topic_is_key or not fitting:
         return (
-            f"topics that are published: {quoted_list(unpublished.candidates)}"
+            f"published topics: {quoted_list(unpublished.candidates)}"
             if unpublished.candidates
             else ""
         )
@@ -141,20 +138,20 @@ def _advice(unpublished: _UnpublishedTopic) -> str:
             "remap it: "
             f"{quote(f'remappings: {{{unpublished.subscription.own_name}: {fitting[0]}}}')}"
         )
-    return f"remap it; topics of its type are {quoted_list(fitting)}"
+    return f"remap it; published topics of its type: {quoted_list(fitting)}"
 
 
 def _misspelt_publisher(unpublished: _UnpublishedTopic) -> tuple[Pointer, ...]:
-    """The place of the topic that may be the one with the wrong name, if nobody reads it."""
+    """The publisher of the close name, if it has no subscription: it may be the misspelt one."""
     if not unpublished.close or unpublished.phase.subscriptions(unpublished.close):
         return ()
     publisher = unpublished.phase.publishers(unpublished.close)[0]
     shown = quote(unpublished.context.relative_name(unpublished.close))
-    return (Pointer(f"{shown}, which nobody reads", publisher.path, publisher.topic_is_key),)
+    return (Pointer(f"{shown} has no subscription", publisher.path, publisher.topic_is_key),)
 
 
 def _consequences(unpublished: _UnpublishedTopic) -> frozenset[str]:
-    """The topic itself, and those that nobody reads because this one is read in their place."""
+    """The topic, and those without a subscription because this one is subscribed to instead."""
     phase = unpublished.phase
     instead = {
         name
@@ -168,10 +165,10 @@ def _consequences(unpublished: _UnpublishedTopic) -> frozenset[str]:
 
 RULE = Rule(
     code="R2B207",
-    title="a topic is read that nobody publishes",
+    title="subscribed topic has no publisher",
     severity="error",
-    why="Whoever reads it waits for ever. Where the interfaces of all nodes are known this is "
-    "certain; otherwise it is a warning that says of which nodes nothing is known.",
+    why="The subscription never receives a message. This is certain where the interfaces of all "
+    "nodes are known; otherwise it is a warning that names the nodes with unknown publishers.",
     failing=example(
         graph="""
             nodes:

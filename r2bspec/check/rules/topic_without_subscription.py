@@ -1,4 +1,4 @@
-"""Topics that are published on purpose although nobody reads them."""
+"""Topics that the spec plays or remaps, but to which no node or monitor subscribes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from r2bspec.wiring.name_resolution import SHARED_TOPICS
 
 
 def _find(context: Context) -> Findings:
-    # Of the preprocess phase, rules of their own look at what is loaded and what is played.
+    # R2B401, R2B403 and R2B404 cover the preprocess phase.
     phase = context.wiring.measure
     if phase.possible_subscribers:
         return
@@ -38,7 +38,7 @@ def _find(context: Context) -> Findings:
 
 
 def _is_intended(publisher: Endpoint) -> bool:
-    """Whether the spec makes the topic. Nodes have outputs of which a graph uses some."""
+    """Whether the spec names the topic. Graphs often leave other outputs of a node unused."""
     if publisher.topic in SHARED_TOPICS:
         return False
     return publisher.owner == "player" or "remappings" in publisher.path
@@ -50,22 +50,22 @@ def _finding(
     shown = context.relative_name(publisher.topic)
     played = publisher.owner == "player"
     return Finding(
-        message=f"{quote(shown)} is played, but nobody reads it"
+        message=f"no subscription to {quote(shown)}, which is played"
         if played
-        else f"nobody reads {quote(shown)}, to which {quote(publisher.own_name)} is remapped",
+        else f"no subscription to {quote(shown)}, to which {quote(publisher.own_name)} is remapped",
         path=publisher.path,
         key=publisher.topic_is_key,
-        help=suggestion(shown, subscribed, "topics that are read"),
+        help=suggestion(shown, subscribed, "subscribed topics"),
         suppressed_by={topic_key(phase.phase, publisher.topic)},
     )
 
 
 RULE = Rule(
     code="R2B208",
-    title="a topic that nobody reads",
+    title="published topic has no subscription",
     severity="warning",
-    why="Playing it costs time and measures nothing; a remapping that leads nowhere is often a "
-    "misspelt one.",
+    why="Playing the topic costs time and measures nothing. A remapping to a topic without a "
+    "subscription is often misspelt.",
     failing=example(
         data_loader="""
             bag: r2b_storage

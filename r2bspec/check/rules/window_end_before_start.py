@@ -1,4 +1,4 @@
-"""Windows that end before they begin."""
+"""Windows that end before they start."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ def _find(context: Context) -> Findings:
     window = context.spec.data_loader.window
     if window.end is not None and window.end.ns <= window.start.ns:
         yield Finding(
-            message=f"the window ends at {window.end}, not after its start at {window.start}",
+            message=f"window end {window.end} is not after window start {window.start}",
             path=(*_WINDOW, "end"),
-            help="both count from the beginning of the bag; 'end' is not a length",
-            related=(Pointer("it starts here", (*_WINDOW, "start")),),
+            help="both times count from the beginning of the bag; 'end' is not a length",
+            related=(Pointer("window start", (*_WINDOW, "start")),),
             suppresses={value_key(_WINDOW)},
         )
 
 
 RULE = Rule(
     code="R2B320",
-    title="a window that ends before it begins",
+    title="window ends before it starts",
     severity="error",
-    why="It holds no message.",
+    why="The window contains no messages.",
     failing=example(
         data_loader="""
             bag: r2b_storage

@@ -1,4 +1,4 @@
-"""Loaded topics without a message in the window."""
+"""Loaded topics without messages in the window."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def _find(context: Context) -> Findings:
             continue
         empty = info.count == 0
         yield Finding(
-            message=f"the bag has no message of {quote(name)}"
+            message=f"no messages of {quote(name)} in the bag"
             if empty
-            else f"no message of {quote(name)} lies in the window",
+            else f"no messages of {quote(name)} in the window",
             path=("data_loader", "topics", name) if empty else _WINDOW,
             key=empty,
             help=""
             if empty
-            else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} in each second",
+            else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} per second",
             suppressed_by={value_key(_WINDOW)},
             suppresses={value_key(("data_loader", "topics", name))},
         )
@@ -34,9 +34,9 @@ def _find(context: Context) -> Findings:
 
 RULE = Rule(
     code="R2B321",
-    title="a window without a message",
+    title="window without messages",
     severity="error",
-    why="Without a message there is nothing to play.",
+    why="Without messages there is nothing to play.",
     failing=example(
         data_loader="""
             bag: r2b_storage

@@ -1,4 +1,4 @@
-"""Nodes of one phase that have one name."""
+"""Nodes of one phase with the same name."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ def _find(context: Context) -> Findings:
             what, path = first.setdefault(node.name, ("another node", node.path))
             if path != node.path or what != "another node":
                 yield Finding(
-                    message=f"{quote(node.name)} is also the name of {what}",
+                    message=f"node name {quote(node.name)} is already used by {what}",
                     path=node.path,
                     key=True,
-                    help="give the node another name or namespace",
-                    related=(Pointer("this is", path, key=True),),
+                    help="rename the node, or change its namespace",
+                    related=(Pointer("first use of the name", path, key=True),),
                 )
 
 
 def _generated_nodes(
     context: Context, phase: PhaseWiring
 ) -> Iterator[tuple[str, tuple[str, Path]]]:
-    """The nodes that a plan makes besides those of the spec: containers and the harness."""
+    """The nodes that a plan adds to those of the spec: containers and the harness."""
     namespace = context.wiring.namespace
     for node in phase.nodes:
         if node.node.kind == "plugin" and not node.node.container:
@@ -50,9 +50,9 @@ def _generated_nodes(
 
 RULE = Rule(
     code="R2B215",
-    title="two nodes of one name",
+    title="duplicate node name",
     severity="error",
-    why="Nodes of one name share services and parameters, and ROS does not say which of the two "
-    "answers.",
+    why="Nodes with the same name share services and parameters, and ROS does not define which of "
+    "them answers.",
     find=_find,
 )
