@@ -14,7 +14,7 @@ SeverityName = Literal["error", "warning", "info"]
 
 @dataclass(frozen=True, slots=True)
 class Pointer:
-    """Another value of the spec that explains a finding; `key` means its key."""
+    """Another place of the spec that explains a finding: the value at `path`, or its key."""
 
     message: str
     path: Path
@@ -26,19 +26,18 @@ class Finding:
     """One problem.
 
     Attributes:
-        message: one sentence without a full stop; names are in single quotes.
-        path: the value that is wrong.
-        key: whether the key there is wrong, rather than the value.
-        part: offset and length, in characters of the value's text, of the piece that is wrong.
-        help: the way out.
+        message: what is wrong, without a full stop; names are in single quotes.
+        path: the wrong value.
+        key: whether the key at `path` is wrong, not the value.
+        part: offset and length of the wrong part, in characters of the value's text.
+        help: what to do.
         related: other places that explain it.
-        replacement: a text that may safely stand in place of the value, or of its `part`.
-        severity: if not the rule's own.
-        machine_dependent: whether another machine may find otherwise.
-        code: if not the rule's own, as for errors of the data.
-        suppressed_by: the subjects that the finding is a statement about; see
-        `r2bspec.check.engine`. suppresses: the subjects about which nothing more needs to be said
-        once this is known.
+        replacement: a text that can safely replace the value, or its `part`.
+        severity: if it differs from the rule's.
+        machine_dependent: whether the result may differ on another machine.
+        code: if it differs from the rule's, as for errors of bags.
+        suppressed_by: the subjects of the finding; see `r2bspec.check.engine`.
+        suppresses: the subjects that this finding explains.
     """
 
     message: str
@@ -56,4 +55,4 @@ class Finding:
 
 
 Findings = Iterator[Finding]
-"""What a rule yields."""
+"""The result of a rule."""

@@ -1,4 +1,4 @@
-"""From a finding at a path to a diagnostic at a line and column."""
+"""Converts a finding at a path into a diagnostic at a line and column."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def to_diagnostic(
     finding: Finding, code: str, severity: SeverityName, loaded: LoadedSpec
 ) -> Diagnostic:
-    """The diagnostic of a finding, with the rule's code and severity where it has none."""
+    """The diagnostic of a finding; code and severity of the rule are the defaults."""
     span = _span(finding, loaded)
     related = [
         Related(each.message, loaded.span(each.path, key=each.key)) for each in finding.related
@@ -48,13 +48,13 @@ def _span(finding: Finding, loaded: LoadedSpec) -> Span:
 
 
 def _origin(path: Path, loaded: LoadedSpec) -> list[Related]:
-    """Where a value was written that a variable brought to `path`."""
+    """Where the variable is set from which the value at `path` comes."""
     node = lookup(loaded.tree, path) if loaded.tree is not None else None
     return [node.origin] if isinstance(node, ScalarNode) and node.origin is not None else []
 
 
 def _edit(finding: Finding, span: Span, loaded: LoadedSpec) -> Edit | None:
-    """The replacement, if the text at `span` is exactly what it replaces."""
+    """The replacement, if the text at `span` is exactly the text to replace."""
     if finding.replacement is None or loaded.tree is None or span.line != span.end_line:
         return None
     node = lookup(loaded.tree, finding.path)

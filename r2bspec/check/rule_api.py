@@ -1,4 +1,4 @@
-"""What most rules import: the context that a rule reads, what it yields, and parts of messages."""
+"""The names that most rules import: context, findings, subjects, and parts of messages."""
 
 from __future__ import annotations
 
