@@ -1,4 +1,4 @@
-"""Executables that an installed ROS package does not have."""
+"""Executables that are not in their installed ROS package."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ def _find(context: Context) -> Findings:
         executables = package_executables(package)
         if executable not in executables:
             yield Finding(
-                message=f"the ROS package {quote(package)} has no executable {quote(executable)} "
-                "on this machine",
+                message=f"ROS package {quote(package)} has no executable {quote(executable)} on "
+                "this machine",
                 path=(*node.path, "executable"),
-                help=suggestion(executable, executables, "it has") or "it has none at all",
+                help=suggestion(executable, executables, "its executables")
+                or "the package has no executables",
                 machine_dependent=True,
                 suppressed_by={value_key((*node.path, "package"))},
             )
@@ -25,9 +26,9 @@ def _find(context: Context) -> Findings:
 
 RULE = Rule(
     code="R2B623",
-    title="an executable that its ROS package does not have",
+    title="executable not found in its ROS package",
     severity="warning",
-    why="A run on this machine would fail as it starts. It is a warning, because another version "
+    why="A run on this machine would fail at startup. This is a warning, because another version "
     "of the package may have it.",
     find=_find,
 )

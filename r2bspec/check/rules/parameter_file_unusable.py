@@ -1,4 +1,4 @@
-"""Parameter files that are not there, or that ROS could not read."""
+"""Parameter files that do not exist or that ROS cannot load."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ def _find(context: Context) -> Findings:
             if file is None or not file.problem:
                 continue
             yield Finding(
-                message=f"there is no parameter file {quote(name)}"
+                message=f"parameter file {quote(name)} not found"
                 if file.missing
-                else f"the parameter file {quote(name)} {file.problem}",
+                else f"parameter file {quote(name)} {file.problem}",
                 path=path,
-                help=f"it is looked for in the folder of the spec, {context.loaded.base_dir}"
+                help=f"paths are relative to the folder of the spec ({context.loaded.base_dir})"
                 if file.missing
-                else "parameters stand below the name of their node and 'ros__parameters'",
+                else "the layout is the node name, 'ros__parameters', then the parameters",
                 suppresses={value_key(path)},
             )
 
 
 RULE = Rule(
     code="R2B614",
-    title="a parameter file that cannot be used",
+    title="unusable parameter file",
     severity="error",
-    why="The node would not start, or start with its defaults.",
+    why="The node would not start, or would start with default parameters.",
     failing=example(
         graph="""
             nodes:

@@ -1,4 +1,4 @@
-"""Python nodes whose file or module is not there."""
+"""Python nodes whose file or module does not exist."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def _module(path: Path, target: PythonTarget) -> Finding | None:
     if find_module(target.module) is not None:
         return None
     return Finding(
-        message=f"there is no Python module {quote(target.module)} on this machine",
+        message=f"Python module {quote(target.module)} not found on this machine",
         path=path,
         part=(0, len(target.module)),
-        help="install it, or source the workspace that has it; a file is written ./file.py:Class",
+        help="install it, or source its workspace; for a file, write ./file.py:Class",
         severity="warning",
         machine_dependent=True,
     )
@@ -39,17 +39,17 @@ def _file(context: Context, path: Path, target: PythonTarget) -> Finding | None:
     written = target.text.rpartition(":")[0]
     if not target.file.is_file():
         return Finding(
-            message=f"there is no file {quote(written)}",
+            message=f"Python file {quote(written)} not found",
             path=path,
             part=(0, len(written)),
-            help=f"it is looked for in the folder of the spec, {context.loaded.base_dir}",
+            help=f"paths are relative to the folder of the spec ({context.loaded.base_dir})",
         )
     try:
         if target.readable:
             top_level_names(target.file)
     except SyntaxError as error:
         return Finding(
-            message=f"{quote(written)} is not Python: {error.msg}"
+            message=f"{quote(written)} is not valid Python: {error.msg}"
             + (f" in line {error.lineno}" if error.lineno else ""),
             path=path,
             part=(0, len(written)),
@@ -59,10 +59,10 @@ def _file(context: Context, path: Path, target: PythonTarget) -> Finding | None:
 
 RULE = Rule(
     code="R2B624",
-    title="a Python node whose file or module is not there",
+    title="file or module of a Python node not found",
     severity="error",
-    why="A run would fail as it starts. A file belongs to the spec, so its absence is an error; an "
-    "installed module may be missing on this machine only, which is a warning.",
+    why="A run would fail at startup. A file is part of the spec, so this is an error. For a "
+    "module it is a warning, because another machine may have it.",
     failing=example(
         graph="""
             nodes:

@@ -1,4 +1,4 @@
-"""Probes that wait for a line of a process that does not exist."""
+"""Ready probes of a process that does not exist."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ def _find(context: Context) -> Findings:
         if probe.log is None or probe.log.process in context.processes:
             continue
         yield Finding(
-            message=f"there is no process {quote(probe.log.process)}",
+            message=f"unknown process {quote(probe.log.process)}",
             path=("ready", name, "log", "process"),
-            help=suggestion(probe.log.process, context.processes, "the processes"),
+            help=suggestion(probe.log.process, context.processes, "processes"),
         )
 
 
 RULE = Rule(
     code="R2B608",
-    title="a probe of a process that does not exist",
+    title="ready probe of an unknown process",
     severity="error",
-    why="The line never comes. A node's process is called like the node, or like its container.",
+    why="The expected line never appears. A process has the name of its node or of its container.",
     failing=example(ready="{up: {log: {process: rely, pattern: started}}}"),
     passing=example(ready="{up: {log: {process: relay, pattern: started}}}"),
     find=_find,

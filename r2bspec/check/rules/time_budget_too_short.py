@@ -1,4 +1,4 @@
-"""Budgets that end before the first iterations do."""
+"""Time budgets that are shorter than the iterations."""
 
 from __future__ import annotations
 
@@ -13,19 +13,21 @@ def _find(context: Context) -> Findings:
     needed = benchmark.duration.ns * benchmark.iterations * rates
     if budget is not None and needed > budget.ns:
         yield Finding(
-            message=f"a budget of {budget} ends before all is played, which takes "
-            f"{Duration(needed)}",
+            message=f"time budget of {budget} is too short: the iterations take {Duration(needed)}",
             path=("benchmark", "gate", "time_budget"),
-            help="allow more time, or play less",
-            related=(Pointer("played this often", ("benchmark", "iterations")),),
+            help=f"set 'time_budget' to {Duration(needed)} or more, or play fewer or shorter "
+            "iterations",
+            related=(
+                Pointer(f"'iterations' is {benchmark.iterations}", ("benchmark", "iterations")),
+            ),
         )
 
 
 RULE = Rule(
     code="R2B521",
-    title="a time budget that is too short",
+    title="time budget is shorter than the iterations",
     severity="error",
-    why="A run that ends before its iterations do decides nothing.",
+    why="A run that ends before its iterations are complete decides nothing.",
     failing=example(
         benchmark="{duration: 10 s, iterations: 5, rates: [30 Hz], gate: {time_budget: 20 s}}"
     ),

@@ -1,4 +1,4 @@
-"""Variables that nothing refers to."""
+"""Variables that are not used."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ def _find(context: Context) -> Findings:
     for name in context.spec.variables:
         if name not in context.loaded.used_variables:
             yield Finding(
-                message=f"nothing uses the variable {quote(name)}",
+                message=f"variable {quote(name)} is not used",
                 path=("variables", name),
                 key=True,
-                help=f"write {quote(f'$(var {name})')} where its value belongs, or remove it",
+                help=f"use it with {quote(f'$(var {name})')}, or remove it",
                 suppressed_by={value_key(("variables", name))},
             )
 
 
 RULE = Rule(
     code="R2B616",
-    title="a variable that nothing uses",
+    title="unused variable",
     severity="warning",
-    why="Whoever sets it with --var expects that something changes.",
+    why="Setting it with --var has no effect.",
     failing=example(variables="{rate: 30 Hz}"),
     passing=example(variables="{rate: 30 Hz}", benchmark="{rates: [$(var rate)]}"),
     find=_find,
