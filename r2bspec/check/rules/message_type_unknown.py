@@ -18,7 +18,7 @@ from r2bspec.check.rule_api import (
 
 def _find(context: Context) -> Findings:
     for path, name in _stated_types(context).items():
-        about = frozenset({value_key(path)})
+        about = {value_key(path)}
         siblings = message_types.types_of_same_package(name)
         if name in siblings:
             continue

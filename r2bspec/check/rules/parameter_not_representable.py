@@ -43,8 +43,8 @@ RULE = Rule(
     code="R2B213",
     title="parameter value that ROS cannot represent",
     severity="error",
-    why="A ROS parameter is a boolean, a 64-bit integer, a double, a string, or a list whose items "
-    "all have the same of these types.",
+    why="A ROS parameter is a boolean, a 64-bit integer, a double, a string, or a list of items of "
+    "one of these types.",
     failing=example(
         graph="""
             nodes:

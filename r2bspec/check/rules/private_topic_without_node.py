@@ -30,7 +30,7 @@ def _find(context: Context) -> Findings:
             help=f"did you mean {quote(context.relative_name(private[0]))}?"
             if len(private) == 1
             else "write the full name: namespace, node name, topic",
-            suppresses=frozenset({flow_key(phase)} | {topic_key(phase, topic) for topic in topics}),
+            suppresses={flow_key(phase), *(topic_key(phase, topic) for topic in topics)},
         )
 
 

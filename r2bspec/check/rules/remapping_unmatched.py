@@ -69,15 +69,13 @@ def _help(left: str, right: str, close: str, own: tuple[str, ...]) -> str:
     return f"its topics: {quoted_list(own)}"
 
 
-def _consequences(
-    phase: str, node: NodeWiring, rule: tuple[str, str], close: str
-) -> frozenset[str]:
+def _consequences(phase: str, node: NodeWiring, rule: tuple[str, str], close: str) -> set[str]:
     """The intended topics, and those that are used instead."""
     own = (close,) if close else node.interface.topics or ()
     rules = node.node.remappings
     topics = {expand(name, node.key, node.namespace) for name in rule}
     topics |= {remap(name, rules, node.key, node.namespace).name for name in own}
-    return frozenset({flow_key(phase)} | {topic_key(phase, name) for name in topics})
+    return {flow_key(phase), *(topic_key(phase, name) for name in topics)}
 
 
 def _node_remapping_finding(phase: str, node: NodeWiring, left: str) -> Finding:

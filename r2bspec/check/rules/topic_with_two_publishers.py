@@ -43,7 +43,7 @@ def _finding(context: Context, phase: PhaseWiring, first: Endpoint, second: Endp
         related=(Pointer("other publisher", first.path, first.topic_is_key),),
         severity="error" if mixed else None,
         suppressed_by={topic_key(phase.phase, first.topic)},
-        suppresses={flow_key(phase.phase)} if mixed else frozenset(),
+        suppresses={flow_key(phase.phase)} if mixed else set(),
     )
 
 

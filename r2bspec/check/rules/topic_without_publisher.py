@@ -92,21 +92,18 @@ class _UnpublishedTopic:
 def _finding(unpublished: _UnpublishedTopic) -> Finding:
     phase, subscription = unpublished.phase, unpublished.subscription
     unknown = [node.key for node in phase.possible_publishers]
-    if unknown:
-        message = f"no known publisher on {_topic_text(unpublished)}"
-        state = f"list the topics of {quoted_list(unknown)} under 'publishes:'"
-    else:
-        message = f"no publisher on {_topic_text(unpublished)}"
-        state = ""
+    state = f"list the topics of {quoted_list(unknown)} under 'publishes:'" if unknown else ""
     return Finding(
-        message=message,
+        message=f"no {'known ' if unknown else ''}publisher on {_topic_text(unpublished)}",
         path=subscription.path,
         key=subscription.topic_is_key,
         help="; or ".join(part for part in (_advice(unpublished), state) if part),
         related=_misspelt_publisher(unpublished),
         severity="warning" if unknown else None,
-        suppressed_by={topic_key(phase.phase, subscription.topic)}
-        | {value_key(node.path) for node in phase.possible_publishers},
+        suppressed_by={
+            topic_key(phase.phase, subscription.topic),
+            *(value_key(node.path) for node in phase.possible_publishers),
+        },
         suppresses=_consequences(unpublished),
     )
 
@@ -150,7 +147,7 @@ def _misspelt_publisher(unpublished: _UnpublishedTopic) -> tuple[Pointer, ...]:
     return (Pointer(f"{shown} has no subscription", publisher.path, publisher.topic_is_key),)
 
 
-def _consequences(unpublished: _UnpublishedTopic) -> frozenset[str]:
+def _consequences(unpublished: _UnpublishedTopic) -> set[str]:
     """The topic, and those without a subscription because this one is subscribed to instead."""
     phase = unpublished.phase
     instead = {
@@ -159,8 +156,8 @@ def _consequences(unpublished: _UnpublishedTopic) -> frozenset[str]:
         if not phase.subscriptions(name)
         and (name == unpublished.close or unpublished.type_matches(name))
     }
-    topics = {topic_key(phase.phase, name) for name in (unpublished.subscription.topic, *instead)}
-    return frozenset({flow_key(phase.phase)} | topics)
+    topics = (unpublished.subscription.topic, *instead)
+    return {flow_key(phase.phase), *(topic_key(phase.phase, name) for name in topics)}
 
 
 RULE = Rule(

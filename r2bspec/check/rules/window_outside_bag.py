@@ -30,7 +30,7 @@ def _find(context: Context) -> Findings:
             if rendered
             else "remove 'end' to use the bag to its end",
             severity=None if rendered else "warning",
-            suppresses={value_key(_WINDOW)} if rendered else frozenset(),
+            suppresses={value_key(_WINDOW)} if rendered else set(),
         )
 
 
