@@ -13,7 +13,7 @@ from r2bspec.check.rule_api import (
     known_metrics,
     quote,
 )
-from r2bspec.measure.metric_catalogue import known_live
+from r2bspec.measure.metric_catalogue import available_live
 
 _PROBE_STATISTICS = ("search", "sequential")
 """Statistics of the metrics that need a selectable rate."""
@@ -50,7 +50,7 @@ def _problem(context: Context, each: KnownMetric) -> tuple[str, str] | None:
         )
     if mode != "live":
         return None
-    if not known_live(each.info):
+    if not available_live(each.info):
         return (
             f"{name} is not available with 'mode: live', which does not observe the inputs",
             "use a metric of the outputs: throughput, interval, jitter, received, latency",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example
 from r2bspec.language.located_tree import ListNode
-from r2bspec.plan.topic_plans import straight_from
+from r2bspec.plan.topic_plans import direct_bag_topic
 
 _CAPACITY_BYTES_PER_S = {"udp": 250e6, "shared_memory": 3e9}
 """Bytes per second between two processes on one host. Estimates: a 2-core x86-64 machine carried
@@ -48,7 +48,8 @@ def _find(context: Context) -> Findings:
 def _is_played_unchanged(context: Context, bag_topic: str) -> bool:
     """Whether messages are played in their recorded size."""
     return any(
-        straight_from(context.harness_topic(each.source), context.spec, context.wiring) == bag_topic
+        direct_bag_topic(context.harness_topic(each.source), context.spec, context.wiring)
+        == bag_topic
         for each in context.spec.playback.inputs.values()
     )
 

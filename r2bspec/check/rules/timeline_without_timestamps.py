@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from r2bspec.check.message_types import begins_with_header
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
-from r2bspec.plan.topic_plans import straight_from
+from r2bspec.plan.topic_plans import direct_bag_topic
 
 
 def _find(context: Context) -> Findings:
@@ -13,7 +13,7 @@ def _find(context: Context) -> Findings:
         return
     for name, each in playback.inputs.items():
         source = context.harness_topic(each.source)
-        preprocessed = not straight_from(source, context.spec, context.wiring)
+        preprocessed = not direct_bag_topic(source, context.spec, context.wiring)
         if preprocessed and begins_with_header(each.format) is False:
             yield Finding(
                 message=f"{quote(name)} has no timestamps: it is the output of a preprocessor, and "
