@@ -1,10 +1,10 @@
-"""Running all rules over a spec, and leaving out what follows from something already said.
+"""Runs all rules over a spec, and drops findings that follow from earlier ones.
 
-A rule sees only the whole spec, so one wrong word looks wrong to several of them: a misspelt
-remapping leaves one topic that nobody publishes, another that nobody reads, and a monitor that
-nothing reaches. Each finding therefore names the subjects that it is `suppressed_by`, and those
-that it `suppresses`. Rules run in the order of their codes, causes before consequences; a finding
-about a subject that an earlier rule has explained is left out.
+Every rule checks the whole spec, so several rules find the same error: a misspelt remapping leaves
+one topic without a publisher, another without a subscription, and a monitor without messages. Each
+finding therefore names the subjects that it is `suppressed_by`, and those that it `suppresses`.
+Rules run in the order of their codes, causes before consequences; a finding about a subject that an
+earlier rule suppresses is dropped.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
 
 
 def check(loaded: LoadedSpec, *, offline: bool = False) -> list[Diagnostic]:
-    """Everything that is wrong with a spec, sorted by place.
+    """All findings about a spec, sorted by place.
 
-    Where reading the document found errors, there is no spec to apply rules to, and those errors
-    are all that is returned. What a comment waives (`r2bspec.diagnostics.waivers`) is left out.
-    Nothing that the spec names is executed or imported.
+    A document with errors has no spec, so only these errors are returned. Findings that a comment
+    waives (`r2bspec.diagnostics.waivers`) are left out. Nothing that the spec names is executed or
+    imported.
 
     Args:
-        loaded: what `load_spec` gave.
-        offline: leave recorded data alone; rules that need it find nothing.
+        loaded: from `load_spec`.
+        offline: skip recorded data; rules that need it find nothing.
     """
-    # Of a document with a matrix this is one case: a waiver may be meant for another.
+    # A document with a matrix has other cases, to which a waiver may apply.
     return _unwaived_findings([loaded], offline=offline, complete=loaded.matrix_case is None)
 
 
 def check_cases(cases: Sequence[LoadedSpec], *, offline: bool = False) -> list[Diagnostic]:
-    """Everything that is wrong with any case of one document, each finding once.
+    """All findings about the cases of one document, each finding once.
 
     Args:
-        cases: every case, as `load_cases` gave them.
+        cases: every case, from `load_cases`.
         offline: as for `check`.
     """
     return _unwaived_findings(cases, offline=offline, complete=True)
@@ -75,7 +75,7 @@ def _apply_rules(context: Context) -> list[Diagnostic]:
     found: list[Diagnostic] = []
     suppressed: set[str] = set()
     for rule in all_rules():
-        # What a rule explains counts for the rules after it, not for its own other findings.
+        # A rule suppresses findings of later rules, but not its own.
         kept = [each for each in rule.find(context) if not each.suppressed_by & suppressed]
         for finding in kept:
             suppressed |= finding.suppresses

@@ -11,8 +11,8 @@ from r2bspec.cli.main import main
 def test_a_page_has_title_reason_and_both_examples(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", "R2B204"]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("R2B204: a remapping that matches no topic of its node (error)\n")
-    assert "ROS ignores such a remapping without a word" in said
+    assert said.startswith("R2B204: remapping matches no topic of the node (error)\n")
+    assert "ROS ignores a remapping that matches no topic" in said
     assert "remappings: {inptu: image}" in said
     assert "example.r2b.yaml:9:20: error[R2B204]" in said
     assert "remappings: {input: image}" in said
