@@ -144,22 +144,20 @@ def prepare(
         )
     import msgspec
 
-    from r2bspec.check import check
-    from r2bspec.datasets.locate_bag import index, locate
+    from r2bspec.check.engine import check_in_context, context_of
     from r2bspec.language.load_spec import load_spec
     from r2bspec.plan.compile_plan import compile_plan
-    from r2bspec.wiring.companion_files import read_companion_files
 
     loaded = load_spec(path, sets=sets, variables=variables, case=case, allow_paths=allow_paths)
-    diagnostics = check(loaded)
-    if loaded.spec is None or any(each.severity == "error" for each in diagnostics):
+    context = context_of(loaded)
+    diagnostics = check_in_context(loaded, context)
+    if context is None or any(each.severity == "error" for each in diagnostics):
         raise InvalidSpecError(loaded, diagnostics)
-    bags = [
-        index(locate(source.dataset or source.path, loaded.base_dir))
-        for source in loaded.spec.data_loader.sources
-    ]
     plan = compile_plan(
-        loaded.spec, bags, companion_files=read_companion_files(loaded.spec, loaded.base_dir)
+        context.spec,
+        context.require_bags(),
+        companion_files=context.companion_files,
+        wiring=context.wiring,
     )
     return PreparedBenchmark(
         # The case is part of the name under which results are kept and compared.

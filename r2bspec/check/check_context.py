@@ -105,6 +105,20 @@ class Context:
             for position, source in enumerate(sources)
         )
 
+    def require_bags(self) -> list[BagIndex]:
+        """The index of every bag.
+
+        Raises:
+            DataError: one of them cannot be used.
+        """
+        found = []
+        for each in self.recordings:
+            if each.content is None:
+                assert each.error is not None  # noqa: S101 - a recording is one or the other
+                raise each.error
+            found.append(each.content)
+        return found
+
     def _recording(self, source: BagSource, place: Path) -> Recording:
         from r2bspec.bags.errors import DataError
         from r2bspec.datasets.locate_bag import locate as locate_bag

@@ -34,8 +34,23 @@ def check(loaded: LoadedSpec, *, offline: bool = False) -> list[Diagnostic]:
         loaded: from `load_spec`.
         offline: skip recorded data; rules that need it find nothing.
     """
+    return check_in_context(loaded, context_of(loaded, offline=offline))
+
+
+def check_in_context(loaded: LoadedSpec, context: Context | None) -> list[Diagnostic]:
+    """The same as `check`, for a caller that goes on using what the rules have worked out.
+
+    Args:
+        loaded: from `load_spec`.
+        context: from `context_of`; None where there is no spec.
+    """
     # A document with a matrix has other cases, to which a waiver may apply.
-    return _unwaived_findings([loaded], offline=offline, complete=loaded.matrix_case is None)
+    return _unwaived_findings([loaded], [context], complete=loaded.matrix_case is None)
+
+
+def context_of(loaded: LoadedSpec, *, offline: bool = False) -> Context | None:
+    """The context of a spec; None where the document has errors."""
+    return None if loaded.spec is None else Context(loaded, loaded.spec, offline=offline)
 
 
 def check_cases(cases: Sequence[LoadedSpec], *, offline: bool = False) -> list[Diagnostic]:
@@ -45,24 +60,23 @@ def check_cases(cases: Sequence[LoadedSpec], *, offline: bool = False) -> list[D
         cases: every case, from `load_cases`.
         offline: as for `check`.
     """
-    return _unwaived_findings(cases, offline=offline, complete=True)
+    contexts = [context_of(one, offline=offline) for one in cases]
+    return _unwaived_findings(cases, contexts, complete=True)
 
 
 def _unwaived_findings(
-    cases: Sequence[LoadedSpec], *, offline: bool, complete: bool
+    cases: Sequence[LoadedSpec], contexts: Sequence[Context | None], *, complete: bool
 ) -> list[Diagnostic]:
-    found = merge_case_findings(cases, [_check_document(one, offline=offline) for one in cases])
+    findings = [_check_document(one, context) for one, context in zip(cases, contexts, strict=True)]
+    found = merge_case_findings(cases, findings)
     texts = {name: text for one in cases for name, text in one.texts.items()}
-    complete = complete and not offline and all(one.spec is not None for one in cases)
+    complete = complete and all(each is not None and not each.offline for each in contexts)
     left = apply_waivers(found, texts, known=_known_codes, complete=complete)
     return sorted(left, key=lambda each: each.sort_key)
 
 
-def _check_document(loaded: LoadedSpec, *, offline: bool) -> list[Diagnostic]:
-    found = list(loaded.diagnostics)
-    if loaded.spec is not None:
-        found += _apply_rules(Context(loaded, loaded.spec, offline=offline))
-    return found
+def _check_document(loaded: LoadedSpec, context: Context | None) -> list[Diagnostic]:
+    return [*loaded.diagnostics, *(_apply_rules(context) if context is not None else ())]
 
 
 def _known_codes() -> Collection[str]:
