@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.dataset_disk import check_datasets
 from r2bspec.doctor.leftovers import check_leftovers
-from r2bspec.doctor.opencv import check_vision
+from r2bspec.doctor.opencv_check import check_vision
 from r2bspec.doctor.processor import check_processor
 from r2bspec.doctor.ros_installation import check_ros
 from r2bspec.doctor.shared_memory import check_shared_memory

@@ -33,7 +33,7 @@ from r2bspec.execute.inputs.buffer_bags import buffer_bags
 from r2bspec.execute.inputs.dataset import ResolvedDataset, obtain_dataset
 from r2bspec.execute.inputs.preprocess import preprocess
 from r2bspec.execute.measurement.measurement import Measurement
-from r2bspec.execute.measurement.reporting import RunReporter
+from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv

@@ -36,7 +36,7 @@ from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_rate_hz
 from r2bspec.execute.measurement.live_mode import LiveSegmentWatcher
-from r2bspec.execute.measurement.reporting import RunReporter
+from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol

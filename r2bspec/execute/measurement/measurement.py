@@ -9,7 +9,7 @@ import msgspec
 from r2bspec.execute.measurement.iterations import IterationRunner
 from r2bspec.execute.measurement.peak_search import PeakSearch
 from r2bspec.execute.measurement.rate_probe import RateProber
-from r2bspec.execute.measurement.reporting import RunReporter
+from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.judge.verdict import Method, Verdict

@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from r2bspec.doctor import opencv, ros_installation
+from r2bspec.doctor import opencv_check, ros_installation
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.import_check import probe_imports
-from r2bspec.doctor.opencv import check_vision
+from r2bspec.doctor.opencv_check import check_vision
 from r2bspec.doctor.ros_installation import check_ros
 
 MISSING = {"error": "ModuleNotFoundError: No module named 'rclpy'"}
@@ -35,7 +35,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
             return {name: known.get(name, imported()) for name in names}
 
         monkeypatch.setattr(ros_installation, "probe_imports", answer)
-        monkeypatch.setattr(opencv, "probe_imports", answer)
+        monkeypatch.setattr(opencv_check, "probe_imports", answer)
         monkeypatch.setattr(
             importlib.metadata,
             "distributions",

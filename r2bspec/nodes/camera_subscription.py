@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from r2bspec.nodes.pairing import StampPairs
+from r2bspec.nodes.stamp_pairs import StampPairs
 
 QOS_DEPTH = 10
 _LOG_INTERVAL_S = 5.0
