@@ -9,7 +9,7 @@ about a subject that an earlier rule has explained is left out.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from r2bspec.check.check_context import Context
@@ -54,7 +54,7 @@ def _unwaived_findings(
     found = merge_case_findings(cases, [_check_document(one, offline=offline) for one in cases])
     texts = {name: text for one in cases for name, text in one.texts.items()}
     complete = complete and not offline and all(one.spec is not None for one in cases)
-    left = apply_waivers(found, texts, known=_known_codes, complete=complete)
+    left = apply_waivers(found, texts, known=_slugs_by_code, complete=complete)
     return sorted(left, key=lambda each: each.sort_key)
 
 
@@ -65,10 +65,10 @@ def _check_document(loaded: LoadedSpec, *, offline: bool) -> list[Diagnostic]:
     return found
 
 
-def _known_codes() -> Collection[str]:
+def _slugs_by_code() -> Mapping[str, str]:
     from r2bspec.check.pages import all_pages
 
-    return all_pages()
+    return {code: page.slug for code, page in all_pages().items()}
 
 
 def _apply_rules(context: Context) -> list[Diagnostic]:

@@ -37,9 +37,15 @@ class Rule:
     early: bool = False
 
     @property
+    def slug(self) -> str:
+        """The name of the rule's module with dashes, such as ``variable-unused``."""
+        return self.find.__module__.rpartition(".")[2].replace("_", "-")
+
+    @property
     def page(self) -> Page:
         """What `r2bspec explain` says of the rule."""
         return Page(
+            slug=self.slug,
             code=self.code,
             title=self.title,
             severity=self.severity,

@@ -23,6 +23,7 @@ class Page:
     """The explanation of one diagnostic code.
 
     Attributes:
+        slug: the name of the code in words, such as ``unknown-key``: unique, in kebab case.
         code: such as ``R2B204``.
         title: what is wrong, in a few words, without a full stop.
         severity: how bad a finding of this code is by default.
@@ -31,6 +32,7 @@ class Page:
         passing: the same, put right.
     """
 
+    slug: str
     code: str
     title: str
     severity: Severity

@@ -9,29 +9,34 @@ from r2bspec.diagnostics.diagnostic import Severity
 
 DATA_PAGES = (
     error_page(
+        "bag-metadata-unreadable",
         "R2B302",
         "the metadata of a bag cannot be read",
         "metadata.yaml says which files a bag has and how they are stored. Where it is missing or "
         "broken, 'ros2 bag reindex' writes it anew.",
     ),
     error_page(
+        "bag-file-missing",
         "R2B303",
         "a storage file of a bag is missing",
         "metadata.yaml names files that are not beside it, so messages are missing. Bags are "
         "copied as a whole folder.",
     ),
     error_page(
+        "bag-file-unreadable",
         "R2B304",
         "a storage file of a bag cannot be read",
         "The file is damaged, cut short, or no sqlite3, MCAP or ROS 1 file at all. Lengths, counts "
         "and checksums are compared as far as the format has them.",
     ),
     error_page(
+        "git-lfs-pointer",
         "R2B305",
         "a Git LFS pointer stands in the place of a bag",
         "The repository was cloned without its large files; 'git lfs pull' fetches them.",
     ),
     Page(
+        slug="unknown-dataset",
         code="R2B307",
         title="a dataset that nobody knows",
         severity=Severity.ERROR,
@@ -41,24 +46,28 @@ DATA_PAGES = (
         passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
     ),
     error_page(
+        "bag-metadata-mismatch",
         "R2B310",
         "the metadata of a bag disagrees with its files",
         "Topics, types or counts differ, so one of the two is wrong. After a recording that was "
         "cut short, 'ros2 bag reindex' writes what is there.",
     ),
     error_page(
+        "dataset-not-writable",
         "R2B311",
         "a dataset could not be written",
         "Datasets are rendered on first use into a cache, which needs space and the permission to "
         "write. XDG_CACHE_HOME says where it is.",
     ),
     error_page(
+        "bag-digest-mismatch",
         "R2B312",
         "the bag is not the one that the spec pins",
         "Its content has another SHA-256 than 'sha256' of the bag says. Results of different data "
         "cannot be compared.",
     ),
     error_page(
+        "recording-not-closed",
         "R2B313",
         "a recording was not closed",
         "Beside the sqlite3 file lies its journal, with messages that the file itself lacks: it is "

@@ -6,62 +6,73 @@ from r2bspec.check.pages._page import error_page
 
 RUN_PAGES = (
     error_page(
+        "unsupported-by-this-version",
         "R2B619",
         "the plan asks for what this version does not carry out",
         "It is valid, and can be planned and drawn. The message names the parts of the plan that "
         "a later version will run.",
     ),
     error_page(
+        "ros-not-installed",
         "R2B620",
         "ROS 2 is not installed",
         "Running needs rclpy: source a ROS 2 installation, or pip install 'r2bspec[ros]'. "
         "Validating, planning and judging do not.",
     ),
     error_page(
+        "run-failed",
         "R2B630",
         "the run failed",
         "The message says which process failed and why; what it printed is in the run folder "
         "under logs/. What had been observed until then is kept.",
     ),
     error_page(
+        "process-ended-early",
         "R2B631",
         "a process ended before its time",
         "Nobody had told it to. What it printed is in the run folder under logs/.",
     ),
     error_page(
+        "process-not-responding",
         "R2B632",
         "a process does not answer",
         "It may be blocked in a callback or a constructor; what it printed is in the run folder "
         "under logs/.",
     ),
     error_page(
+        "node-constructor-failed",
         "R2B633",
         "a node could not be made",
         "Its constructor raised an exception. A Python node takes the keyword arguments of "
         "rclpy's Node and passes them on.",
     ),
     error_page(
+        "callback-raised",
         "R2B634",
         "a callback raised an exception",
         "The node did not do its work, so what was measured is not the graph's performance.",
     ),
     error_page(
+        "memory-limit-exceeded",
         "R2B635",
         "a process uses more memory than it may",
         "Its resident memory exceeded the 'memory_limit' that the spec sets for it.",
     ),
     error_page(
+        "cpu-not-available",
         "R2B636",
         "a processor is not there",
         "'cpus' names processors, counted from 0, that this machine does not have or does not "
         "give to this user.",
     ),
     error_page(
+        "priority-not-permitted",
         "R2B637",
         "a process may not be given this priority",
         "A 'nice' below 0 puts a process before others, which only a privileged user may do.",
     ),
     error_page(
+        "graph-not-connected",
         "R2B640",
         "the graph did not come up as planned",
         "Within 'benchmark.start_timeout' not every planned writer found its reader. The message "
@@ -70,6 +81,7 @@ RUN_PAGES = (
         "finds the same (R2B204, R2B207, R2B208, R2B210, R2B216), and to try again would not help.",
     ),
     error_page(
+        "no-output",
         "R2B641",
         "nothing comes out of the graph",
         "All writers and readers have found each other, but no output was seen. Some messages are "
@@ -77,46 +89,54 @@ RUN_PAGES = (
         "they stop.",
     ),
     error_page(
+        "input-without-messages",
         "R2B643",
         "a playback input has no messages",
         "Nothing of it was loaded or came out of the preprocessors, so there is nothing to play.",
     ),
     error_page(
+        "no-common-stamps",
         "R2B644",
         "the inputs have no stamp in common",
         "Messages of one step belong together by their header stamps; inputs that were not "
         "recorded together are played in specs of their own.",
     ),
     error_page(
+        "player-timeout",
         "R2B645",
         "the player did not finish in time",
         "The machine may be overloaded, or a publication blocks.",
     ),
     error_page(
+        "readiness-timeout",
         "R2B646",
         "a probe of readiness was not met in time",
         "The file, the service, the topic or the line of output that 'ready' waits for did not "
         "appear within its timeout.",
     ),
     error_page(
+        "service-call-failed",
         "R2B647",
         "a service call failed",
         "The service is not there, is of another type, refuses the request, or does not answer "
         "within the timeout of its step.",
     ),
     error_page(
+        "step-failed",
         "R2B648",
         "a step failed",
         "A command under 'setup' or 'after_ready' ended with an error, took longer than its "
         "timeout, or did not make the file that it 'creates'. Its output is in the run folder.",
     ),
     error_page(
+        "external-node-not-running",
         "R2B649",
         "an external node does not run",
         "A node that is 'external' must run before the benchmark starts, in the ROS domain of the "
         "run.",
     ),
     error_page(
+        "monitor-without-steps",
         "R2B658",
         "a monitor that no step of the timeline concerns",
         "In a timeline a step has messages of the inputs that were recorded under one stamp, and "
@@ -124,6 +144,7 @@ RUN_PAGES = (
         "different rates answers one of them: write under 'monitors.NAME.answers' which.",
     ),
     error_page(
+        "timeline-times-unknown",
         "R2B659",
         "a timeline of which nobody knows the times",
         "What a preprocessor made is played when the message of its stamp was recorded. If the "
@@ -131,24 +152,28 @@ RUN_PAGES = (
         "to play its messages at the times at which they come out of it.",
     ),
     error_page(
+        "run-folder-unreadable",
         "R2B650",
         "a run folder cannot be read",
         "A file of it is missing or damaged, or was written by another version. Files of a run "
         "appear whole or not at all, so one was changed afterwards, or the folder is no run.",
     ),
     error_page(
+        "run-folder-not-writable",
         "R2B651",
         "a run folder cannot be written",
         "It must be new or empty, and there must be space and the permission to write. '--output' "
         "chooses another.",
     ),
     error_page(
+        "history-unusable",
         "R2B654",
         "a history cannot be used",
         "The file is not there, damaged, of a newer version, of another program, or held by one "
         "that is writing. Run folders can be judged without it.",
     ),
     error_page(
+        "nothing-to-compare",
         "R2B656",
         "there is nothing to compare with",
         "'--against' names another spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup "
@@ -156,6 +181,7 @@ RUN_PAGES = (
         "again; '--baseline' compares with one, as advice.",
     ),
     error_page(
+        "compared-environment-unusable",
         "R2B657",
         "an environment to compare with cannot be used",
         "There is no such setup file or workspace, sourcing it failed, or what it changes does "
@@ -163,6 +189,7 @@ RUN_PAGES = (
         "under 'environment'.",
     ),
     error_page(
+        "too-little-shared-memory",
         "R2B664",
         "there is too little shared memory",
         "With 'transport: shared_memory' each process takes a segment of /dev/shm that holds "
@@ -171,6 +198,7 @@ RUN_PAGES = (
         "MB unless started with --shm-size), or state 'transport: udp'.",
     ),
     error_page(
+        "component-not-loaded",
         "R2B665",
         "a C++ component was not loaded",
         "The container answered that it cannot, or did not answer. Its own words follow; they "
@@ -178,12 +206,14 @@ RUN_PAGES = (
         "container printed is in the run folder under logs/.",
     ),
     error_page(
+        "run-interrupted",
         "R2B670",
         "the run was interrupted",
         "By Ctrl-C or a signal. What had been observed until then is kept in the run folder and "
         "marked as incomplete.",
     ),
     error_page(
+        "run-killed",
         "R2B671",
         "the run was killed",
         "Its controller ended without a chance to say why. The run folder has what had been "

@@ -6,12 +6,13 @@ from r2bspec.diagnostics.code_pages import Page
 from r2bspec.diagnostics.diagnostic import Severity
 
 
-def _page(code: str, title: str, why: str, failing: str, passing: str) -> Page:
-    return Page(code, title, Severity.ERROR, why, failing, passing)
+def _page(slug: str, code: str, title: str, why: str, failing: str, passing: str) -> Page:
+    return Page(slug, code, title, Severity.ERROR, why, failing, passing)
 
 
 REUSE_PAGES = (
     _page(
+        "variable-of-wrong-type",
         "R2B130",
         "a variable's value is not of its type",
         "Whoever declares a type wants a wrong value to be told where it is given, and not where "
@@ -20,6 +21,7 @@ REUSE_PAGES = (
         "variables:\n  rate: {type: rate, value: 30 Hz}\n",
     ),
     _page(
+        "variable-not-among-choices",
         "R2B131",
         "a variable's value is not among its choices",
         "The list is the promise that only these values make sense.",
@@ -27,6 +29,7 @@ REUSE_PAGES = (
         "variables:\n  family: {value: 36h11, choices: [16h5, 36h11]}\n",
     ),
     _page(
+        "variable-without-value",
         "R2B132",
         "a variable without a value",
         "Nothing is as good as any other value: the spec must say one, or --var must.",
@@ -34,6 +37,7 @@ REUSE_PAGES = (
         "variables:\n  rate: {type: rate, value: 30 Hz}\n",
     ),
     _page(
+        "extended-file-unreadable",
         "R2B133",
         "a file to build on cannot be read",
         "Paths are relative to the file in which they are written. What is named there is a YAML "
@@ -42,6 +46,7 @@ REUSE_PAGES = (
         "",
     ),
     _page(
+        "extended-file-outside-folder",
         "R2B134",
         "a file to build on lies outside of the folder of the spec",
         "A spec of a stranger could otherwise show any file of this machine in its messages. "
@@ -50,6 +55,7 @@ REUSE_PAGES = (
         "",
     ),
     _page(
+        "endless-extends",
         "R2B135",
         "a chain of 'extends' that does not end",
         "What builds on itself has no beginning; and a chain of very many is one that nobody can "
@@ -58,6 +64,7 @@ REUSE_PAGES = (
         "graph:\n  nodes:\n    a: {extends: b}\n    b: {python: my.Node}\n",
     ),
     _page(
+        "unknown-sibling",
         "R2B136",
         "no sibling of that name to build on",
         "Inside an entry, 'extends' names another entry of the same map. Other files are extended "
@@ -66,6 +73,7 @@ REUSE_PAGES = (
         "graph:\n  nodes:\n    left: {python: my.Node}\n    right: {extends: left}\n",
     ),
     _page(
+        "unknown-matrix-variable",
         "R2B137",
         "the matrix names an unknown variable",
         "A case gives declared variables other values. One that nobody declared changes nothing, "
@@ -74,6 +82,7 @@ REUSE_PAGES = (
         "variables: {threads: 1}\nmatrix: {axes: {threads: [2]}}\n",
     ),
     Page(
+        "exclusion-without-effect",
         "R2B138",
         "an exclusion that excludes nothing",
         Severity.WARNING,
@@ -82,6 +91,7 @@ REUSE_PAGES = (
         "variables: {threads: 1}\nmatrix: {axes: {threads: [2]}}\n",
     ),
     _page(
+        "matrix-empty-or-too-large",
         "R2B139",
         "a matrix without cases, or with very many",
         "Without a case there is nothing to run. Very many are most often an axis too much.",
@@ -89,6 +99,7 @@ REUSE_PAGES = (
         "variables: {threads: 1}\nmatrix: {axes: {threads: [2]}}\n",
     ),
     _page(
+        "case-not-selected",
         "R2B140",
         "it is not clear which case is meant",
         "A run and a plan are of one case; validate looks at all of them. --case chooses one, by "
@@ -97,6 +108,7 @@ REUSE_PAGES = (
         "variables: {threads: 1}\nmatrix: {axes: {threads: [2]}}\n",
     ),
     _page(
+        "duplicate-case",
         "R2B141",
         "two cases of one name",
         "Results are kept by the name of the case; one of the two would be lost.",

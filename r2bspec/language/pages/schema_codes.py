@@ -6,12 +6,13 @@ from r2bspec.diagnostics.code_pages import Page
 from r2bspec.diagnostics.diagnostic import Severity
 
 
-def _page(code: str, title: str, why: str, failing: str, passing: str) -> Page:
-    return Page(code, title, Severity.ERROR, why, failing, passing)
+def _page(slug: str, code: str, title: str, why: str, failing: str, passing: str) -> Page:
+    return Page(slug, code, title, Severity.ERROR, why, failing, passing)
 
 
 SCHEMA_PAGES = (
     _page(
+        "unknown-key",
         "R2B101",
         "an unknown key",
         "A key that nobody reads is a wish that nobody fulfils: most often it is misspelt, or "
@@ -20,6 +21,7 @@ SCHEMA_PAGES = (
         "benchmark: {duration: 10 s}\n",
     ),
     _page(
+        "missing-key",
         "R2B102",
         "a key is missing",
         "The language has defaults where one is right for nearly everybody; for the rest, a "
@@ -28,6 +30,7 @@ SCHEMA_PAGES = (
         "monitors:\n  detections: {topic: tag_detections, format: geometry_msgs/msg/PoseArray}\n",
     ),
     _page(
+        "wrong-type",
         "R2B103",
         "a value of the wrong type",
         "Text, numbers, truth values, lists and maps are not turned into one another: what YAML "
@@ -36,6 +39,7 @@ SCHEMA_PAGES = (
         "benchmark: {rates: [10 Hz]}\n",
     ),
     _page(
+        "unknown-choice",
         "R2B104",
         "a word that is not among the choices",
         "The message lists all words that are known there.",
@@ -43,6 +47,7 @@ SCHEMA_PAGES = (
         "playback: {mode: looping}\n",
     ),
     _page(
+        "malformed-text",
         "R2B105",
         "text of a wrong form",
         "Topics, types and names follow ROS's own rules; ROS would refuse the text when the "
@@ -51,6 +56,7 @@ SCHEMA_PAGES = (
         "monitors:\n  detections: {topic: tags, format: geometry_msgs/msg/PoseArray}\n",
     ),
     _page(
+        "invalid-name",
         "R2B106",
         "a name that cannot be used",
         "Nodes and topics follow ROS's rules; monitors, objectives and variables must be usable "
@@ -59,6 +65,7 @@ SCHEMA_PAGES = (
         "monitors:\n  my_tags: {topic: tags, format: geometry_msgs/msg/PoseArray}\n",
     ),
     _page(
+        "number-out-of-range",
         "R2B107",
         "a number out of range",
         "The message tells the least, or the greatest, number that makes sense.",
@@ -66,6 +73,7 @@ SCHEMA_PAGES = (
         "benchmark: {iterations: 1}\n",
     ),
     _page(
+        "empty-value",
         "R2B108",
         "nothing where something must be",
         "A list or a map that must have an entry to mean anything.",
@@ -73,6 +81,7 @@ SCHEMA_PAGES = (
         "monitors:\n  detections: {topic: tags, format: geometry_msgs/msg/PoseArray}\n",
     ),
     _page(
+        "missing-unit",
         "R2B109",
         "a quantity without a unit",
         "10 could be seconds or milliseconds; the reader of a spec should not have to know.",
@@ -80,6 +89,7 @@ SCHEMA_PAGES = (
         "benchmark: {duration: 10 s}\n",
     ),
     _page(
+        "invalid-quantity",
         "R2B110",
         "text that is no quantity",
         "A quantity is a number and a unit of the right kind: 10 s, 30 Hz, 2 %, 64 MiB.",
@@ -87,6 +97,7 @@ SCHEMA_PAGES = (
         "benchmark: {duration: 10 s}\n",
     ),
     _page(
+        "zero-quantity",
         "R2B111",
         "a quantity of nothing",
         "No message is ever played in zero seconds or at zero hertz.",
@@ -94,6 +105,7 @@ SCHEMA_PAGES = (
         "benchmark: {duration: 10 s}\n",
     ),
     _page(
+        "invalid-requirement",
         "R2B112",
         "text that is no requirement",
         "A requirement reads 'metric op bound', such as latency.p99 < 50 ms or drop_rate <= 0.5 "
@@ -102,6 +114,7 @@ SCHEMA_PAGES = (
         "slos:\n  fast: {at: 30 Hz, require: [latency.p99 < 50 ms]}\n",
     ),
     _page(
+        "ambiguous-node-kind",
         "R2B113",
         "a node that is not exactly one kind of node",
         "A node is a Python class or function (python), a composable C++ node (package and "
@@ -111,6 +124,7 @@ SCHEMA_PAGES = (
         "graph:\n  nodes:\n    detector: {python: my.Detector}\n",
     ),
     _page(
+        "ambiguous-bag-source",
         "R2B114",
         "a bag that is not exactly one source",
         "A recording is a dataset, known by name, or a path; several stand under 'bags'.",
@@ -118,6 +132,7 @@ SCHEMA_PAGES = (
         "data_loader: {bag: {path: ./bag}}\n",
     ),
     _page(
+        "unsupported-language-version",
         "R2B115",
         "a version of the language that is not known",
         "The number changes when a document would mean something else than before.",
@@ -125,6 +140,7 @@ SCHEMA_PAGES = (
         "r2bspec: 1\n",
     ),
     _page(
+        "key-without-value",
         "R2B116",
         "a key without a value",
         "YAML reads it as null, which no setting of the language means. A key that is left out "
@@ -133,6 +149,7 @@ SCHEMA_PAGES = (
         "benchmark:\n  rates: [30 Hz]\n",
     ),
     _page(
+        "missing-name",
         "R2B117",
         "the name is missing above an entry",
         "Everything that has a name is a map keyed by that name, so that messages, --set and "
@@ -141,6 +158,7 @@ SCHEMA_PAGES = (
         "monitors:\n  detections: {topic: tags, format: geometry_msgs/msg/PoseArray}\n",
     ),
     _page(
+        "not-exactly-one-key",
         "R2B118",
         "exactly one of several keys must be given",
         "A ready probe, a step and a launch file are each said in one of several ways, as is which "
@@ -149,6 +167,7 @@ SCHEMA_PAGES = (
         "ready:\n  model: {file: model.plan}\n",
     ),
     _page(
+        "key-without-effect",
         "R2B119",
         "a key that has no use here",
         "The key is known, but what stands beside it leaves nobody to read it: the wish would "
@@ -157,6 +176,7 @@ SCHEMA_PAGES = (
         "playback: {mode: timeline, timeline: {speed: 50 %}}\n",
     ),
     _page(
+        "swapped-keys",
         "R2B150",
         "two keys have each other's content",
         "Each content is wrong where it stands and right under the other key, so the keys were "

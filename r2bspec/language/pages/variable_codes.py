@@ -6,12 +6,13 @@ from r2bspec.diagnostics.code_pages import Page
 from r2bspec.diagnostics.diagnostic import Severity
 
 
-def _page(code: str, title: str, why: str, failing: str, passing: str) -> Page:
-    return Page(code, title, Severity.ERROR, why, failing, passing)
+def _page(slug: str, code: str, title: str, why: str, failing: str, passing: str) -> Page:
+    return Page(slug, code, title, Severity.ERROR, why, failing, passing)
 
 
 VARIABLE_PAGES = (
     _page(
+        "unknown-variable",
         "R2B120",
         "an unknown variable",
         "$(var name) stands for what 'variables:' says; an empty text in its place would be a "
@@ -20,6 +21,7 @@ VARIABLE_PAGES = (
         "variables: {rate: 30 Hz}\nbenchmark: {rates: [$(var rate)]}\n",
     ),
     _page(
+        "environment-variable-not-listed",
         "R2B121",
         "the environment variable is not listed",
         "What a benchmark takes from the environment is a part of it. Listing it under "
@@ -28,6 +30,7 @@ VARIABLE_PAGES = (
         "environment: [HOME]\ntitle: $(env HOME)\n",
     ),
     _page(
+        "environment-variable-not-set",
         "R2B122",
         "the environment variable is not set",
         "It depends on this machine: the same spec is right where the variable is set.",
@@ -35,6 +38,7 @@ VARIABLE_PAGES = (
         "environment: [HOME]\ntitle: $(env HOME)\n",
     ),
     _page(
+        "malformed-reference",
         "R2B123",
         "something that begins like a reference",
         "Only $(var name) and $(env NAME) are replaced. There are no expressions and no commands "
@@ -43,6 +47,7 @@ VARIABLE_PAGES = (
         "variables: {config: ./config}\ntitle: $(var config)\n",
     ),
     _page(
+        "variable-in-variable",
         "R2B124",
         "a variable that refers to a variable",
         "Order would begin to matter, and two variables could wait for each other.",
@@ -50,6 +55,7 @@ VARIABLE_PAGES = (
         "variables: {width: 1280}\ntitle: $(var width)x720\n",
     ),
     _page(
+        "reference-not-allowed",
         "R2B125",
         "a reference in a key that is no topic",
         "Names of nodes, monitors and objectives are the addresses of results; they do not "
@@ -58,6 +64,7 @@ VARIABLE_PAGES = (
         "variables: {x: a}\nmonitors:\n  a: {topic: $(var x), format: std_msgs/msg/Header}\n",
     ),
     _page(
+        "duplicate-key-after-substitution",
         "R2B126",
         "two keys that become the same",
         "After substitution one of the two would be lost.",
@@ -65,6 +72,7 @@ VARIABLE_PAGES = (
         "variables: {x: a}\ndata_loader: {bag: b, topics: {/$(var x): c, /e: d}}\n",
     ),
     _page(
+        "invalid-set-option",
         "R2B127",
         "--set names nothing that exists",
         "--set replaces a value that the document has, so that a misspelt path cannot pass "
@@ -73,6 +81,7 @@ VARIABLE_PAGES = (
         "",
     ),
     _page(
+        "invalid-var-option",
         "R2B128",
         "--var names an undeclared variable",
         "--var replaces the value of a variable that the document declares.",
@@ -80,6 +89,7 @@ VARIABLE_PAGES = (
         "",
     ),
     _page(
+        "substitution-too-large",
         "R2B129",
         "too much text is inserted",
         "A long value that is inserted very often can fill any memory.",

@@ -9,6 +9,7 @@ _ERROR = Severity.ERROR
 
 YAML_PAGES = (
     Page(
+        "file-unreadable",
         "R2B001",
         "the file cannot be read",
         _ERROR,
@@ -18,6 +19,7 @@ YAML_PAGES = (
         "",
     ),
     Page(
+        "document-too-large",
         "R2B002",
         "the document is too large",
         _ERROR,
@@ -27,6 +29,7 @@ YAML_PAGES = (
         "",
     ),
     Page(
+        "not-utf-8",
         "R2B003",
         "the file is not UTF-8 text",
         _ERROR,
@@ -36,6 +39,7 @@ YAML_PAGES = (
         "title: ab\n",
     ),
     Page(
+        "byte-order-mark",
         "R2B004",
         "the file begins with a byte-order mark",
         Severity.WARNING,
@@ -44,6 +48,7 @@ YAML_PAGES = (
         "title: x\n",
     ),
     Page(
+        "too-many-findings",
         "R2B005",
         "further problems are not shown",
         Severity.INFO,
@@ -53,6 +58,7 @@ YAML_PAGES = (
         "",
     ),
     Page(
+        "invalid-yaml",
         "R2B010",
         "this is not YAML",
         _ERROR,
@@ -61,6 +67,7 @@ YAML_PAGES = (
         "title: |\n  text\n  more\n",
     ),
     Page(
+        "tab-indentation",
         "R2B011",
         "a tab where indentation is counted",
         _ERROR,
@@ -69,6 +76,7 @@ YAML_PAGES = (
         "benchmark:\n  duration: 10 s\n",
     ),
     Page(
+        "unclosed-quote-or-bracket",
         "R2B012",
         "a quote or a bracket has no partner",
         _ERROR,
@@ -77,6 +85,7 @@ YAML_PAGES = (
         "benchmark:\n  rates: [10 Hz, 30 Hz]\n",
     ),
     Page(
+        "reserved-character",
         "R2B013",
         "unquoted text begins with a reserved character",
         _ERROR,
@@ -85,6 +94,7 @@ YAML_PAGES = (
         'title: "@home"\n',
     ),
     Page(
+        "misplaced-colon-or-dash",
         "R2B014",
         "a colon or a dash where YAML expects none",
         _ERROR,
@@ -93,6 +103,7 @@ YAML_PAGES = (
         'title: "Detection: 720p"\n',
     ),
     Page(
+        "wrong-indentation",
         "R2B015",
         "the indentation does not line up",
         _ERROR,
@@ -101,6 +112,7 @@ YAML_PAGES = (
         "benchmark:\n  duration: 10 s\n  iterations: 3\n",
     ),
     Page(
+        "unknown-escape",
         "R2B016",
         "an unknown escape in double quotes",
         _ERROR,
@@ -109,6 +121,7 @@ YAML_PAGES = (
         "title: '100\\% real'\n",
     ),
     Page(
+        "empty-document",
         "R2B020",
         "the file holds no document",
         _ERROR,
@@ -117,6 +130,7 @@ YAML_PAGES = (
         "r2bspec: 1\nname: example\n",
     ),
     Page(
+        "several-documents",
         "R2B021",
         "more than one document",
         _ERROR,
@@ -125,6 +139,7 @@ YAML_PAGES = (
         "r2bspec: 1\n",
     ),
     Page(
+        "yaml-tag",
         "R2B022",
         "a tag",
         _ERROR,
@@ -134,6 +149,7 @@ YAML_PAGES = (
         "title: x\n",
     ),
     Page(
+        "duplicate-key",
         "R2B023",
         "a key stands twice",
         _ERROR,
@@ -142,6 +158,7 @@ YAML_PAGES = (
         "benchmark:\n  duration: 20 s\n",
     ),
     Page(
+        "key-not-text",
         "R2B024",
         "a key that is not text",
         _ERROR,
@@ -150,6 +167,7 @@ YAML_PAGES = (
         'labels:\n  "a1": first\n',
     ),
     Page(
+        "nested-too-deeply",
         "R2B025",
         "nested too deeply",
         _ERROR,
@@ -158,6 +176,7 @@ YAML_PAGES = (
         "title: shallow\n",
     ),
     Page(
+        "invalid-alias",
         "R2B026",
         "an alias without a value",
         _ERROR,
@@ -166,6 +185,7 @@ YAML_PAGES = (
         "x-defaults: &defaults {duration: 10 s}\nbenchmark: *defaults\n",
     ),
     Page(
+        "alias-expansion-too-large",
         "R2B027",
         "the aliases expand to too much",
         _ERROR,
@@ -177,6 +197,7 @@ YAML_PAGES = (
         "x-rates: &rates [10 Hz, 30 Hz]\nbenchmark: {rates: *rates}\n",
     ),
     Page(
+        "invalid-merge-key",
         "R2B028",
         "a merge of something that is no map",
         _ERROR,
@@ -185,6 +206,7 @@ YAML_PAGES = (
         "x-common: &common {duration: 10 s}\nbenchmark: {<<: *common, iterations: 3}\n",
     ),
     Page(
+        "unsupported-number",
         "R2B029",
         "a number that no spec can hold",
         _ERROR,

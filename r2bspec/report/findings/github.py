@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from r2bspec.diagnostics import Diagnostic, Severity
+from r2bspec.report.findings.slugs import code_with_slug
 
 MOST = 10
 """Annotations that GitHub keeps."""
@@ -35,7 +36,7 @@ def _command(found: Diagnostic) -> str:
         "endLine": span.end_line,
         "col": span.column,
         "endColumn": span.end_column,
-        "title": found.code,
+        "title": code_with_slug(found.code),
     }
     if span.end_line != span.line:  # GitHub refuses columns of a span of several lines
         del properties["col"], properties["endColumn"]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics.code_pages import FAMILIES
 from r2bspec.diagnostics.quote import printable
+from r2bspec.report.findings.slugs import code_with_slug, slug_of
 
 if TYPE_CHECKING:
     from junitparser import TestCase
@@ -55,7 +56,7 @@ def _case(name: str, file: str, inside: list[Diagnostic], *, looked_at: bool) ->
     if not looked_at and not inside:
         case.result = [Skipped("the document itself must be right first")]
     if errors:
-        failure = Failure(printable(errors[0].message), errors[0].code)
+        failure = Failure(_message(errors[0]), errors[0].code)
         failure.text = "\n".join(_line(one) for one in errors)
         case.result = [failure]
     others = [_line(one) for one in inside if not _is_error(one)]
@@ -68,8 +69,14 @@ def _is_error(found: Diagnostic) -> bool:
     return found.severity is Severity.ERROR
 
 
+def _message(found: Diagnostic) -> str:
+    slug = slug_of(found.code)
+    return printable(f"{slug}: {found.message}" if slug else found.message)
+
+
 def _line(found: Diagnostic) -> str:
     span = found.span
-    text = f"{span.file}:{span.line}:{span.column}: {found.severity.value}[{found.code}]"
-    line = f"{text}: {found.message}" + (f" ({found.help})" if found.help else "")
+    label = f"{found.severity.value}[{code_with_slug(found.code)}]"
+    text = f"{span.file}:{span.line}:{span.column}: {label}: {found.message}"
+    line = text + (f" ({found.help})" if found.help else "")
     return printable(line)

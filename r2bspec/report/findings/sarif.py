@@ -51,13 +51,14 @@ def render(
 
 
 def _rule(code: str) -> dict[str, Any]:
-    from r2bspec.check.pages import all_pages
+    from r2bspec.check.pages import find_page
 
-    page = all_pages().get(code)
+    page = find_page(code)
     if page is None:
         return {"id": code}
     return {
         "id": code,
+        "name": page.slug,
         "shortDescription": {"text": page.title},
         "fullDescription": {"text": page.why},
         "help": {"text": f"'r2bspec explain {code}' shows an example of each outcome."},

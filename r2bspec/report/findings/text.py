@@ -2,7 +2,7 @@
 
 ::
 
-    specs/a.r2b.yaml:12:5: error[R2B101]: the key 'node' is not known in 'graph'
+    specs/a.r2b.yaml:12:5: error[R2B101 unknown-key]: unknown key 'node' in 'graph'
        |
     12 |     node:
        |     ^^^^
@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.quote import printable
+from r2bspec.report.findings.slugs import code_with_slug
 from r2bspec.report.findings.source_excerpt import excerpt
 
 _COLOURS = {Severity.ERROR: "31;1", Severity.WARNING: "33;1", Severity.INFO: "36;1"}
@@ -44,7 +45,7 @@ def _block(found: Diagnostic, sources: Mapping[str, str], *, colour: bool) -> st
     margin = " " * width
     bar, equals = paint("|", _QUIET), paint("=", _QUIET)
     style = _COLOURS[found.severity]
-    label = paint(f"{found.severity.value}[{found.code}]", style)
+    label = paint(f"{found.severity.value}[{code_with_slug(found.code)}]", style)
     lines = [f"{_place(found.span)}: {label}: {paint(printable(found.message), _BOLD)}"]
     source_line = show(found.span, style)
     if source_line:
