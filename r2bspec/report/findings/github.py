@@ -1,7 +1,7 @@
-"""Findings as workflow commands, which GitHub shows beside the lines of a change.
+"""Findings as workflow commands, which GitHub shows at the lines of a change.
 
-GitHub keeps ten annotations of each step and drops the rest silently. Errors therefore come
-first, and a last line tells what is not shown.
+GitHub keeps ten annotations of each step and drops the rest silently. Errors therefore come first,
+and a last line gives the number of findings without an annotation.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.report.findings.slugs import code_with_slug
 
-MOST = 10
-"""Annotations that GitHub keeps."""
+MAX_ANNOTATIONS = 10
+"""Annotations of a step that GitHub keeps."""
 
 _COMMANDS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "notice"}
 _ORDER = tuple(_COMMANDS)
@@ -22,9 +22,11 @@ def render(diagnostics: Iterable[Diagnostic], sources: Mapping[str, str]) -> str
     """The findings as workflow commands; the texts of `sources` are not needed."""
     del sources
     ordered = sorted(diagnostics, key=lambda found: _ORDER.index(found.severity))
-    lines = [_command(found) for found in ordered[:MOST]]
-    if len(ordered) > MOST:
-        lines.append(f"{len(ordered) - MOST} more findings are not annotated; see the log")
+    lines = [_command(found) for found in ordered[:MAX_ANNOTATIONS]]
+    if len(ordered) > MAX_ANNOTATIONS:
+        lines.append(
+            f"{len(ordered) - MAX_ANNOTATIONS} more findings are not annotated; see the log"
+        )
     return "".join(f"{line}\n" for line in lines)
 
 
@@ -38,7 +40,7 @@ def _command(found: Diagnostic) -> str:
         "endColumn": span.end_column,
         "title": code_with_slug(found.code),
     }
-    if span.end_line != span.line:  # GitHub refuses columns of a span of several lines
+    if span.end_line != span.line:  # GitHub refuses columns for a span of several lines
         del properties["col"], properties["endColumn"]
     shown = ",".join(f"{key}={_property(str(value))}" for key, value in properties.items())
     text = f"{found.message}\n{found.help}" if found.help else found.message

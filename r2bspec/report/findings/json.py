@@ -18,7 +18,7 @@ from r2bspec.report.findings.slugs import slug_of
 
 
 def render(diagnostics: Iterable[Diagnostic], sources: Mapping[str, str]) -> str:
-    """The findings as one JSON document; the texts of `sources` are not needed."""
+    """The findings as one JSON document; `sources` is not used."""
     del sources
     findings = [_finding(found) for found in diagnostics]
     report = {

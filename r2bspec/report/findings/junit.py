@@ -1,8 +1,8 @@
-"""Findings as JUnit XML: a suite for each file, a case for each family of rules.
+"""Findings as JUnit XML: a suite for each file, a case for each family of codes.
 
-A case with errors has a failure that lists them, each as its place and message; warnings are in
-its output and fail nothing, as they do not fail validate. A family without findings is a case
-that passed, or was skipped because the document itself is not right.
+A case with errors has a failure that lists them with place and message. Warnings are in its output
+and do not fail it, as they do not fail `validate`. A family without findings is a case that passed,
+or that was skipped because the document itself has errors.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 
 _OF_THE_DOCUMENT = frozenset("01")
-"""Families whose errors leave no spec to which the rules of the others could be applied."""
+"""Families whose errors prevent the rules of the other families from being applied."""
 
 
 def render(
     diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], files: Iterable[str] = ()
 ) -> str:
-    """The findings as one XML document; `files` names every file that was looked at."""
+    """The findings as one XML document; `files` are all files that were checked."""
     from junitparser import JUnitXml, TestSuite
 
     del sources
@@ -54,7 +54,7 @@ def _case(name: str, file: str, inside: list[Diagnostic], *, looked_at: bool) ->
     case = TestCase(name, printable(file))
     errors = [one for one in inside if _is_error(one)]
     if not looked_at and not inside:
-        case.result = [Skipped("the document itself must be right first")]
+        case.result = [Skipped("not checked: the document itself has errors")]
     if errors:
         failure = Failure(_message(errors[0]), errors[0].code)
         failure.text = "\n".join(_line(one) for one in errors)

@@ -1,4 +1,4 @@
-"""The slugs of codes, looked up when a finding is shown: a right spec pays nothing for them."""
+"""The slugs of codes, looked up only when a finding is shown."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import cache
 
 @cache
 def slug_of(code: str) -> str:
-    """The name of a code in words, such as ``unknown-key``; empty for a code without a page."""
+    """The slug of a code, such as ``unknown-key``; empty for a code without a page."""
     from r2bspec.language.pages import PAGES
 
     page = PAGES.get(code)
@@ -19,5 +19,5 @@ def slug_of(code: str) -> str:
 
 
 def code_with_slug(code: str) -> str:
-    """The code as people see it: ``R2B101 unknown-key``."""
+    """The code with its slug, as shown to users: ``R2B101 unknown-key``."""
     return f"{code} {slug_of(code)}".rstrip()

@@ -1,4 +1,4 @@
-"""Findings for people: place, problem, the source line with a caret, and the way out.
+"""Findings as text: place, message, source line with carets, and help.
 
 ::
 
@@ -6,7 +6,7 @@
        |
     12 |     node:
        |     ^^^^
-       = help: did you mean 'nodes'? known are placement, nodes
+       = help: did you mean 'nodes'? known keys: placement, nodes
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _BOLD = "1"
 def render(
     diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], *, colour: bool = False
 ) -> str:
-    """The findings in their order, a block of lines each; `sources` holds texts by file name."""
+    """The findings in their order, a block of lines each; `sources` are texts by file name."""
     return "\n".join(_block(found, sources, colour=colour) for found in diagnostics)
 
 
