@@ -72,13 +72,13 @@ def _explain(page: Page) -> Iterator[str]:
     yield from textwrap.wrap(page.why, _WIDTH)
     if page.failing:
         yield ""
-        yield _heading("Found in")
+        yield _heading("Failing example")
         yield from _indent(page.failing)
         yield ""
         yield from _indent(_findings(page))
     if page.passing:
         yield ""
-        yield _heading("Not found in")
+        yield _heading("Passing example")
         yield from _indent(page.passing)
 
 

@@ -298,13 +298,13 @@ class _Substitution:
         if name not in declared:
             if not self.problems.full:
                 span = self._inner(node, found.name_start, len(name))
-                way_out = _known_variables(name, {**declared, **self._local})
+                help_text = _known_variables(name, {**declared, **self._local})
                 close = did_you_mean(name, declared)
                 self.problems.error(
                     "R2B120",
                     f"unknown variable '{name}'",
                     span,
-                    way_out,
+                    help_text,
                     related=(*self._instance_origin, *_declared_at(close, declared)),
                 )
             return None

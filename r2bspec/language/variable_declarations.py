@@ -133,12 +133,12 @@ def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
         wanted, types = _PLAIN_TYPES[kind]
         if type(node.value) in types:
             return "", ""
-        way_out = (
+        help_text = (
             f'quote it: "{node.text}"'
             if kind == "string"
             else "change the value or the declared type"
         )
-        return f"{quote(node.text)} is not {wanted}", way_out
+        return f"{quote(node.text)} is not {wanted}", help_text
     quantity = QUANTITIES.get(kind)
     if quantity is None:  # an unknown type, reported by the schema
         return "", ""

@@ -116,12 +116,12 @@ def _node(node: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Ite
 def _incomplete_package(name: str, path: Path, given: str, root: TreeNode) -> Diagnostic:
     if given == "package":
         message = f"{name} has 'package' but no 'executable' and no 'plugin'"
-        way_out = "add one of them; see 'ros2 pkg executables' or 'ros2 component types'"
+        help_text = "add one of them; see 'ros2 pkg executables' or 'ros2 component types'"
     else:
         message = f"{name} has '{given}' but no 'package'"
         shown = "ros2 component types" if given == "plugin" else "ros2 pkg executables"
-        way_out = f"add 'package'; see '{shown}'"
-    return _error("R2B113", message, root, (*path, given), way_out)
+        help_text = f"add 'package'; see '{shown}'"
+    return _error("R2B113", message, root, (*path, given), help_text)
 
 
 def _is_false(node: MapNode, key: str) -> bool:

@@ -85,8 +85,8 @@ def explain_violations(
 
 def _violation(error: ValidationError, root: TreeNode, sources: Mapping[str, Source]) -> Violation:
     keyword, limit = str(error.validator), error.validator_value
-    way = list(error.absolute_schema_path)
-    if way[-2:-1] == ["propertyNames"]:
+    schema_path = list(error.absolute_schema_path)
+    if schema_path[-2:-1] == ["propertyNames"]:
         keyword = "propertyNames"
     schema = error.schema if isinstance(error.schema, dict) else {}
     return Violation(

@@ -56,10 +56,10 @@ def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
             continue
         above = _missing_level(violation, owner, key)
         if above:
-            way_out = f"put it under '{format_path((*violation.path, above))}'"
+            help_text = f"put it under '{format_path((*violation.path, above))}'"
         else:
-            way_out = _location_help(violation, key) or _present_key_help(owner, key, properties)
-        yield _diagnostic(violation, owner, key, way_out), above
+            help_text = _location_help(violation, key) or _present_key_help(owner, key, properties)
+        yield _diagnostic(violation, owner, key, help_text), above
 
 
 def _diagnostic(violation: Violation, owner: MapNode, key: str, help_text: str) -> Diagnostic:

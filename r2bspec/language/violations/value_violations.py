@@ -38,18 +38,18 @@ def _missing_value(violation: Violation) -> Diagnostic:
     if not violation.path:
         return violation.error("R2B116", "the document is empty")
     shown = example(violation.schema)
-    way_out = f"set it to {describe_type(violation.schema)}"
+    help_text = f"set it to {describe_type(violation.schema)}"
     if shown and len(shown) <= 60:
-        way_out += f", for example {shown}"
+        help_text += f", for example {shown}"
     owner = schema_at(violation.path[:-1]) or {}
     if violation.path[-1] in owner.get("properties", {}) and violation.path[-1] not in owner.get(
         "required", ()
     ):
-        way_out += ", or leave the key out"
+        help_text += ", or leave the key out"
     node = violation.node
     if isinstance(node, ScalarNode) and node.text and "string" in violation.schema.get("type", ()):
-        way_out += f"; quote {quote(node.text)} if it is text"
-    return violation.error("R2B116", f"{violation.name} has no value", way_out)
+        help_text += f"; quote {quote(node.text)} if it is text"
+    return violation.error("R2B116", f"{violation.name} has no value", help_text)
 
 
 def _type_help(violation: Violation) -> tuple[str, str]:
