@@ -123,8 +123,10 @@ def _interruptible() -> Iterator[None]:
 
 def _show(error: R2bspecError) -> None:
     """Print an error as a line and a hint."""
+    from r2bspec.report.findings.slugs import code_with_slug
+
     colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
-    label = f"error[{error.code}]"
+    label = f"error[{code_with_slug(error.code)}]"
     click.echo(f"{click.style(label, fg='red', bold=True) if colour else label}: {error}", err=True)
     if error.hint:
         click.echo(f"  help: {error.hint}", err=True)

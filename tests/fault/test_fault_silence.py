@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from r2bspec.report.findings.slugs import code_with_slug
+
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, Bench, Finished, quick_input, relay_node, relay_spec
@@ -131,8 +133,8 @@ def test_a_node_that_swallows_messages(bench: Bench) -> None:
     assert done.status == 4
     assert done.run().record.status == "incomplete"
     assert done.error.startswith(
-        "error[R2B641]: nothing arrived on /r2b/output: /r2b/between: 10 messages passed, and "
-        "/r2b/second reads it; /r2b/second publishes nothing on /r2b/output; it also reads "
+        "error[R2B641 no-output]: nothing arrived on /r2b/output: /r2b/between: 10 messages passed,"
+        " and /r2b/second reads it; /r2b/second publishes nothing on /r2b/output; it also reads "
         "/r2b/mask, which nobody writes\n"
     )
     assert re.search(r"/r2b/input .*writers: player .*; 10 passed$", done.error, re.MULTILINE)
@@ -142,6 +144,9 @@ def test_a_node_that_swallows_messages(bench: Bench) -> None:
 def test_a_remapping_that_changes_nothing_ends_no_run_that_can_go_on(bench: Bench) -> None:
     done = bench.run(chain("Passes", usnued="elsewhere"))
     done.assert_complete()
-    assert "warning[R2B204]: node /r2b/second has no topic 'usnued'" in done.stderr
+    assert (
+        f"warning[{code_with_slug('R2B204')}]: node /r2b/second has no topic 'usnued'"
+        in done.stderr
+    )
     (difference,) = done.result()["differences"]
     assert difference["harmless"]

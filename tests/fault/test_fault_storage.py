@@ -96,7 +96,7 @@ def test_a_file_system_that_is_read_only(bench: Bench, small_disk: Callable[[int
     subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)  # noqa: S607
     done = bench.run(relay_spec(), output=disk / "run")
     assert done.status == 2
-    assert done.error.startswith("error[R2B651]")
+    assert done.error.startswith("error[R2B651 run-folder-not-writable]")
     assert f"{disk / 'run'} cannot be made: Read-only file system" in done.error
 
 

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from r2bspec.report.findings.slugs import code_with_slug
+
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, Bench, Finished, relay_spec
@@ -108,7 +110,7 @@ def test_a_node_that_fails_ends_the_run_and_what_was_measured_is_kept(
     done = bench.run(spec(trick, STEPS + STEPS // 2))
     assert done.status == 4
     assert words in done.error
-    assert done.error.startswith(f"error[{code}]")
+    assert done.error.startswith(f"error[{code_with_slug(code)}]")
     record = done.run().record
     assert record.status == "incomplete"
     assert words in record.reason
@@ -132,7 +134,9 @@ def test_a_node_that_fails_ends_the_run_and_what_was_measured_is_kept(
 def test_a_node_that_dies_at_the_very_last_message_passes_nothing(bench: Bench) -> None:
     done = bench.run(spec("answers_and_exits", 2 * STEPS))
     assert done.status == 4
-    assert done.error.startswith("error[R2B631]: process relay ended with status 9")
+    assert done.error.startswith(
+        "error[R2B631 process-ended-early]: process relay ended with status 9"
+    )
     assert done.result()["verdict"]["outcome"] == "incomplete"
 
 

@@ -183,7 +183,7 @@ def test_a_preprocessor_that_publishes_nothing_ends_the_run(tmp_path: Path) -> N
     done = bench.run(used)
     assert done.status == 4
     assert done.error.startswith(
-        "error[R2B641]: nothing arrived on /r2b/kept: /r2b/raw: 2 messages were played, and "
-        "/r2b/prepare reads it; /r2b/prepare publishes nothing on /r2b/kept\n"
+        "error[R2B641 no-output]: nothing arrived on /r2b/kept: /r2b/raw: 2 messages were played, "
+        "and /r2b/prepare reads it; /r2b/prepare publishes nothing on /r2b/kept\n"
     )
     assert done.run().record.status == "incomplete"

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from r2bspec.report.findings.slugs import code_with_slug
+
 pytest.importorskip("rclpy")
 
 from ros_runs import (
@@ -248,7 +250,7 @@ def test_what_goes_wrong_is_named(
 ) -> None:
     spec = relay_spec(**changes)
     finished = bench.run(spec)
-    assert finished.error.startswith(f"error[{code}]"), finished.stderr
+    assert finished.error.startswith(f"error[{code_with_slug(code)}]"), finished.stderr
     assert all(each in finished.error for each in said), finished.error
     assert finished.status == status
 

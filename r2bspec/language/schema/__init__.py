@@ -1,4 +1,4 @@
-"""The JSON Schema of the language, from one source: a module for each section."""
+"""The JSON Schema of the language: one module for each section."""
 
 from r2bspec.language.schema.derive_strict import (
     published_schema,

@@ -1,7 +1,7 @@
 """A node, of the graph or of the preprocessors.
 
-The schema is flat: which kinds of node exclude each other is a rule of its own
-(`r2bspec.language.key_constraints.entry_keys`), because ``oneOf`` ruins both messages and
+The schema is flat: that the kinds of node exclude each other is checked separately
+(`r2bspec.language.key_constraints.entry_keys`), because ``oneOf`` leads to poor messages and poor
 completion.
 """
 
@@ -23,22 +23,22 @@ from r2bspec.language.schema.schema_builder import (
 )
 
 _TYPE = text(
-    "The message type, as ros2 topic list -t shows it.",
+    "The message type, as 'ros2 topic list -t' shows it.",
     form=name_patterns.MESSAGE_TYPE,
     examples=["sensor_msgs/msg/Image"],
 )
 
 _LAUNCH = record(
-    "A launch file: 'package' and 'file', or 'path'. Remappings and the namespace of the node "
-    "apply to all that it starts.",
+    "A launch file: 'package' and 'file', or 'path'. The remappings and the namespace of the node "
+    "apply to everything that it starts.",
     {
         "package": text(
-            "The ROS package that holds the launch file.",
+            "The ROS package of the launch file.",
             form=name_patterns.PACKAGE,
             examples=["image_proc"],
         ),
         "file": text(
-            "The launch file below the package's share folder.",
+            "The launch file, relative to the share folder of the package.",
             form=name_patterns.SOME_TEXT,
             examples=["launch/image_proc.launch.py"],
         ),
@@ -51,7 +51,7 @@ _LAUNCH = record(
         "arguments": name_map(
             "The arguments of the launch file.",
             name_patterns.PARAMETER,
-            scalar("The argument's value.", examples=["false"]),
+            scalar("The value of the argument.", examples=["false"]),
             examples=[{"use_sim_time": "false"}],
         ),
     },
@@ -64,85 +64,86 @@ NODE: Schema = record(
     {
         "extends": sibling("node"),
         "repeat": repeat("node"),
-        "description": text("What it does.", examples=["Finds tags in the left image."]),
+        "description": text("What the node does.", examples=["Finds tags in the left image."]),
         "python": text(
-            "A Python node: a class derived from rclpy's Node whose constructor takes **kwargs "
-            "for Node, or a function that returns one. module.Class, or ./file.py:Class relative "
-            "to this file.",
+            "A Python node, as module.Class, or ./file.py:Class relative to this file: a subclass "
+            "of rclpy's Node whose constructor passes **kwargs to Node, or a function that returns "
+            "one.",
             form=name_patterns.PYTHON_NODE,
             examples=["r2bspec.nodes.ResizeNode", "./my_nodes.py:Detector"],
             path=True,
         ),
         "package": text(
-            "The ROS package that holds the plugin or the executable.",
+            "The ROS package of the plugin or the executable.",
             form=name_patterns.PACKAGE,
             examples=["image_proc"],
         ),
         "plugin": text(
-            "The C++ class of a composable node of the package.",
+            "The C++ class of a composable node in the package.",
             form=name_patterns.PLUGIN,
             examples=["image_proc::ResizeNode"],
         ),
         "executable": text(
-            "The executable of the package, as for ros2 run.",
+            "The executable of the package, as for 'ros2 run'.",
             form=name_patterns.FILE_NAME,
             examples=["rectify_node"],
         ),
         "command": array(
-            "Any program, with its arguments, one item each; no shell reads it. Remappings, "
-            "parameters and the namespace are appended in ROS's own way (--ros-args).",
-            text("A word of the command line.", examples=["./build/detector"]),
+            "Any program with its arguments, one item each, run without a shell. Remappings, "
+            "parameters and the namespace are appended after --ros-args.",
+            text("An argument.", examples=["./build/detector"]),
             at_least=1,
             examples=[["./build/detector", "--fast"]],
         ),
         "launch": _LAUNCH,
         "external": boolean(
-            "Whether the node runs already, started by somebody else; it is waited for, and left "
-            "alone.",
+            "Whether the node is already running, started by other means. The run waits for it "
+            "and does not stop it.",
             default=False,
         ),
         "container": text(
-            "The container in which the node runs; else graph.placement says where.",
+            "The container of the node; without one, graph.placement applies.",
             form=name_patterns.NODE_NAME,
             examples=["vision"],
         ),
         "arguments": array(
-            "Further words of the command line of an executable.",
-            text("A word of the command line.", examples=["--fast"]),
+            "Arguments of an executable or a command.",
+            text("An argument.", examples=["--fast"]),
             examples=[["--fast"]],
         ),
         "namespace": text(
-            "The node's namespace; a relative one lies in the namespace of the benchmark.",
+            "The namespace of the node; a relative one is in the namespace of the benchmark.",
             form=name_patterns.NAMESPACE,
             examples=["left"],
         ),
         "parameters": PARAMETERS,
         "remappings": name_map(
-            "Topics as the node's code names them, and the topics that are meant.",
+            "Remappings: the name in the code of the node, and the topic to use instead.",
             name_patterns.TOPIC,
-            text("The topic that is meant.", form=name_patterns.TOPIC, examples=["tag_detections"]),
+            text("The topic to use.", form=name_patterns.TOPIC, examples=["tag_detections"]),
             topics=True,
             examples=[{"image": "camera/image_raw"}],
         ),
         "publishes": name_map(
-            "What the node is known to publish: topic, as its code names it, and type. It lets "
-            "validate check the wiring of a node that it cannot look into.",
+            "The topics that the node publishes, by their names in its code, with their types. "
+            "This lets 'validate' check the wiring of a node whose topics it does not know.",
             name_patterns.TOPIC,
             _TYPE,
             topics=True,
             examples=[{"detections": "geometry_msgs/msg/PoseArray"}],
         ),
         "subscribes": name_map(
-            "What the node is known to read: topic, as its code names it, and type.",
+            "The topics to which the node subscribes, by their names in its code, with their "
+            "types.",
             name_patterns.TOPIC,
             _TYPE,
             topics=True,
             examples=[{"image": "sensor_msgs/msg/Image"}],
         ),
         "qos": name_map(
-            "What is known of the profiles of its topics, as its code names them.",
+            "The QoS profiles of its topics, by their names in its code.",
             name_patterns.TOPIC,
-            qos("The profile of the topic."),
+            qos("The QoS profile of the topic."),
             topics=True,
             examples=[{"image": "sensor_data"}],
         ),

@@ -74,6 +74,7 @@ def test_a_result() -> None:
     assert result["properties"] == {"certainty": "environment"}
     rule = run["tool"]["driver"]["rules"][result["ruleIndex"]]
     assert rule["id"] == "R2B109"
+    assert rule["name"] == "missing-unit"
     assert rule["shortDescription"]["text"]
 
 
