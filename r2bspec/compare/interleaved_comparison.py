@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from r2bspec.compare.judge_pairs import judge_pairs_folder, read_batch
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import EnvironmentRefusedError
 from r2bspec.execute.processes.environment import inherited
+from r2bspec.execute.processes.middleware_check import check_middleware
 from r2bspec.execute.progress import Progress, Silent
 from r2bspec.judge.decision_policy import terms_of
 from r2bspec.judge.judge_run import to_json
@@ -43,6 +45,7 @@ def comparing(
 
     Raises:
         IncomparableError: the two are offered different loads, or are the same.
+        MiddlewareError: the middleware of one of them has no such transport.
     """
     differences = graph_differences(base.plan, head.plan)
     if not control and not differences and not base.environment:
@@ -58,6 +61,8 @@ def comparing(
             hint="--force compares them all the same.",
         )
     _see_that_it_arrives(head, base.environment)
+    for one in (base, head):
+        check_middleware(one.plan, {**os.environ, **one.environment})
     return Comparing(
         base=base,
         head=head,

@@ -40,6 +40,7 @@ from r2bspec.execute.measurement.reporting import Reporting
 from r2bspec.execute.measurement.time_budget import Budget
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
+from r2bspec.execute.processes.middleware_check import check_middleware
 from r2bspec.execute.processes.redaction import concealing
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.signals import Interrupts
@@ -179,6 +180,7 @@ class _Controller:
 
     def _carry_out(self) -> None:
         self._refuse_unsupported()
+        check_middleware(self._plan, os.environ)
         self._resources.start()
         with self._domain() as domain:
             self._set_up(domain)
@@ -388,6 +390,10 @@ class _Controller:
         found += failure.differences if isinstance(failure, GraphDiffersError) else ()
         return tuple(dict.fromkeys(found))
 
+    def _loaded_rmw(self) -> dict[str, str]:
+        """The middleware as a process of the harness says; empty until one has."""
+        return next(({"rmw": each.rmw} for each in self._launchers if each.rmw), {})
+
     def _record(self, failure: BaseException | None) -> RunRecord:
         status: Literal["complete", "incomplete"] = "incomplete" if failure else "complete"
         first = self._measuring[0] if self._measuring else None
@@ -401,7 +407,7 @@ class _Controller:
             reason=_reason(failure),
             dataset=self._provenance(),
             machine=self._machine,
-            versions=self._versions,
+            versions=self._versions | self._loaded_rmw(),
             processes=self._children.records(),
             segments=tuple(each for batch in self._batches for each in batch.segments),
             search=first.search if first else None,

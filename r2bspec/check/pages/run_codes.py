@@ -166,9 +166,9 @@ RUN_PAGES = (
         "R2B664",
         "there is too little shared memory",
         "With 'transport: shared_memory' each process takes a segment of /dev/shm that holds "
-        "several of the largest messages. Without room for it Fast DDS would use UDP and not say "
-        "so, and images would take many times as long. Make /dev/shm larger (containers have 64 "
-        "MB unless started with --shm-size), or state 'transport: udp'.",
+        "several of the largest messages. Without room for it the middleware would use UDP and "
+        "not say so, and images would take many times as long. Make /dev/shm larger (containers "
+        "have 64 MB unless started with --shm-size), or state 'transport: udp'.",
     ),
     error_page(
         "R2B665",

@@ -8,14 +8,6 @@ from collections.abc import Callable, Sequence
 
 from r2bspec.execute.processes.process import Child
 
-_IN_TURN_S = 3.0
-"""How long processes are waited for one by one, all together; then the rest are asked at once.
-
-A participant that leaves while it hears that another one leaves can hang for ever in Fast DDS
-2.14: `DomainParticipant::set_listener` waits for a callback of discovery to return, which waits
-for a lock that the caller of `set_listener` holds. Whoever leaves alone hears nothing.
-"""
-
 ASKED_S = 10.0
 """How long a process that has been asked may take to end by itself."""
 
@@ -26,12 +18,16 @@ _KILLED_S = 5.0
 _POLL_S = 0.005
 
 
-def end_in_turn(children: Sequence[Child], meanwhile: Callable[[], None]) -> list[str]:
+def end_in_turn(
+    children: Sequence[Child], meanwhile: Callable[[], None], in_turn_s: float
+) -> list[str]:
     """End some processes.
 
     Args:
         children: in the order in which they are to end.
         meanwhile: is called again and again while they are waited for.
+        in_turn_s: how long processes are waited for one by one, all together; then the rest are
+            asked at once (`Middleware.exit_in_turn_s`).
 
     Returns:
         The names of those that had to be killed.
@@ -39,7 +35,7 @@ def end_in_turn(children: Sequence[Child], meanwhile: Callable[[], None]) -> lis
     began = time.monotonic()
     for child in children:
         child.ask_to_end()
-        _wait_for([child], began + _IN_TURN_S, meanwhile)
+        _wait_for([child], began + in_turn_s, meanwhile)
     _wait_for(children, began + ASKED_S, meanwhile)
     _signal_all(children, signal.SIGTERM)
     _wait_for(children, time.monotonic() + GRACE_S, meanwhile)

@@ -7,6 +7,7 @@ every process, and raises as soon as one has died that was not told to.
 from __future__ import annotations
 
 import contextlib
+import os
 import selectors
 import socket
 import subprocess
@@ -22,6 +23,7 @@ from r2bspec.execute.processes.process_logs import Logs
 from r2bspec.execute.processes.shutdown import GRACE_S, end_in_turn
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import clean_up
+from r2bspec.middleware.registry import middleware_of
 from r2bspec.record.run_record import ProcessRecord
 
 __all__ = ["Child", "Children", "describe_exit"]
@@ -225,7 +227,8 @@ class Children:
     def end(self, children: Iterable[Child]) -> None:
         """End some processes, one after another: asked, then told, then killed."""
         ended = [child for child in children if child.name in self._living]
-        self._killed += end_in_turn(ended, self._logs.keep_small)
+        in_turn_s = middleware_of(os.environ).exit_in_turn_s
+        self._killed += end_in_turn(ended, self._logs.keep_small, in_turn_s)
         for child in ended:
             self._forget(child)
 

@@ -31,6 +31,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import members
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.schedule import Cyclic
+from r2bspec.middleware.registry import middleware_of
 
 HANG_S = 60.0
 """Guards against hanging only; nothing that passes takes so long."""
@@ -98,8 +99,9 @@ def open_files() -> int:
 
 def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the waits short that politeness costs."""
-    for constant, seconds in (("_IN_TURN_S", 0.1), ("ASKED_S", 0.4), ("GRACE_S", 0.3)):
+    for constant, seconds in (("ASKED_S", 0.4), ("GRACE_S", 0.3)):
         monkeypatch.setattr(shutdown, constant, seconds)
+    monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.1)
     monkeypatch.setattr(supervisor, "GRACE_S", 0.3)
 
 
@@ -341,6 +343,26 @@ def test_processes_end_one_after_another(stage: Stage) -> None:
         assert float(stage.said(before)) < asked[after]
 
 
+def test_processes_end_together_where_the_middleware_needs_no_turns(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Each ends only when the other has been asked, too.
+    waits = "ends = channel()\nends.send(protocol.Ready())\nends.receive()\nfile = {!r}\n"
+    waits += "pathlib.Path(file[0]).touch()\n"
+    waits += "while not pathlib.Path(file[1]).exists(): time.sleep(0.01)\nsys.exit(0)"
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    names = ("first", "second")
+    files = [str(stage.folder / each) for each in names]
+    started = [
+        stage.start("import pathlib\n" + waits.format(order), name)
+        for name, order in zip(names, (files, files[::-1]), strict=True)
+    ]
+    for child in started:
+        stage.children.answer(child, protocol.Ready, HANG_S)
+    stage.children.end(started)
+    assert [child.process.returncode for child in started] == [0, 0]
+
+
 def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     stage: Stage, impatient: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -349,7 +371,7 @@ def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     for child in hangs:
         stage.children.answer(child, protocol.Ready, HANG_S)
     stage.children.ask(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
-    monkeypatch.setattr(shutdown, "_IN_TURN_S", 0.2)
+    monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.2)
     # What is left to the polite one, on however busy a machine.
     monkeypatch.setattr(shutdown, "ASKED_S", 10.0)
     stage.children.end([*hangs, polite])

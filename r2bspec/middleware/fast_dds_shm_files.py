@@ -1,7 +1,7 @@
-"""Shared-memory segments of the middleware: which of them nobody uses, and their removal.
+"""Segments of Fast DDS in shared memory: which of them no process uses, and their removal.
 
-Fast DDS holds a lock on ``NAME_el`` as long as a participant uses the segment NAME; a lock that can
-be taken therefore belongs to nobody. A segment that has lost its lock file is dead if no process
+Fast DDS holds a lock on ``NAME_el`` as long as a participant uses the segment NAME; if the lock can
+be taken, no participant does. A segment that has lost its lock file is dead if no process
 maps it. Segments of the living, and those of other users, are never touched.
 """
 
@@ -13,8 +13,8 @@ import os
 import re
 from pathlib import Path
 
-SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the place is fixed by POSIX shared memory
-_PROC = Path("/proc")
+from r2bspec.middleware.middleware import PROC, SHARED_MEMORY
+
 _LOCKS = ("_el", "_sl")
 _FILES = ("fastrtps_*", "fastdds_*", "sem.fastrtps_*", "sem.fastdds_*")
 
@@ -25,7 +25,7 @@ def segments(memory: Path = SHARED_MEMORY) -> list[str]:
 
 
 def dead_segments(
-    memory: Path = SHARED_MEMORY, proc: Path = _PROC, since_s: float = 0.0
+    memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
 ) -> list[str]:
     """The names of this user's segments that nobody uses; nothing is changed.
 
@@ -54,7 +54,7 @@ def dead_segments(
 
 
 def remove_dead_segments(
-    memory: Path = SHARED_MEMORY, proc: Path = _PROC, since_s: float = 0.0
+    memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
 ) -> list[str]:
     """Remove the segments that `dead_segments` finds; returns their names."""
     removed = []

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.middleware.shm_files import dead_segments, remove_dead_segments, segments
+from r2bspec.middleware.fast_dds_shm_files import dead_segments, remove_dead_segments, segments
 
 
 @pytest.fixture
