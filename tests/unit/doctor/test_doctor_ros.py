@@ -163,6 +163,18 @@ def test_a_module_that_prints_or_exits_does_not_spoil_the_answer(tmp_path: Path)
     assert "SystemExit" in found["leaves"]["error"]
 
 
+def test_a_module_that_ends_the_interpreter_is_quoted(tmp_path: Path) -> None:
+    (tmp_path / "dies.py").write_text(
+        "import os, sys\nsys.stderr.write('no such middleware\\n')\n"
+        "sys.stderr.flush()\nos._exit(102)\n"
+    )
+    (tmp_path / "goes.py").write_text("import os\nos._exit(102)\n")
+    path = f"{tmp_path}:{Path(__file__).parents[3]}"
+    system = System(environ={**System().environ, "PYTHONPATH": path})
+    assert imports(system, "dies") == {"dies": {"error": "no such middleware"}}
+    assert imports(system, "goes") == {"goes": {"error": "it ended with status 102"}}
+
+
 def test_the_doctor_itself_imports_no_ros() -> None:
     program = (
         "import sys, r2bspec.doctor.all_checks; "

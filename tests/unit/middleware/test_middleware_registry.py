@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import sys
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
 
+import r2bspec.middleware
 from r2bspec.middleware.middleware import Middleware, Transport, TransportKind
 from r2bspec.middleware.registry import (
     inherited_variables,
@@ -16,6 +21,7 @@ from r2bspec.middleware.registry import (
     selected_rmw,
 )
 
+PAGE = Path(__file__).parents[3] / "docs" / "middleware.md"
 KINDS: tuple[TransportKind, ...] = ("inherit", "shared_memory", "udp")
 EVERY_ONE = pytest.mark.parametrize(
     "middleware",
@@ -52,33 +58,41 @@ def test_no_implementation_belongs_to_two() -> None:
     assert len(found) == len(set(found))
 
 
-def test_a_module_with_a_middleware_is_all_that_another_one_takes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "other_dds.py").write_text(
-        "from r2bspec.middleware.middleware import Middleware\n"
-        "class OtherDds(Middleware):\n"
-        "    name = 'Other DDS'\n"
-        "    implementations = ('rmw_other_cpp',)\n"
-        "    transports = ('inherit', 'udp')\n"
-        "    variables = ('OTHER_*',)\n"
-        "MIDDLEWARE = OtherDds()\n"
-    )
-    import r2bspec.middleware
-
+@pytest.fixture
+def other_dds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Middleware]:
+    """The middleware of the page's example, as one more file of the package."""
+    (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    (tmp_path / "other_dds.py").write_text(example)
     caches = (known_middlewares, middleware_named)
     with monkeypatch.context() as patch:
         patch.setattr(r2bspec.middleware, "__path__", [*r2bspec.middleware.__path__, str(tmp_path)])
         for each in caches:
             each.cache_clear()
-        assert middleware_named("rmw_other_cpp").name == "Other DDS"
-        assert "OTHER_*" in inherited_variables()
-        assert refuse_transport("udp", "rmw_other_cpp") is None
-        refusal = refuse_transport("udp", "rmw_cyclonedds_cpp")
-        assert refusal is not None
-        assert refusal.help.endswith("set it to rmw_fastrtps_cpp or rmw_other_cpp")
+        yield middleware_named("rmw_other_cpp")
     for each in caches:
         each.cache_clear()
+    del sys.modules["r2bspec.middleware.other_dds"]
+
+
+def test_one_file_is_all_that_another_one_takes(other_dds: Middleware) -> None:
+    assert other_dds.name == "Other DDS"
+    assert set(other_dds.variables) <= set(inherited_variables())
+    assert refuse_transport("inherit", "rmw_other_cpp") is None
+    assert refuse_transport("udp", "rmw_other_cpp") is not None
+    other_dds.transports = ("inherit", "udp")
+    assert refuse_transport("udp", "rmw_other_cpp") is None
+    refusal = refuse_transport("udp", "rmw_cyclonedds_cpp")
+    assert refusal is not None
+    assert refusal.help.endswith("set it to rmw_fastrtps_cpp or rmw_other_cpp")
+
+
+@pytest.mark.parametrize("middleware", known_middlewares(), ids=lambda each: each.name)
+def test_the_page_names_what_is_known_of_each(middleware: Middleware) -> None:
+    page = PAGE.read_text()
+    variables = [each.replace("*", r"\*") for each in middleware.variables]
+    named = (*middleware.implementations, *variables, *middleware.override_variables)
+    for each in (middleware.name, *named, *middleware.removed_variables):
+        assert each in page
 
 
 @EVERY_ONE
@@ -125,7 +139,5 @@ def test_only_fast_dds_takes_shared_memory(middleware: Middleware, tmp_path: Pat
 
 @EVERY_ONE
 def test_what_can_override_discovery_is_inherited(middleware: Middleware) -> None:
-    from fnmatch import fnmatchcase
-
     for name in middleware.override_variables:
         assert any(fnmatchcase(name, pattern) for pattern in inherited_variables())
