@@ -10,18 +10,18 @@ from r2bspec.middleware.registry import known_middlewares
 
 
 @dataclass(frozen=True)
-class Segment:
+class DeadShmFile:
     """A segment, or what is left of one, with the bytes of memory that it takes."""
 
     name: str
     bytes: int
 
 
-def dead_segments(system: System) -> list[Segment]:
+def dead_shm_files(system: System) -> list[DeadShmFile]:
     """This user's segments that no process uses, of any middleware; nothing is changed."""
     memory = system.shared_memory
     return [
-        Segment(name, _bytes(memory / name))
+        DeadShmFile(name, _bytes(memory / name))
         for each in known_middlewares()
         for name in each.dead_shm_files(memory, system.proc)
     ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 
-from r2bspec.doctor.checkup import Check, Status, System
+from r2bspec.doctor.checkup import CheckResult, Status, System
 from r2bspec.measure.units import show
 from r2bspec.middleware.middleware import Middleware, Transport
 from r2bspec.middleware.registry import middleware_of
@@ -17,17 +17,17 @@ _PARTICIPANTS = 4
 _SIZES = (("1280x720 rgb8", 1280 * 720 * 3), ("1920x1200 rgb8", 1920 * 1200 * 3))
 
 
-def check_shared_memory(system: System) -> list[Check]:
+def check_shared_memory(system: System) -> list[CheckResult]:
     """How much is free, and how many processes that exchange images it holds."""
     middleware = middleware_of(system.environ)
     if not middleware.uses_shared_memory:
         found = f"not used by a run with {middleware.name}"
-        return [Check(topic=TOPIC, name="size", status="ok", found=found)]
+        return [CheckResult(topic=TOPIC, name="size", status="ok", found=found)]
     try:
         usage = shutil.disk_usage(system.shared_memory)
     except OSError as error:
         return [
-            Check(
+            CheckResult(
                 topic=TOPIC,
                 name="size",
                 status="problem",
@@ -38,7 +38,7 @@ def check_shared_memory(system: System) -> list[Check]:
     room = {name: usage.free // _segment_bytes(middleware, size) for name, size in _SIZES}
     status = _status(usage.free, _PARTICIPANTS * _segment_bytes(middleware, 0), room)
     return [
-        Check(
+        CheckResult(
             topic=TOPIC,
             name="size",
             status=status,

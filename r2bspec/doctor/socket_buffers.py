@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from r2bspec.doctor.checkup import Check, System, read_int, read_text
+from r2bspec.doctor.checkup import CheckResult, System, read_int, read_text
 from r2bspec.measure.units import show
 from r2bspec.middleware.registry import middleware_of
 
 TOPIC = "network"
 
-_UP = 0x1
+_IFF_UP = 0x1
 
 
-def check_sockets(system: System) -> list[Check]:
+def check_sockets(system: System) -> list[CheckResult]:
     """The largest socket buffers that the kernel grants, and whether loopback is up."""
     middleware = middleware_of(system.environ)
     requested = middleware.socket_buffers
@@ -22,17 +22,19 @@ def check_sockets(system: System) -> list[Check]:
     ]
 
 
-def _buffer(system: System, middleware: str, direction: str, name: str, requested: int) -> Check:
+def _buffer(
+    system: System, middleware: str, direction: str, name: str, requested: int
+) -> CheckResult:
     limit = read_int(system.proc / "sys/net/core" / name)
     title = f"{direction} buffers"
     if limit is None:
-        return Check(topic=TOPIC, name=title, status="ok", found="not told by this kernel")
+        return CheckResult(topic=TOPIC, name=title, status="ok", found="not told by this kernel")
     data = {f"net.core.{name}": limit, "wanted": requested}
     if limit >= requested:
-        return Check(
+        return CheckResult(
             topic=TOPIC, name=title, status="ok", found=f"up to {show(limit, 'B')}", data=data
         )
-    return Check(
+    return CheckResult(
         topic=TOPIC,
         name=title,
         status="warn",
@@ -43,12 +45,12 @@ def _buffer(system: System, middleware: str, direction: str, name: str, requeste
     )
 
 
-def _loopback(system: System) -> list[Check]:
+def _loopback(system: System) -> list[CheckResult]:
     flags = read_text(system.sys / "class/net/lo/flags")
-    if flags is None or int(flags, 16) & _UP:
+    if flags is None or int(flags, 16) & _IFF_UP:
         return []
     return [
-        Check(
+        CheckResult(
             topic=TOPIC,
             name="loopback",
             status="problem",

@@ -17,7 +17,7 @@ from r2bspec.middleware.middleware import Transport
 from r2bspec.middleware.registry import inherited_variables, middleware_of
 from r2bspec.plan.plan import Plan
 
-_INHERITED = (
+_INHERITED_PATTERNS = (
     *("PATH", "HOME", "USER", "LOGNAME", "SHELL", "LANG", "LC_*", "TZ", "TMPDIR", "TERM"),
     *("PYTHON*", "VIRTUAL_ENV", "CONDA_PREFIX", "LD_LIBRARY_PATH", "LD_PRELOAD", "XDG_*"),
     *("ROS_*", "_ROS_*", "AMENT_*", "COLCON_*", "CMAKE_PREFIX_PATH", "RMW_*", "RCUTILS_*", "RCL_*"),
@@ -39,9 +39,9 @@ _HARNESS_ALLOCATOR = {
 }
 
 
-def inherited(environ: Mapping[str, str], named: Iterable[str]) -> dict[str, str]:
+def inherited_environment(environ: Mapping[str, str], named: Iterable[str]) -> dict[str, str]:
     """The part of an environment that processes of a run get."""
-    patterns = (*_INHERITED, *inherited_variables(), *named)
+    patterns = (*_INHERITED_PATTERNS, *inherited_variables(), *named)
     return {
         name: value
         for name, value in environ.items()
@@ -69,7 +69,7 @@ class RunEnvironment:
         largest_message_bytes: int,
         ros_logs: Path | None = None,
     ) -> None:
-        self._common = inherited(os.environ, plan.environment)
+        self._common = inherited_environment(os.environ, plan.environment)
         if path := self._common.get("PYTHONPATH"):
             # Processes run in the folder of the spec; the user means where they are themselves.
             folders = map(os.path.abspath, path.split(os.pathsep))
@@ -88,10 +88,10 @@ class RunEnvironment:
         self._common |= self.middleware.configure(self.transport, scratch)
         self.segment_bytes = self.middleware.segment_bytes(self.transport)
 
-    def of_harness(self, changes: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
+    def for_harness(self, changes: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
         """The environment of loader, player and monitor, with that of nodes beside them."""
         return self._common | _HARNESS_ALLOCATOR | dict(changes)
 
-    def of_node(self, changes: Mapping[str, str]) -> dict[str, str]:
+    def for_node(self, changes: Mapping[str, str]) -> dict[str, str]:
         """The environment of a process that runs nodes: nothing but what the plan states."""
         return self._common | dict(changes)

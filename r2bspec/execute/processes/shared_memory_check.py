@@ -16,7 +16,7 @@ from r2bspec.middleware.middleware import SHARED_MEMORY, Middleware
 from r2bspec.plan.plan import Plan
 
 
-def refuse_too_little_room(
+def require_free_shared_memory(
     plan: Plan,
     phase: str,
     middleware: Middleware,
@@ -52,13 +52,15 @@ def refuse_too_little_room(
         raise SharedMemoryError(
             f"{folder} has {show(free, 'B')} free; the {processes} processes of the {phase} phase "
             f"need {show(wanted, 'B')}, a segment of {show(segment_bytes, 'B')} each",
-            hint=f"Make it larger (in a container: --shm-size={_rounded(wanted)}m; else: mount -o "
-            f"remount,size={_rounded(wanted)}m {folder}), or state transport: udp, or smaller "
+            hint="Make it larger (in a container: "
+            f"--shm-size={_suggested_mib(wanted)}m; else: mount -o "
+            f"remount,size={_suggested_mib(wanted)}m {folder}), or state transport: udp, "
+            "or smaller "
             "segments (transport: {kind: shared_memory, segment: ...}). 'r2bspec doctor --clean' "
             "frees what dead runs have left.",
         )
 
 
-def _rounded(count: int) -> int:
+def _suggested_mib(count: int) -> int:
     """Mebibytes with some to spare."""
     return -(-count * 5 // (4 << 20))
