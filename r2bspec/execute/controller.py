@@ -37,6 +37,7 @@ from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
+from r2bspec.execute.processes.middleware_check import check_middleware
 from r2bspec.execute.processes.redaction import make_redactor
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.signals import Interrupts
@@ -177,6 +178,7 @@ class _Controller:
 
     def _execute(self) -> None:
         self._check_supported()
+        check_middleware(self._plan, os.environ)
         self._resources.start()
         with self._domain() as domain:
             self._set_up(domain)
@@ -390,6 +392,10 @@ class _Controller:
         found += failure.differences if isinstance(failure, GraphMismatchError) else ()
         return tuple(dict.fromkeys(found))
 
+    def _loaded_rmw(self) -> dict[str, str]:
+        """The middleware as a process of the harness says; empty until one has."""
+        return next(({"rmw": each.rmw} for each in self._launchers if each.rmw), {})
+
     def _record(self, failure: BaseException | None) -> RunRecord:
         status: Literal["complete", "incomplete"] = "incomplete" if failure else "complete"
         first = self._measurements[0] if self._measurements else None
@@ -403,7 +409,7 @@ class _Controller:
             reason=_reason(failure),
             dataset=self._provenance(),
             machine=self._machine,
-            versions=self._versions,
+            versions=self._versions | self._loaded_rmw(),
             processes=self._supervisor.records(),
             segments=tuple(each for session in self._sessions for each in session.segments),
             search=first.search if first else None,

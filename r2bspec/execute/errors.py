@@ -88,6 +88,10 @@ class UnsupportedError(RunError):
     exit_code = 2
 
 
+class MiddlewareError(UnsupportedError):
+    """The plan asks for something that the selected middleware (RMW) cannot be configured for."""
+
+
 class SharedMemoryError(RunError):
     """There is less shared memory than the transport of the plan needs."""
 

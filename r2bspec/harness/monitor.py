@@ -81,7 +81,7 @@ class Monitor:
 
     def serve(self) -> None:
         """Record and answer commands until told to shut down."""
-        self._channel.send(protocol.Ready())
+        self._channel.send(protocol.Ready(rmw=rclpy_tools.loaded_rmw()))
         threading.Thread(target=self._listen, daemon=True).start()
         subscribing = False
         clocks = ClockOffsetTracker()

@@ -22,7 +22,7 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import ok, try_shutdown
+from rclpy.utilities import get_rmw_implementation_identifier, ok, try_shutdown
 
 from r2bspec.harness import rcl_calls
 from r2bspec.language.spec import QoS
@@ -251,6 +251,11 @@ def init() -> None:
     with _init_lock:
         if not ok():
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+
+
+def loaded_rmw() -> str:
+    """The middleware (RMW implementation) that this process has loaded."""
+    return str(get_rmw_implementation_identifier())
 
 
 def destroy_on_shutdown(node: Node) -> None:

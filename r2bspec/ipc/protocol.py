@@ -199,9 +199,10 @@ Command = (
 
 
 class Ready(_Message, frozen=True, kw_only=True, tag=True):
-    """The child is configured. What it tells is what a host found of its nodes, but for `headers`.
+    """The child is configured. What it says is what a host found of its nodes, but for two fields.
 
-    `headers` says of each topic of a player whether its type begins with a header. `endpoints`
+    `headers` says of each topic of a player whether its type begins with a header, `rmw` which
+    middleware a monitor has loaded. `endpoints`
     lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the parameters given
     that the node does not declare, as (node, parameter), `parameters` what each node does declare,
     and `unmatched` the remappings that changed no name of the node's, as (node, name before as
@@ -213,6 +214,7 @@ class Ready(_Message, frozen=True, kw_only=True, tag=True):
     parameters: dict[str, tuple[str, ...]] = {}
     unmatched: tuple[tuple[str, str, str], ...] = ()
     headers: dict[str, bool] = {}
+    rmw: str = ""
 
 
 class Matched(_Message, frozen=True, kw_only=True, tag=True):

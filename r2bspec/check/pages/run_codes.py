@@ -195,9 +195,9 @@ RUN_PAGES = (
         "R2B664",
         "too little shared memory",
         "With 'transport: shared_memory' each process allocates a segment of /dev/shm for several "
-        "of the largest messages. Without space for it, Fast DDS would use UDP without a warning, "
-        "and images would take many times as long. Enlarge /dev/shm (containers have 64 MB unless "
-        "started with --shm-size), or set 'transport: udp'.",
+        "of the largest messages. Without space for it, the middleware would use UDP without a "
+        "warning, and images would take many times as long. Enlarge /dev/shm (containers have "
+        "64 MB unless started with --shm-size), or set 'transport: udp'.",
     ),
     error_page(
         "component-not-loaded",

@@ -25,6 +25,7 @@ from r2bspec.execute.host.machine import interpreter
 from r2bspec.execute.processes.affinity import apply_affinity
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv, resolve_command
+from r2bspec.execute.processes.middleware_check import check_loaded_rmw
 from r2bspec.execute.processes.shared_memory_check import require_free_shared_memory
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -51,6 +52,7 @@ class Launcher:
         endpoints: what the Python nodes really turned out to have, as `protocol.Ready` tells it.
         differences: what they did not take of the plan. None of it has ended the run so far.
         hosts: the processes of Python nodes, with the full names of these.
+        rmw: the middleware that processes of the harness have loaded; empty until one says so.
     """
 
     def __init__(
@@ -65,6 +67,7 @@ class Launcher:
         self._folder = folder
         self._base_dir = base_dir
         self.endpoints: list[tuple[str, str, str, str]] = []
+        self.rmw = ""
         self.differences: list[Difference] = []
         self._created_nodes: set[str] = set()
         self._has_opaque_nodes = False
@@ -76,7 +79,8 @@ class Launcher:
         Raises:
             SharedMemoryError: there is too little.
         """
-        require_free_shared_memory(plan, phase, self._environment.segment_bytes)
+        environment = self._environment
+        require_free_shared_memory(plan, phase, environment.middleware, environment.segment_bytes)
 
     def start(self, plan: ProcessPlan, parts: Iterable[str] = ()) -> ManagedProcess:
         """Start one process; a harness process, and each of its `parts`, then waits for its role.
@@ -237,8 +241,16 @@ class Launcher:
         self._supervisor.end([child])
 
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:
-        """Give a harness process its role and wait until it has taken it."""
-        return self._supervisor.request(child, command, protocol.Ready, _CONFIGURE_TIMEOUT_S)
+        """Give a harness process its role and wait until it has taken it.
+
+        Raises:
+            MiddlewareError: it has loaded one that cannot be configured for the transport.
+        """
+        ready = self._supervisor.request(child, command, protocol.Ready, _CONFIGURE_TIMEOUT_S)
+        if ready.rmw:
+            self.rmw = ready.rmw
+            check_loaded_rmw(self._environment.transport.kind, ready.rmw)
+        return ready
 
 
 def wait_until_matched(

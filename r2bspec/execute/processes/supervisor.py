@@ -7,6 +7,7 @@ looks at every process, and raises as soon as one has died that was not told to.
 from __future__ import annotations
 
 import contextlib
+import os
 import selectors
 import socket
 import subprocess
@@ -22,6 +23,7 @@ from r2bspec.execute.processes.process_logs import LogLimiter
 from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import clean_up
+from r2bspec.middleware.registry import middleware_of
 from r2bspec.record.run_record import ProcessRecord
 
 __all__ = ["ManagedProcess", "ProcessSupervisor", "describe_exit"]
@@ -229,7 +231,8 @@ class ProcessSupervisor:
     def end(self, children: Iterable[ManagedProcess]) -> None:
         """End some processes, one after another: asked, then told, then killed."""
         ended = [child for child in children if child.name in self._running]
-        self._killed += end_sequentially(ended, self._logs.truncate_large)
+        in_turn_s = middleware_of(os.environ).exit_in_turn_s
+        self._killed += end_sequentially(ended, self._logs.truncate_large, in_turn_s)
         for child in ended:
             self._forget(child)
 

@@ -19,6 +19,7 @@ from r2bspec.report.report_wording import (
     bounds_text,
     comparison,
     estimate_text,
+    loaded_rmw,
     notes,
     own_pace,
     peak_text,
@@ -46,6 +47,9 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     yield ""
     yield escaped(verdict.reason)
     yield ""
+    if rmw := loaded_rmw(result):
+        yield code(rmw)
+        yield ""
     if compared := list(comparison(result)):
         yield from (f"{escaped(each)}  " for each in compared)
         yield ""

@@ -22,6 +22,7 @@ from r2bspec.report.report_wording import (
     bounds_text,
     comparison,
     estimate_text,
+    loaded_rmw,
     notes,
     own_pace,
     peak_text,
@@ -115,6 +116,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "show_rate": show_rate,
         "pace": own_pace(metrics),
         "facts": {key: _plain(value) for key, value in result.machine.items()},
+        "rmw": loaded_rmw(result),
         "dataset": {key: _plain(value) for key, value in result.dataset.items()},
         "palette": PALETTE,
         "style": Markup(files.joinpath("style.css").read_text("utf-8")),  # noqa: S704 - our file

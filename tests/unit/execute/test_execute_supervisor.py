@@ -31,6 +31,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import run_processes
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.schedule import CyclicSchedule
+from r2bspec.middleware.registry import middleware_of
 
 HANG_S = 60.0
 """Guards against hanging only; nothing that passes takes so long."""
@@ -98,12 +99,9 @@ def open_files() -> int:
 
 def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the waits short that politeness costs."""
-    for constant, seconds in (
-        ("_MAX_SEQUENTIAL_S", 0.1),
-        ("MAX_EXIT_S", 0.4),
-        ("MAX_SIGTERM_S", 0.3),
-    ):
+    for constant, seconds in (("MAX_EXIT_S", 0.4), ("MAX_SIGTERM_S", 0.3)):
         monkeypatch.setattr(shutdown, constant, seconds)
+    monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.1)
     monkeypatch.setattr(supervisor, "MAX_SIGTERM_S", 0.3)
 
 
@@ -349,6 +347,26 @@ def test_processes_end_one_after_another(stage: Stage) -> None:
         assert float(stage.said(before)) < asked[after]
 
 
+def test_processes_end_together_where_the_middleware_needs_no_turns(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Each ends only when the other has been asked, too.
+    waits = "ends = channel()\nends.send(protocol.Ready())\nends.receive()\nfile = {!r}\n"
+    waits += "pathlib.Path(file[0]).touch()\n"
+    waits += "while not pathlib.Path(file[1]).exists(): time.sleep(0.01)\nsys.exit(0)"
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    names = ("first", "second")
+    files = [str(stage.folder / each) for each in names]
+    started = [
+        stage.start("import pathlib\n" + waits.format(order), name)
+        for name, order in zip(names, (files, files[::-1]), strict=True)
+    ]
+    for child in started:
+        stage.children.answer(child, protocol.Ready, HANG_S)
+    stage.children.end(started)
+    assert [child.process.returncode for child in started] == [0, 0]
+
+
 def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     stage: Stage, impatient: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -357,7 +375,7 @@ def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     for child in hangs:
         stage.children.answer(child, protocol.Ready, HANG_S)
     stage.children.request(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
-    monkeypatch.setattr(shutdown, "_MAX_SEQUENTIAL_S", 0.2)
+    monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.2)
     # What is left to the polite one, on however busy a machine.
     monkeypatch.setattr(shutdown, "MAX_EXIT_S", 10.0)
     stage.children.end([*hangs, polite])
