@@ -23,6 +23,7 @@ from r2bspec.execute.processes.executables import resolve_argv
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc import protocol
 from r2bspec.language.spec import Spec
 from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
@@ -91,7 +92,7 @@ def record_interfaces(
                 )
                 yield Recorded(node.key, _row(found, node))
             except R2bspecError as error:
-                if error.exit_code == 130:
+                if error.exit_code == ExitStatus.INTERRUPTED:
                     raise
                 yield _failed(node.key, error, scratch)
 

@@ -6,6 +6,8 @@ from typing import Final, Literal
 
 import msgspec
 
+from r2bspec.exit_status import ExitStatus
+
 CONFIDENCE: Final = 0.95
 """Of every decision, one-sided each way: PASS and FAIL are each wrong in at most 5 % of runs."""
 
@@ -31,12 +33,12 @@ Method = Literal[
 
 OverallOutcome = Literal["pass", "fail", "inconclusive", "invalid", "incomplete"]
 
-EXIT_CODES: Final[dict[OverallOutcome, int]] = {
-    "pass": 0,
-    "fail": 1,
-    "inconclusive": 3,
-    "invalid": 4,
-    "incomplete": 4,
+EXIT_CODES: Final[dict[OverallOutcome, ExitStatus]] = {
+    "pass": ExitStatus.OK,
+    "fail": ExitStatus.FINDINGS_OR_FAILED,
+    "inconclusive": ExitStatus.INCONCLUSIVE,
+    "invalid": ExitStatus.RUN_FAILED,
+    "incomplete": ExitStatus.RUN_FAILED,
 }
 
 
