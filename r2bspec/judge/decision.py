@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from r2bspec.judge.verdict import CONFIDENCE, Method, Outcome, RequirementVerdict, ShareTest
+from r2bspec.judge.verdict import Method, Outcome, RequirementVerdict, ShareTest
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import MetricInfo
 from r2bspec.measure.samples import SegmentSamples

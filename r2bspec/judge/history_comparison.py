@@ -25,7 +25,8 @@ from r2bspec.judge.baseline_requirements import Asked, answer_baseline, decided,
 from r2bspec.judge.confirmation import confirm
 from r2bspec.judge.decision_policy import Terms
 from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.verdict import CONFIDENCE, RequirementVerdict, Verdict
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.baseline_file import BaselineRecord

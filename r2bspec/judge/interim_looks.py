@@ -26,7 +26,8 @@ from typing import Literal
 
 import msgspec
 
-from r2bspec.judge.verdict import CONFIDENCE, Method, RequirementVerdict
+from r2bspec.judge.verdict import Method, RequirementVerdict
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.units import show
 
 FACTORS = (1, 2, 4)

@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.statistics.trend import trend
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.completion_rate import Delivery, delivery
 from r2bspec.measure.matching import Matching
 from r2bspec.record.sample_arrays import Rows
@@ -72,7 +73,7 @@ class Criterion:
 
     precision: float
     loss: float = 0.0
-    confidence: float = 0.95
+    confidence: float = CONFIDENCE
 
 
 @dataclass(frozen=True)

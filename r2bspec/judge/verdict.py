@@ -8,9 +8,6 @@ import msgspec
 
 from r2bspec.exit_status import ExitStatus
 
-CONFIDENCE: Final = 0.95
-"""Of every decision, one-sided each way: PASS and FAIL are each wrong in at most 5 % of runs."""
-
 Outcome = Literal["pass", "fail", "inconclusive"]
 
 Level = Literal["error", "warn", "info", "off"]

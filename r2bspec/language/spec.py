@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
 
@@ -333,7 +334,7 @@ class Search(_SpecStruct, frozen=True, kw_only=True):
     precision: Share = Share(0.02)
     holds: tuple[Requirement, ...] = ()
     probe: Duration = Duration(10 * 10**9)
-    confidence: Share = Share(0.95)
+    confidence: Share = Share(CONFIDENCE)
 
 
 class Gate(_SpecStruct, frozen=True, kw_only=True):
@@ -346,7 +347,7 @@ class Gate(_SpecStruct, frozen=True, kw_only=True):
         time_budget: the longest time that measuring may take, with everything that is optional.
     """
 
-    confidence: Share = Share(0.95)
+    confidence: Share = Share(CONFIDENCE)
     inconclusive: Literal["report", "pass", "fail"] = "report"
     confirm: bool = True
     time_budget: Duration | None = None

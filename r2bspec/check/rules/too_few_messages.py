@@ -16,7 +16,7 @@ from r2bspec.check.rule_api import (
     quote,
     suppression_keys,
 )
-from r2bspec.check.sample_size import min_sample_size
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.quantities import Rate
 
 # Values that an iteration has fewer than messages: what lies between them, and between those.

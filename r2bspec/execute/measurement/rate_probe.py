@@ -18,7 +18,7 @@ from r2bspec.judge.rate_test import (
     see,
     worst,
 )
-from r2bspec.judge.verdict import CONFIDENCE
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import resolve
 from r2bspec.measure.metric_values import value

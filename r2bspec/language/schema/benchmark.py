@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.quantities import Duration, Rate, Share
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.reuse import sibling, when
@@ -53,8 +54,8 @@ _SEARCH = record(
         "confidence": quantity(
             Share,
             "How sure the search must be that a rate holds, or that it does not.",
-            default="95 %",
-            examples=["95 %"],
+            default=str(Share(CONFIDENCE)),
+            examples=[str(Share(CONFIDENCE))],
             positive=True,
         ),
     },
@@ -68,7 +69,7 @@ _GATE = record(
         "confidence": quantity(
             Share,
             "How sure a verdict must be, in each direction, unless an objective says otherwise.",
-            default="95 %",
+            default=str(Share(CONFIDENCE)),
             examples=["99 %"],
             positive=True,
         ),

@@ -56,11 +56,17 @@ def _lines(reported: Reported) -> Iterator[str]:
     yield from folded("Where and with what", _provenance(reported))
 
 
+def _bounds_heading(verdict: Verdict) -> str:
+    """The heading of the bounds, with their confidence where all have the same."""
+    confidences = {one.confidence for one in verdict.requirements}
+    return f"{show(confidences.pop(), 'share', 4)} bounds" if len(confidences) == 1 else "bounds"
+
+
 def _requirements(verdict: Verdict, pace: str) -> Iterator[str]:
     several = several_monitors(verdict)
     ordered = sorted(verdict.requirements, key=lambda one: _ORDER.index(one.outcome))
     yield from table(
-        ("verdict", "requirement", "at", "estimate", "95 % bounds", "limit"),
+        ("verdict", "requirement", "at", "estimate", _bounds_heading(verdict), "limit"),
         [
             (
                 verdict_word(one),
