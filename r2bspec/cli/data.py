@@ -7,10 +7,11 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
+from r2bspec.bags.recording import WritableStorage
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 
@@ -98,7 +99,7 @@ def list_datasets(output: str) -> None:
 @click.option("--start", callback=_duration_ns, help="Where the window starts.")
 @click.option("--end", callback=_duration_ns, help="Where it ends; else with the dataset.")
 @click.option(
-    "--storage", type=click.Choice(["sqlite3", "mcap"]), default="sqlite3", show_default=True
+    "--storage", type=click.Choice(get_args(WritableStorage)), default="sqlite3", show_default=True
 )
 @_format_option
 def make(
