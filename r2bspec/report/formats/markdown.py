@@ -11,6 +11,12 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from r2bspec.compare.report_input import Reported
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.distribution_parts import (
+    MAIN_PERCENTILES,
+    SHORT_PERCENTILES,
+    part_title,
+    part_value,
+)
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.report_wording import (
@@ -28,6 +34,7 @@ from r2bspec.report.report_wording import (
 )
 
 _MOST_ROWS = 60
+_LATENCIES = (*MAIN_PERCENTILES, "max")
 """Rows of a table that are shown at most."""
 
 _ORDER = ("fail", "inconclusive", "pass")
@@ -97,15 +104,12 @@ def _measured(metrics: RunMetrics) -> Iterator[str]:
         yield f"**{escaped(name)}**"
         yield ""
         yield from table(
-            ("offered", "throughput", "p50", "p90", "p99", "max", "sent", "missed"),
+            ("offered", "throughput", *map(part_title, _LATENCIES), "sent", "missed"),
             [
                 (
                     show_rate(rate.offered_hz, rate.pace),
                     show(seen.throughput_hz, "Hz"),
-                    *(
-                        show(getattr(seen.latency, part), "s")
-                        for part in ("p50", "p90", "p99", "max")
-                    ),
+                    *(show(part_value(seen.latency, part), "s") for part in _LATENCIES),
                     show(seen.sent, "count"),
                     show(seen.missed, "count"),
                 )
@@ -125,7 +129,7 @@ def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
         (
             show(rate.offered_hz, "Hz"),
             escaped(f"{hop.source} → {hop.target}"),
-            *(show(getattr(hop.latency, part), "s") for part in ("p50", "p99")),
+            *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
             show(hop.matched, "count"),
             show(hop.missed, "count"),
         )
@@ -135,7 +139,8 @@ def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
     if rows:
         yield f"Hops to **{escaped(monitor)}**"
         yield ""
-        yield from table(("offered", "from → to", "p50", "p99", "matched", "missed"), rows)
+        shown = map(part_title, SHORT_PERCENTILES)
+        yield from table(("offered", "from → to", *shown, "matched", "missed"), rows)
 
 
 def _provenance(reported: Reported) -> Iterator[str]:
