@@ -44,8 +44,9 @@ from dataclasses import replace
 import msgspec
 
 from r2bspec.judge.best_case import in_best_light
+from r2bspec.judge.methods.registry import METHODS
 from r2bspec.judge.playback_validity import off_schedule
-from r2bspec.judge.verdict import DisturbedIteration, Method, RequirementVerdict
+from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
 from r2bspec.measure.interference import Surroundings
 from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
@@ -57,8 +58,6 @@ _PRESSURE = 0.1
 _PRESSURE_RATIO = 2.0
 _THROTTLED = 0.01
 _CALIBRATION = 1.5
-
-_BY_PROBES: frozenset[Method] = frozenset({"search bracket", "sequential probe"})
 
 _SETTLE = "Run again on a machine that does nothing else."
 
@@ -183,7 +182,8 @@ def weaken(
 
 def _of_iterations(played: RequirementVerdict, calm: RequirementVerdict) -> bool:
     """Whether iterations had a part in a verdict: not in one by a probe, or without a metric."""
-    return played.method not in _BY_PROBES and not (played.method == "none" and played == calm)
+    rests_on = METHODS[played.method].rests_on
+    return rests_on == "iterations" and not (played.method == "none" and played == calm)
 
 
 def told_of(played: RequirementVerdict, disturbed: Mapping[str, DisturbedIteration]) -> str:

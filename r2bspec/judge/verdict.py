@@ -7,26 +7,13 @@ from typing import Final, Literal
 import msgspec
 
 from r2bspec.exit_status import ExitStatus
+from r2bspec.judge.methods.registry import Method
 
 Outcome = Literal["pass", "fail", "inconclusive"]
 
 Level = Literal["error", "warn", "info", "off"]
 """What a requirement that does not hold does to the run: fails it, is a warning, is only shown.
 ``off``: it is not judged."""
-
-Method = Literal[
-    "exact binomial",
-    "binomial over windows",
-    "t over iterations",
-    "paired t on logs",
-    "prediction interval",
-    "stored baseline",
-    "observation",
-    "search bracket",
-    "sequential probe",
-    "none",
-]
-"""How a requirement was decided. ``none``: there was nothing to decide it by."""
 
 OverallOutcome = Literal["pass", "fail", "inconclusive", "invalid", "incomplete"]
 

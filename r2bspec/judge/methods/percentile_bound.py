@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from r2bspec.judge.decision import Answer, Question, decide
+from r2bspec.judge.decision import Answer, Decider, Question, decide
 from r2bspec.judge.methods.forecast import settle_share
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound, withstands
 from r2bspec.judge.statistics.order_statistics import Ranked, allowed_share, percentile_interval
@@ -99,3 +99,9 @@ def _share_test(question: Question, ranked: Ranked, lost: int, quantile: float) 
         allowed=allowed,
         withstands=stands,
     )
+
+
+DECIDER = Decider(
+    takes=lambda question: question.info.statistic == "percentile" and not question.is_equality,
+    decide=lambda question, _: judge_percentile(question),
+)

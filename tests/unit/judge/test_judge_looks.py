@@ -11,7 +11,8 @@ import pytest
 from r2bspec.judge.decision_policy import Terms, terms_of
 from r2bspec.judge.interim_looks import Looks, combine, decide_at
 from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.verdict import Method, Outcome, RequirementVerdict
+from r2bspec.judge.methods.registry import Method
+from r2bspec.judge.verdict import Outcome, RequirementVerdict
 from r2bspec.measure.samples import RunSamples, read_samples
 from run_simulation import Played, Simulation, objective
 
