@@ -36,18 +36,15 @@ from numpy.typing import NDArray
 
 from r2bspec.judge.statistics.trend import trend
 from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.probe_length import (
+    FIRST_LOOK_S,
+    LOOKS_RATIO,
+    MAX_NO_OUTPUT_S,
+    MIN_LOOK_MESSAGES,
+)
 from r2bspec.measure.completion_rate import Delivery, delivery
 from r2bspec.measure.matching import Matching
 from r2bspec.record.sample_arrays import Rows
-
-_FIRST_LOOK_S = 1.0
-_LOOKS_RATIO = 1.5
-_LEAST_MESSAGES = 20
-"""Before that nothing is judged, unless the probe is over."""
-
-_SILENT_S = 2.0
-"""A graph that has answered nothing for so long will not have kept up when it does: it answered
-during the warm-up. To wait for the end of the probe would only make a search for nothing long."""
 
 _RUN_IN = 3
 """One of so many steps is left out at the start."""
@@ -119,11 +116,11 @@ class Seen:
 def planned_looks(limit_s: float) -> tuple[Look, ...]:
     """When a probe that lasts at most `limit_s` seconds is judged; the last time is its end."""
     times: list[float] = []
-    at_s = _FIRST_LOOK_S
+    at_s = FIRST_LOOK_S
     # Two looks that are closer to one another than that show the same.
-    while at_s * math.sqrt(_LOOKS_RATIO) < limit_s:
+    while at_s * math.sqrt(LOOKS_RATIO) < limit_s:
         times.append(at_s)
-        at_s *= _LOOKS_RATIO
+        at_s *= LOOKS_RATIO
     times.append(limit_s)
     return tuple(Look(each, each / sum(times)) for each in times)
 
@@ -158,9 +155,9 @@ def see(rate_hz: float, playback: Rows, monitor: Rows, matching: Matching, now_n
 def judge_look(seen: Seen, criterion: Criterion, look: Look) -> Judgement:
     """Judge a probe that is still being played, from what it has shown so far."""
     whole = seen.whole
-    if look.at_s >= _SILENT_S and whole.published >= _LEAST_MESSAGES and not whole.answered:
+    if look.at_s >= MAX_NO_OUTPUT_S and whole.published >= MIN_LOOK_MESSAGES and not whole.answered:
         return Judgement(False, _shortfall(whole))
-    if whole.answered < _LEAST_MESSAGES or seen.later.batches < _LEAST_BATCHES:
+    if whole.answered < MIN_LOOK_MESSAGES or seen.later.batches < _LEAST_BATCHES:
         return Judgement(None, "too early to tell")
     return _judge(seen, criterion, look)
 

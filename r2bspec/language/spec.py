@@ -16,6 +16,7 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.probe_length import PROBE
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
 
@@ -333,7 +334,7 @@ class Search(_SpecStruct, frozen=True, kw_only=True):
     max: Rate
     precision: Share = Share(0.02)
     holds: tuple[Requirement, ...] = ()
-    probe: Duration = Duration(10 * 10**9)
+    probe: Duration = PROBE
     confidence: Share = Share(CONFIDENCE)
 
 

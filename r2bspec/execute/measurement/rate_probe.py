@@ -19,6 +19,7 @@ from r2bspec.judge.rate_test import (
     worst,
 )
 from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.probe_length import MIN_PROBE_STEPS, PROBE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import resolve
 from r2bspec.measure.metric_values import value
@@ -26,11 +27,6 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import Probe
 
 _PRECISION = 0.02
-_PROBE_NS = 10_000_000_000
-"""Of a probe for `sustained` where the spec has no search that says otherwise."""
-
-_LEAST_STEPS = 20
-
 _WORDS = {True: "holds", False: "does not hold", None: "stays open"}
 
 
@@ -42,7 +38,7 @@ class Prober:
         self._plan = plan
         self._stage = stage
         self._note = note
-        self._limit_s = (search.probe_ns if search else _PROBE_NS) / 1e9
+        self._limit_s = search.probe_ns / 1e9 if search else PROBE.seconds
         self._conditions = search.holds if search else ()
         self._criterion = Criterion(
             precision=search.precision if search else _PRECISION,
@@ -62,7 +58,7 @@ class Prober:
     def _play(self, kind: Literal["probe", "sustained"], rate_hz: float) -> Outcome:
         number = next(self._numbers)
         name = f"{kind}-{number:03d}"
-        steps = max(_LEAST_STEPS, round(self._limit_s * rate_hz))
+        steps = max(MIN_PROBE_STEPS, round(self._limit_s * rate_hz))
         watching = _Watching(
             self._criterion, steps / rate_hz, lambda each: self._see(rate_hz, each)
         )

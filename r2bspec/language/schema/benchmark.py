@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.probe_length import PROBE
 from r2bspec.language.quantities import Duration, Rate, Share
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.reuse import sibling, when
@@ -47,8 +48,8 @@ _SEARCH = record(
         "probe": quantity(
             Duration,
             "The longest time for which one rate is tried; most answers are clear sooner.",
-            default="10 s",
-            examples=["10 s"],
+            default=str(PROBE),
+            examples=[str(PROBE)],
             positive=True,
         ),
         "confidence": quantity(
