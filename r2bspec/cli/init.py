@@ -48,7 +48,7 @@ def command(name: str, template: str, show_list: bool) -> int:
     NAME may begin with a folder that exists, as in benchmarks/camera. The JSON Schema, by which
     editors complete and explain every key, is written beside the spec. Nothing is overwritten.
     """
-    from r2bspec.language.schema import published_schema_text
+    from r2bspec.language.schema.derive_strict import published_schema_text
     from r2bspec.language.templates import filled, purpose, templates
 
     if show_list:

@@ -82,7 +82,7 @@ def record_interfaces(
     wiring = build_wiring(spec, companion_files=companion_files)
     nodes = [node for phase in wiring.phases for node in phase.nodes]
     for node in nodes:
-        if node.node.kind in {"launch", "external"} or (only and node.key not in only):
+        if node.node.kind.by_others or (only and node.key not in only):
             continue
         told(node.key)
         with Interrupts() as interrupts, tempfile.TemporaryDirectory() as scratch:
@@ -179,7 +179,7 @@ def _alone(wired: NodeWiring) -> ProcessPlan:
         node=msgspec.structs.replace(node, remappings={}, container="", namespace=NAMESPACE),
         is_ros_process=True,
     )
-    if node.kind == "python":
+    if node.kind.role == "host":
         plan = NodePlan(
             name=bare.name,
             node=_NAME,
@@ -189,7 +189,7 @@ def _alone(wired: NodeWiring) -> ProcessPlan:
             remappings={},
         )
         return _process(wired.key, HARNESS_ARGV, role="host", env=node.env, nodes=(plan,))
-    argv = _standalone(bare) if node.kind == "plugin" else node_argv(bare)
+    argv = _standalone(bare) if node.kind.role == "container" else node_argv(bare)
     return _process(wired.key, argv, role="command", env=node.env)
 
 

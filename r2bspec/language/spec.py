@@ -16,6 +16,7 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.node_kinds import NodeKind, kind_of
 from r2bspec.language.probe_length import PROBE
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
@@ -142,14 +143,10 @@ class ParameterSource(_SpecStruct, frozen=True, kw_only=True):
     values: dict[str, ParameterValue] = {}
 
 
-NodeKind = Literal["python", "plugin", "executable", "command", "launch", "external"]
-
-
 class Node(_SpecStruct, frozen=True, kw_only=True):
     """A node of the graph or of the preprocessors.
 
-    Exactly one kind is given: `python`, `package` with `plugin`, `package` with `executable`,
-    `command`, `launch`, or `external`.
+    The keys of exactly one kind are given (`r2bspec.language.node_kinds`).
 
     Attributes:
         container: the name of the container that it runs in; empty leaves it to the placement.
@@ -185,13 +182,7 @@ class Node(_SpecStruct, frozen=True, kw_only=True):
     @property
     def kind(self) -> NodeKind:
         """Which of the kinds of node this is."""
-        if self.python:
-            return "python"
-        if self.package:
-            return "plugin" if self.plugin else "executable"
-        if self.launch is not None:
-            return "launch"
-        return "external" if self.external else "command"
+        return kind_of(self)
 
     @property
     def parameter_files(self) -> tuple[str, ...]:

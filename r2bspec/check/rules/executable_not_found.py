@@ -14,11 +14,12 @@ from r2bspec.check.rule_api import (
     suggestion,
     suppression_keys,
 )
+from r2bspec.language.node_kinds import EXECUTABLE
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
-        if node.node.kind != "executable":
+        if node.node.kind is not EXECUTABLE:
             continue
         package, executable = node.node.package, node.node.executable
         executables = package_executables(package)

@@ -18,7 +18,7 @@ from r2bspec.wiring.parameter_files import node_key_matches
 
 def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
-        if node.node.kind == "command":
+        if node.node.kind.any_program:
             # It may hold several nodes, of any name.
             continue
         for path, name in parameter_file_paths(context, node):

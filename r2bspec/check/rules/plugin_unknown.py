@@ -13,12 +13,13 @@ from r2bspec.check.rule_api import (
     suggestion,
     suppression_keys,
 )
+from r2bspec.language.node_kinds import PLUGIN
 from r2bspec.wiring.known_packages import ROS_DISTRIBUTION, catalogue_nodes
 
 
 def _find(context: Context) -> Iterator[Finding]:
     for _, node in context.nodes:
-        known = catalogue_nodes(node.node.package) if node.node.kind == "plugin" else {}
+        known = catalogue_nodes(node.node.package) if node.node.kind is PLUGIN else {}
         if known and node.node.plugin not in known:
             yield Finding(
                 message=f"{node.node.package} of {ROS_DISTRIBUTION} has no component "
