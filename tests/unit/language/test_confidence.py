@@ -47,9 +47,12 @@ def _has_fraction(value: ast.expr) -> bool:
     )
 
 
-@pytest.mark.parametrize("module", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_no_module_writes_a_confidence_as_a_number(module: Path) -> None:
-    assert list(literal_confidences(module.read_text())) == []
+def test_no_module_writes_a_confidence_as_a_number() -> None:
+    lines = {
+        str(module.relative_to(PACKAGE)): list(literal_confidences(module.read_text()))
+        for module in MODULES
+    }
+    assert {name: found for name, found in lines.items() if found} == {}
 
 
 @pytest.mark.parametrize(
