@@ -14,7 +14,7 @@ from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lo
 from r2bspec.language.spec import BagSource, Spec
 from r2bspec.plan.compile_plan import bag_types
 from r2bspec.plan.process_plans import process_names
-from r2bspec.record.calibration_file import NoiseFile, noise_path, read_noise
+from r2bspec.record.calibration_file import CalibrationFile, calibration_path, read_calibration_file
 from r2bspec.record.errors import RecordError
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.companion_files import CompanionFiles, read_companion_files
@@ -56,7 +56,7 @@ class Context:
         return read_companion_files(self.spec, self.loaded.base_dir)
 
     @property
-    def noise(self) -> NoiseFile | None:
+    def noise(self) -> CalibrationFile | None:
         """What was calibrated; None if nothing was, or if its file cannot be used."""
         return self._noise[0]
 
@@ -66,10 +66,10 @@ class Context:
         return self._noise[1]
 
     @cached_property
-    def _noise(self) -> tuple[NoiseFile | None, str]:
-        path = noise_path(self.loaded.base_dir / FilePath(self.loaded.file).name)
+    def _noise(self) -> tuple[CalibrationFile | None, str]:
+        path = calibration_path(self.loaded.base_dir / FilePath(self.loaded.file).name)
         try:
-            return read_noise(path), ""
+            return read_calibration_file(path), ""
         except RecordError as error:
             return None, str(error).replace(str(path), path.name)
 

@@ -11,7 +11,7 @@ import click
 from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
-    from r2bspec.compare.history import Entry
+    from r2bspec.compare.history import HistoryEntry
 
 USER_HISTORY = "user"
 """The word that stands for the user's own history."""
@@ -58,7 +58,7 @@ def list_runs(file: str, name: str, output_format: str) -> int:
     return ExitStatus.OK
 
 
-def _table(runs: tuple[Entry, ...]) -> list[str]:
+def _table(runs: tuple[HistoryEntry, ...]) -> list[str]:
     if not runs:
         return ["no runs"]
     rows = [("run", "started", "benchmark", "plan", "machine", "outcome")]
@@ -115,7 +115,7 @@ def prune(
 
     since = parse_time(before) if before is not None else None
     with open_history(history_file(file)) as history:
-        groups: dict[tuple[str, str, str], list[Entry]] = {}
+        groups: dict[tuple[str, str, str], list[HistoryEntry]] = {}
         for one in history.runs(name=name):
             groups.setdefault((one.plan, one.host, one.dataset), []).append(one)
         removed_ids = set(run_ids)

@@ -13,7 +13,7 @@ from r2bspec.record.run_folder import Run
 
 
 @dataclass(frozen=True)
-class Reported:
+class ReportInput:
     """A result, and what it was computed from.
 
     Attributes:
@@ -33,7 +33,7 @@ class Reported:
     monitor: str | None = None
     rate_hz: float | None = None
 
-    def need_run(self, what: str) -> Run:
+    def require_run(self, what: str) -> Run:
         """The run folder, for a format that cannot do without.
 
         Raises:

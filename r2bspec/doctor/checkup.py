@@ -18,7 +18,7 @@ Status = Literal["ok", "warn", "problem"]
 _WORST: tuple[Status, ...] = ("problem", "warn", "ok")
 
 
-class Check(msgspec.Struct, frozen=True, kw_only=True):
+class CheckResult(msgspec.Struct, frozen=True, kw_only=True):
     """One thing looked at.
 
     `found` says what is there, `advice` what to do about it (empty where nothing need be done),
@@ -45,7 +45,7 @@ class System:
     environ: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
 
 
-def worst(checks: list[Check]) -> Status:
+def worst_status(checks: list[CheckResult]) -> Status:
     """The worst status of all, which is that of the machine."""
     found = {check.status for check in checks}
     return next((status for status in _WORST if status in found), "ok")

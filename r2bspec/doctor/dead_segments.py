@@ -10,19 +10,19 @@ from r2bspec.middleware import shm_files
 
 
 @dataclass(frozen=True)
-class Segment:
+class DeadShmFile:
     """A segment, or what is left of one, with the bytes of memory that it takes."""
 
     name: str
     bytes: int
 
 
-def dead_segments(system: System) -> list[Segment]:
+def dead_shm_files(system: System) -> list[DeadShmFile]:
     """This user's segments that nobody uses; nothing is changed."""
     memory = system.shared_memory
     return [
-        Segment(name, _bytes(memory / name))
-        for name in shm_files.dead_segments(memory, system.proc)
+        DeadShmFile(name, _bytes(memory / name))
+        for name in shm_files.dead_shm_files(memory, system.proc)
     ]
 
 

@@ -11,7 +11,7 @@ from r2bspec.doctor.checkup import System
 _TIMEOUT_S = 60.0
 
 
-def imports(system: System, *names: str) -> dict[str, dict[str, Any]]:
+def probe_imports(system: System, *names: str) -> dict[str, dict[str, Any]]:
     """What `r2bspec.doctor.import_probe` says of these modules; an error for what hangs."""
     command = [system.python, "-P", "-m", "r2bspec.doctor.import_probe", *names]
     try:

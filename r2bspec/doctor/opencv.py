@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from r2bspec.doctor.checkup import Check, System
-from r2bspec.doctor.import_check import imports
+from r2bspec.doctor.checkup import CheckResult, System
+from r2bspec.doctor.import_check import probe_imports
 
 TOPIC = "OpenCV"
 
 
-def check_vision(system: System) -> list[Check]:
+def check_vision(system: System) -> list[CheckResult]:
     """Whether it can be imported. A graph of one's own needs it only if its nodes do."""
-    found = imports(system, "cv2")["cv2"]
+    found = probe_imports(system, "cv2")["cv2"]
     if "error" in found:
         return [
-            Check(
+            CheckResult(
                 topic=TOPIC,
                 name="version",
                 status="warn",
@@ -22,5 +22,5 @@ def check_vision(system: System) -> list[Check]:
             )
         ]
     return [
-        Check(topic=TOPIC, name="version", status="ok", found=found["version"], data=found),
+        CheckResult(topic=TOPIC, name="version", status="ok", found=found["version"], data=found),
     ]

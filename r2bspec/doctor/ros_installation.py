@@ -6,28 +6,30 @@ import importlib.metadata
 import re
 from pathlib import Path
 
-from r2bspec.doctor.checkup import Check, System
-from r2bspec.doctor.import_check import imports
+from r2bspec.doctor.checkup import CheckResult, System
+from r2bspec.doctor.import_check import probe_imports
 from r2bspec.measure.units import show
 
 TOPIC = "ROS 2"
 
 _MIDDLEWARE = "rclpy:get_rmw_implementation_identifier"
 _FAST_DDS = "rmw_fastrtps"
-_SLOW_IMPORT_S = 2.0
+_MAX_IMPORT_S = 2.0
 _MESSAGES = ("std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "stereo_msgs")
 _WHEEL = re.compile(r"ros-(?:(?P<distribution>[a-z]+)-)?rclpy")
 _INSTALL = "source a ROS 2 installation, or pip install 'r2bspec[ros]'"
 
 
-def check_ros(system: System) -> list[Check]:
+def check_ros(system: System) -> list[CheckResult]:
     """The distributions that can be seen, rclpy, the middleware and the message packages."""
-    found = imports(system, _MIDDLEWARE)[_MIDDLEWARE]
+    found = probe_imports(system, _MIDDLEWARE)[_MIDDLEWARE]
     checks = [_distributions(system)]
     if "error" in found:
         advice = _INSTALL if "ModuleNotFoundError" in found["error"] else "see the error above"
         checks.append(
-            Check(topic=TOPIC, name="rclpy", status="problem", found=found["error"], advice=advice)
+            CheckResult(
+                topic=TOPIC, name="rclpy", status="problem", found=found["error"], advice=advice
+            )
         )
         return checks
     return [
@@ -38,7 +40,7 @@ def check_ros(system: System) -> list[Check]:
     ]
 
 
-def _distributions(system: System) -> Check:
+def _distributions(system: System) -> CheckResult:
     """Sourced prefixes first, since they win on PYTHONPATH; then wheels of this interpreter."""
     prefixes = _paths(system.environ.get("AMENT_PREFIX_PATH", ""))
     wheels = sorted(
@@ -57,7 +59,7 @@ def _distributions(system: System) -> Check:
     parts += [f"{each} as wheels" for each in named]
     # The metapackage of the wheels names the same rclpy again; only a sourced one competes.
     mixed = bool(sourced) and any(not each.startswith(sourced) for each in named)
-    return Check(
+    return CheckResult(
         topic=TOPIC,
         name="distributions",
         status="warn" if mixed or not parts else "ok",
@@ -69,9 +71,9 @@ def _distributions(system: System) -> Check:
     )
 
 
-def _client_library(seconds: float, file: str) -> Check:
-    slow = seconds > _SLOW_IMPORT_S
-    return Check(
+def _client_library(seconds: float, file: str) -> CheckResult:
+    slow = seconds > _MAX_IMPORT_S
+    return CheckResult(
         topic=TOPIC,
         name="rclpy",
         status="warn" if slow else "ok",
@@ -81,7 +83,7 @@ def _client_library(seconds: float, file: str) -> Check:
     )
 
 
-def _middleware(system: System, used: str) -> Check:
+def _middleware(system: System, used: str) -> CheckResult:
     here = sorted(
         {
             each.name
@@ -92,7 +94,7 @@ def _middleware(system: System, used: str) -> Check:
     )
     others = [each for each in here if each != used]
     fast_dds = used.startswith(_FAST_DDS)
-    return Check(
+    return CheckResult(
         topic=TOPIC,
         name="middleware",
         status="ok" if fast_dds else "warn",
@@ -105,11 +107,11 @@ def _middleware(system: System, used: str) -> Check:
     )
 
 
-def _messages(system: System) -> Check:
-    found = imports(system, *(f"{name}.msg" for name in _MESSAGES))
+def _messages(system: System) -> CheckResult:
+    found = probe_imports(system, *(f"{name}.msg" for name in _MESSAGES))
     missing = [name for name in _MESSAGES if "error" in found[f"{name}.msg"]]
     there = [name for name in _MESSAGES if name not in missing]
-    return Check(
+    return CheckResult(
         topic=TOPIC,
         name="messages",
         status="warn" if missing else "ok",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 
-from r2bspec.doctor.checkup import Check, Status, System
+from r2bspec.doctor.checkup import CheckResult, Status, System
 from r2bspec.execute.processes.environment import segment_bytes
 from r2bspec.measure.units import show
 
@@ -14,16 +14,16 @@ _PARTICIPANTS = 4
 """Player, monitor and two nodes: each has a segment of its own."""
 
 _SIZES = (("1280x720 rgb8", 1280 * 720 * 3), ("1920x1200 rgb8", 1920 * 1200 * 3))
-_LEAST_BYTES = _PARTICIPANTS * segment_bytes(0)
+_MIN_FREE_BYTES = _PARTICIPANTS * segment_bytes(0)
 
 
-def check_shared_memory(system: System) -> list[Check]:
+def check_shared_memory(system: System) -> list[CheckResult]:
     """How much is free, and how many processes that exchange images it holds."""
     try:
         usage = shutil.disk_usage(system.shared_memory)
     except OSError as error:
         return [
-            Check(
+            CheckResult(
                 topic=TOPIC,
                 name="size",
                 status="problem",
@@ -34,7 +34,7 @@ def check_shared_memory(system: System) -> list[Check]:
     room = {name: usage.free // segment_bytes(size) for name, size in _SIZES}
     status = _status(usage.free, room)
     return [
-        Check(
+        CheckResult(
             topic=TOPIC,
             name="size",
             status=status,
@@ -50,7 +50,7 @@ def check_shared_memory(system: System) -> list[Check]:
 
 
 def _status(free: int, room: dict[str, int]) -> Status:
-    if free < _LEAST_BYTES:
+    if free < _MIN_FREE_BYTES:
         return "problem"
     return "ok" if min(room.values()) >= _PARTICIPANTS else "warn"
 

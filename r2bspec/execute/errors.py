@@ -49,7 +49,7 @@ class NotReadyError(RunError):
     code = "R2B640"
 
 
-class GraphDiffersError(RunError):
+class GraphMismatchError(RunError):
     """The real graph is not the one of the spec: to try again would not help.
 
     Attributes:
@@ -108,7 +108,7 @@ class UnwritableRunError(RunError):
     code = RUN_UNWRITABLE
 
 
-class EnvironmentRefusedError(RunError):
+class WorkspaceError(RunError):
     """The environment that a run should be made in is not there, or cannot be sourced."""
 
     code = "R2B657"

@@ -27,11 +27,11 @@ from typing import Final, Literal
 import msgspec
 
 from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
-from r2bspec.judge.decision import Answer, Question, decide, verdict
+from r2bspec.judge.decision import Answer, Question, decide, requirement_verdict
 from r2bspec.judge.judge_requirement import limit_of
 from r2bspec.judge.methods.share_bound import share_test
 from r2bspec.judge.outcome import outcome_of
-from r2bspec.judge.statistics.effective_sample_size import Effective
+from r2bspec.judge.statistics.effective_sample_size import EffectiveSample
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
@@ -122,7 +122,7 @@ def _judge_requirement(
             notes = (_BURSTS_UNKNOWN_NOTE,)
         elif answer.method == "observation" and answer.outcome == "pass":
             notes = (_SINGLE_VALUE_NOTE,)
-        yield msgspec.structs.replace(verdict(question, answer), notes=notes)
+        yield msgspec.structs.replace(requirement_verdict(question, answer), notes=notes)
 
 
 def _resolve_metric(
@@ -182,8 +182,8 @@ def _judge_observation(question: Question, value: float, extreme: _Extreme) -> A
     """Compare a figure as it is, as far as it shows anything."""
     holds = question.holds(value)
     text = show(value, question.info.unit)
-    lost = (extreme == "largest" and question.wants_less) or (
-        extreme == "smallest" and not question.wants_less
+    lost = (extreme == "largest" and question.is_upper_bound) or (
+        extreme == "smallest" and not question.is_upper_bound
     )
     equal = question.requirement.op in {"==", "!="} and bool(extreme)
     if holds and (lost or equal):
@@ -208,11 +208,13 @@ def _judge_drop_rate(question: Question, figures: MonitorFigures) -> Answer:
     if figures.sent is None or figures.missed is None or figures.sent < 1:
         return _inconclusive("The report does not count messages.")
     sent, missed = round(figures.sent), math.ceil(figures.missed)
-    counts = Effective(n=sent, bad=missed, bursts=missed, inflation=1.0, cause="")
+    counts = EffectiveSample(n=sent, bad=missed, bursts=missed, inflation=1.0, cause="")
     test = share_test(
-        counts, question.limit, question.confidence, lost=missed, ceiling=question.wants_less
+        counts, question.limit, question.confidence, lost=missed, ceiling=question.is_upper_bound
     )
-    towards, against = (test.upper, test.lower) if question.wants_less else (test.lower, test.upper)
+    towards, against = (
+        (test.upper, test.lower) if question.is_upper_bound else (test.lower, test.upper)
+    )
     outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
     return Answer(
         outcome=outcome,
@@ -235,7 +237,7 @@ def _judge_peak(question: Question, peak_hz: float | None) -> Answer:
         return _inconclusive("The report has no peak.")
     holds = question.holds(peak_hz)
     text = show(peak_hz, "Hz")
-    if holds == question.wants_less:
+    if holds == question.is_upper_bound:
         # Too low, although that search errs upwards; or low enough in spite of it.
         return Answer(
             outcome="pass" if holds else "fail",

@@ -15,16 +15,16 @@ from pathlib import Path
 
 SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the place is fixed by POSIX shared memory
 _PROC = Path("/proc")
-_LOCKS = ("_el", "_sl")
-_FILES = ("fastrtps_*", "fastdds_*", "sem.fastrtps_*", "sem.fastdds_*")
+_LOCK_SUFFIXES = ("_el", "_sl")
+_FILE_PATTERNS = ("fastrtps_*", "fastdds_*", "sem.fastrtps_*", "sem.fastdds_*")
 
 
-def segments(memory: Path = SHARED_MEMORY) -> list[str]:
+def shm_files(memory: Path = SHARED_MEMORY) -> list[str]:
     """The names of the middleware's files in shared memory, whoever owns them."""
-    return sorted(each.name for pattern in _FILES for each in memory.glob(pattern))
+    return sorted(each.name for pattern in _FILE_PATTERNS for each in memory.glob(pattern))
 
 
-def dead_segments(
+def dead_shm_files(
     memory: Path = SHARED_MEMORY, proc: Path = _PROC, since_s: float = 0.0
 ) -> list[str]:
     """The names of this user's segments that nobody uses; nothing is changed.
@@ -38,13 +38,13 @@ def dead_segments(
     names = {each.name.removesuffix("_el") for each in memory.glob("fast*")}
     mapped: set[str] | None = None
     dead = []
-    for name in sorted(each for each in names if not each.endswith(_LOCKS)):
+    for name in sorted(each for each in names if not each.endswith(_LOCK_SUFFIXES)):
         lock = _lock(memory, name)
         with contextlib.suppress(OSError):
             if lock.exists():
-                free = _ours(lock, since_s) and _is_free(lock)
-            elif _ours(memory / name, since_s):
-                mapped = _mapped(memory, proc) if mapped is None else mapped
+                free = _is_ours(lock, since_s) and _is_free(lock)
+            elif _is_ours(memory / name, since_s):
+                mapped = _mapped_names(memory, proc) if mapped is None else mapped
                 free = name not in mapped
             else:
                 free = False
@@ -53,12 +53,12 @@ def dead_segments(
     return dead
 
 
-def remove_dead_segments(
+def remove_dead_shm_files(
     memory: Path = SHARED_MEMORY, proc: Path = _PROC, since_s: float = 0.0
 ) -> list[str]:
-    """Remove the segments that `dead_segments` finds; returns their names."""
+    """Remove the segments that `dead_shm_files` finds; returns their names."""
     removed = []
-    for name in dead_segments(memory, proc, since_s):
+    for name in dead_shm_files(memory, proc, since_s):
         with contextlib.suppress(OSError), contextlib.ExitStack() as held:
             if _lock(memory, name).exists():
                 # Held until all is gone, so that nobody takes up what is being removed.
@@ -74,7 +74,7 @@ def _lock(memory: Path, name: str) -> Path:
     return memory / f"{name}_el"
 
 
-def _ours(file: Path, since_s: float) -> bool:
+def _is_ours(file: Path, since_s: float) -> bool:
     status = file.stat()
     return status.st_uid == os.getuid() and status.st_mtime >= since_s
 
@@ -89,7 +89,7 @@ def _is_free(lock: Path) -> bool:
     return True
 
 
-def _mapped(memory: Path, proc: Path) -> set[str]:
+def _mapped_names(memory: Path, proc: Path) -> set[str]:
     """The names of segments that some process maps."""
     found: set[str] = set()
     # A line that goes on with "(deleted)" is about an earlier segment of that name.

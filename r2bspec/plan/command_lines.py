@@ -26,7 +26,7 @@ HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
 
 INCLUDED_LAUNCH = "$(included_launch)"
 
-CONTAINERS = "rclcpp_components"
+CONTAINER_PACKAGE = "rclcpp_components"
 """The package of the component containers."""
 
 
@@ -41,7 +41,7 @@ def container_argv(name: str, container: Container, namespace: str) -> tuple[str
     Only ``component_container_mt`` takes a number of threads; ``component_container_isolated``
     gives each component an executor of its own, of several threads if asked to.
     """
-    words = [f"$(executable {CONTAINERS} {container.executable})"]
+    words = [f"$(executable {CONTAINER_PACKAGE} {container.executable})"]
     isolated = container.executable == "component_container_isolated"
     if isolated and container.executor == "multi_threaded":
         words.append("--use_multi_threaded_executor")
@@ -51,7 +51,7 @@ def container_argv(name: str, container: Container, namespace: str) -> tuple[str
     return tuple(words)
 
 
-def container_node(argv: Iterable[str]) -> str:
+def container_node_name(argv: Iterable[str]) -> str:
     """The full name of the node of a container that is started so."""
     rules = dict(word.split(":=", 1) for word in argv if word.startswith(("__node:=", "__ns:=")))
     return f"{rules['__ns'].rstrip('/')}/{rules['__node']}"
@@ -81,7 +81,7 @@ def _command(wired: NodeWiring) -> tuple[str, ...]:
     return (*called, *_ros_arguments(wired, node.parameters), *files)
 
 
-def _launch(wired: NodeWiring) -> tuple[str, ...]:
+def _launch_argv(wired: NodeWiring) -> tuple[str, ...]:
     node = wired.node
     launch = node.launch or Launch()
     place = (
@@ -104,7 +104,7 @@ _ARGV: Mapping[NodeKindName, Callable[[NodeWiring], tuple[str, ...]]] = {
     "plugin": _component,
     "executable": _executable,
     "command": _command,
-    "launch": _launch,
+    "launch": _launch_argv,
 }
 """How the process of each kind of node is started; what runs already has none."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.measure.distribution_parts import PARTS, Distribution, part_value
+from r2bspec.measure.distribution_parts import DISTRIBUTION_PARTS, Distribution, part_value
 from r2bspec.measure.metrics import MonitorMetrics, SegmentMetrics, UseMetrics
 
 _COUNTS = (
@@ -36,7 +36,7 @@ class Row:
     value: float
 
 
-def rows(result: Result) -> Iterator[Row]:
+def result_rows(result: Result) -> Iterator[Row]:
     """All numbers: by rate; pooled first, then by iteration; the peak and ratios last."""
     for rate in result.metrics.rates:
         for number, segment in (
@@ -100,7 +100,7 @@ def _monitor(seen: MonitorMetrics) -> Iterator[tuple[str, str, float | None]]:
 
 
 def _distribution(family: str, times: Distribution) -> Iterator[tuple[str, str, float | None]]:
-    for part in PARTS:
+    for part in DISTRIBUTION_PARTS:
         yield f"{family}.{part}", "s", part_value(times, part)
 
 

@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.execute.processes.environment import inherited
+from r2bspec.execute.processes.environment import inherited_environment
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 
@@ -145,7 +145,7 @@ def test_every_process_has_the_environment_that_the_plan_states_and_no_more(
     looked: Looked,
 ) -> None:
     planned = processes(looked)
-    kept = inherited(dict.fromkeys(os.environ | SECRETS | NAMED, ""), NAMED)
+    kept = inherited_environment(dict.fromkeys(os.environ | SECRETS | NAMED, ""), NAMED)
     for name, seen in looked.seen.items():
         changes = planned[name].get("env", {})
         harness = MEMORY if planned[name]["role"] in {"player", "monitor"} else set()

@@ -66,7 +66,7 @@ def test_a_failure_is_confirmed_by_a_fresh_batch_in_fresh_processes(bench: Bench
     # What else happened on the machine stands beside every iteration, and cost none of them.
     (rate,) = done.result()["metrics"]["rates"]
     assert all(each["surroundings"]["seconds"] > 0 for each in rate["iterations"])
-    assert done.run().surroundings().size > 2
+    assert done.run().interference().size > 2
 
 
 def test_what_a_time_budget_does_not_allow_is_left_out_and_told(bench: Bench) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.measure.resource_usage import CONTROLLER, MACHINE
+from r2bspec.measure.resource_usage import CONTROLLER_INDEX, MACHINE_INDEX
 from r2bspec.record.run_record import SearchRecord, Segment
 from ros_runs import HEIGHT, IMAGE, WIDTH, Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
@@ -165,7 +165,7 @@ def test_messages_arrive_as_large_as_they_were_sent(done: Finished) -> None:
 
 def test_every_process_was_sampled_while_it_ran(done: Finished) -> None:
     rows = done.run().resources()
-    assert set(rows["process"]) == {CONTROLLER, MACHINE, 0, 1, 2}
+    assert set(rows["process"]) == {CONTROLLER_INDEX, MACHINE_INDEX, 0, 1, 2}
     for number in range(3):
         used = rows[rows["process"] == number]["cpu_s"]
         assert np.all(np.diff(used) >= 0)

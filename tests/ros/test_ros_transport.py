@@ -51,7 +51,7 @@ def seen(tmp_path: Path, transport: Any) -> str:
         )
         done = subprocess.run(
             [sys.executable, "-c", LOOK],
-            env=environment.of_node({}),
+            env=environment.for_node({}),
             capture_output=True,
             text=True,
             timeout=HANG_S,

@@ -14,7 +14,7 @@ from r2bspec.check.rule_api import (
     known_metrics,
     quote,
 )
-from r2bspec.measure.metric_catalogue import known_live
+from r2bspec.measure.metric_catalogue import available_live
 from r2bspec.plan.compile_plan import has_own_rate
 
 _PROBE_STATISTICS = ("search", "sequential")
@@ -52,7 +52,7 @@ def _problem(context: Context, each: KnownMetric) -> tuple[str, str] | None:
         )
     if mode != "live":
         return None
-    if not known_live(each.info):
+    if not available_live(each.info):
         return (
             f"nobody knows {name} of a live graph: what its source sends is not seen",
             "require something of what arrives: throughput, interval, jitter, received, latency",

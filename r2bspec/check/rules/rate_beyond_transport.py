@@ -14,7 +14,7 @@ from r2bspec.check.rule_api import (
 )
 from r2bspec.language.located_tree import ListNode
 from r2bspec.plan.compile_plan import has_own_rate
-from r2bspec.plan.topic_plans import straight_from
+from r2bspec.plan.topic_plans import direct_bag_topic
 from r2bspec.wiring.build_wiring import harness_topic
 
 _CAPACITY_BYTES_PER_S = {"udp": 250e6, "shared_memory": 3e9}
@@ -59,7 +59,7 @@ def _find(context: Context) -> Iterator[Finding]:
 def _is_played_unchanged(context: Context, bag_topic: str) -> bool:
     """Whether messages are played as large as they were recorded."""
     return any(
-        straight_from(
+        direct_bag_topic(
             harness_topic(each.source, context.wiring.namespace), context.spec, context.wiring
         )
         == bag_topic

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from r2bspec.check.message_types import begins_with_header
 from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example, quote
-from r2bspec.plan.topic_plans import straight_from
+from r2bspec.plan.topic_plans import direct_bag_topic
 from r2bspec.wiring.build_wiring import harness_topic
 
 
@@ -14,7 +14,7 @@ def _find(context: Context) -> Iterator[Finding]:
         return
     for name, each in playback.inputs.items():
         source = harness_topic(each.source, context.wiring.namespace)
-        made = not straight_from(source, context.spec, context.wiring)
+        made = not direct_bag_topic(source, context.spec, context.wiring)
         if made and begins_with_header(each.format) is False:
             yield Finding(
                 message=f"{quote(name)} has no times: {each.format} has no header, and its "

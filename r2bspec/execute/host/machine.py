@@ -13,7 +13,7 @@ import psutil
 
 from r2bspec._version import __version__
 
-_DISTRIBUTIONS = ("rclpy", "fastrtps", "rmw-fastrtps-cpp", "numpy", "opencv-python-headless")
+_RECORDED_PACKAGES = ("rclpy", "fastrtps", "rmw-fastrtps-cpp", "numpy", "opencv-python-headless")
 
 
 def describe_machine() -> dict[str, Any]:
@@ -44,7 +44,7 @@ def describe_machine() -> dict[str, Any]:
 def describe_versions() -> dict[str, str]:
     """Versions of r2bspec, Python, and the ROS packages that are installed."""
     versions = {"r2bspec": __version__, "python": platform.python_version()}
-    for name in _DISTRIBUTIONS:
+    for name in _RECORDED_PACKAGES:
         for candidate in (f"ros-jazzy-{name}", f"ros-{name}", name):
             try:
                 versions[name] = importlib.metadata.version(candidate)

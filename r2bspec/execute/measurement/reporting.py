@@ -10,7 +10,7 @@ from r2bspec.execute.progress import Progress
 
 
 @dataclass(frozen=True)
-class Reporting:
+class RunReporter:
     """Whom a batch tells what it does: of a phase its name and a text, notes, and segments.
 
     `resources` samples; it is told when.

@@ -9,21 +9,21 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from r2bspec.execute.diagnosis.stopped_outputs import fell_silent
+from r2bspec.execute.diagnosis.stopped_outputs import output_stopped
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.host.resource_sampler import ResourceSampler
-from r2bspec.execute.measurement.progress_view import LiveView
-from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.execute.measurement.progress_view import ProgressView
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.progress import Progress
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import RowReader
-from r2bspec.ipc.schedule import Cyclic, Schedule
-from r2bspec.ipc.stall_log import HeldReader
-from r2bspec.measure.expected_steps import asked_of
+from r2bspec.ipc.schedule import CyclicSchedule, Schedule
+from r2bspec.ipc.stall_log import StallLogReader
+from r2bspec.measure.expected_steps import select_expected_steps
 from r2bspec.measure.matching import Matching, match, ratio_of
 from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
 from r2bspec.plan.plan import InputPlan, MonitorPlan
-from r2bspec.plan.taps import tap_watches
+from r2bspec.plan.taps import tap_monitors
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind
 from r2bspec.record.sample_arrays import Rows
@@ -31,17 +31,17 @@ from r2bspec.record.sample_arrays import Rows
 PLAYBACK_ROWS = "playback"
 """The player's sample file; those of the monitors end in ``.rows``."""
 
-_WATCH_S = 0.25
-_QUIET_LEAST_S = 0.3
-_QUIET_MOST_S = 3.0
-_DRAIN_MOST_S = 60.0
+_CHECK_INTERVAL_S = 0.25
+_MIN_QUIET_S = 0.3
+_MAX_QUIET_S = 3.0
+_MAX_DRAIN_S = 60.0
 _PLAYER_SLACK_S = 30.0
 
-Watch = Callable[["Observed", float], bool]
+StopCondition = Callable[["SegmentObservation", float], bool]
 """Called every quarter second with what is there so far and the seconds played; True stops."""
 
 
-class Observed:
+class SegmentObservation:
     """The samples of one segment, all there is at the moment they were read."""
 
     def __init__(
@@ -63,7 +63,7 @@ class Observed:
         """How the messages of a monitor answer the steps of the playback."""
         plan = self._plan(name)
         ratio = ratio_of(plan, self.played_before)
-        return match(self.asked(name), self.monitors[name], plan.match, ratio)
+        return match(self.steps_for(name), self.monitors[name], plan.match, ratio)
 
     def samples(self, segment: Segment) -> SegmentSamples:
         """The samples as metrics need them, without those of processes."""
@@ -71,35 +71,35 @@ class Observed:
             segment=segment,
             playback=playback_samples(self.playback),
             monitors={
-                name: monitor_samples(segment, self.asked(name), rows, self._plan(name))
+                name: monitor_samples(segment, self.steps_for(name), rows, self._plan(name))
                 for name, rows in self.monitors.items()
             },
             processes={},
             machine=None,
         )
 
-    def asked(self, name: str) -> Rows:
+    def steps_for(self, name: str) -> Rows:
         """The steps that count for a monitor."""
-        return asked_of(self.playback, self._inputs, self._plan(name))
+        return select_expected_steps(self.playback, self._inputs, self._plan(name))
 
     def _plan(self, name: str) -> MonitorPlan:
         return next(plan for plan in self._plans if plan.name == name)
 
 
-class Stage:
+class SegmentPlayer:
     """The player, the monitors and their sample files: everything that playing needs.
 
     A stage without a player can only be watched (`r2bspec.execute.measurement.live_mode`).
 
     Attributes:
         segments: what has been played.
-        on_silence: is called once for each monitor whose output stops, after the segment.
+        on_output_stopped: is called once for each monitor whose output stops, after the segment.
     """
 
     def __init__(
         self,
-        children: Children,
-        player: Child | None,
+        supervisor: ProcessSupervisor,
+        player: ManagedProcess | None,
         monitors: tuple[MonitorPlan, ...],
         rows_dir: Path,
         folder: RunFolder,
@@ -111,29 +111,29 @@ class Stage:
         inputs: tuple[InputPlan, ...] = (),
         confirms: bool = False,
     ) -> None:
-        self._schedule = schedule or Cyclic(steps=())
+        self._schedule = schedule or CyclicSchedule(steps=())
         self._inputs = inputs
         self._confirms = confirms
         self._resources = resources
         self._on_segment = on_segment
-        self._children = children
+        self._supervisor = supervisor
         self._player = player
         self._plans = monitors
         self._playback = RowReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
-        self._held = HeldReader(rows_dir)
+        self._stall_log = StallLogReader(rows_dir)
         self._monitors = {
             plan.name: RowReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
             for plan in monitors
         }
         self._taps = {
             tap.topic: RowReader(rows_dir / f"{tap.name}.rows", MONITOR_FIELDS)
-            for tap in tap_watches(monitors)
+            for tap in tap_monitors(monitors)
         }
         # What was played by now, nobody has seen: the graph was not there.
-        self._begun = self._playback.count()
-        self._read: dict[str, int] = {}
-        self._silent: set[str] = set()
-        self.on_silence: Callable[[Segment, MonitorPlan], None] = lambda _, __: None
+        self._initial_count = self._playback.count()
+        self._next_rows: dict[str, int] = {}
+        self._stopped_outputs: set[str] = set()
+        self.on_output_stopped: Callable[[Segment, MonitorPlan], None] = lambda _, __: None
         self._folder = folder
         self._progress = progress
         self.segments: list[Segment] = []
@@ -147,9 +147,9 @@ class Stage:
         *,
         title: str,
         index: int = 1,
-        watch: Watch | None = None,
+        stop_condition: StopCondition | None = None,
         rerun_of: str = "",
-    ) -> Observed:
+    ) -> SegmentObservation:
         """Play a segment and record it; one that ends with an exception is kept as incomplete.
 
         `rerun_of` is the id of the segment in whose place it is played. On the stage of a batch
@@ -161,24 +161,24 @@ class Stage:
         Raises:
             RunError: the player does not answer, or a process died or failed.
         """
-        kind, segment_id = self._kind_of(kind), self.id_of(segment_id)
+        kind, segment_id = self._kind_of(kind), self.segment_id_for(segment_id)
         self._progress.segment(title, steps)
-        first = self._unread()
+        first = self._first_rows()
         complete = False
         try:
-            played = self._play(rate_hz, steps, first, watch)
+            played = self._play(rate_hz, steps, first, stop_condition)
             self._drain(first, played)
             complete = True
         finally:
-            observed = self._observed(first)
-            self._write(
-                kind, segment_id, rate_hz, steps, index, first, observed, complete, rerun_of
+            observation = self._observe(first)
+            self._write_segment(
+                kind, segment_id, rate_hz, steps, index, first, observation, complete, rerun_of
             )
-        self._look_for_silence(kind, observed)
-        return observed
+        self._detect_stopped_outputs(kind, observation)
+        return observation
 
-    def play_aside(self, rate_hz: float, steps: int) -> None:
-        """Play what belongs to no segment; `skip` what comes of it.
+    def play_unrecorded(self, rate_hz: float, steps: int) -> None:
+        """Play what belongs to no segment; `discard_new_rows` what comes of it.
 
         Raises:
             RunError: the player does not answer, or a process died or failed.
@@ -187,21 +187,25 @@ class Stage:
             raise RunError("nothing is played in this run")
         timeout_s = self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         command = protocol.Play(rate_hz=rate_hz, steps=steps)
-        self._children.ask(self._player, command, protocol.Played, timeout_s)
+        self._supervisor.request(self._player, command, protocol.Played, timeout_s)
 
-    def skip(self) -> None:
+    def discard_new_rows(self) -> None:
         """Leave out what has arrived since the last segment."""
-        self._read = self._counts() | {name: rows.count() for name, rows in self._taps.items()}
+        self._next_rows = self._counts() | {name: rows.count() for name, rows in self._taps.items()}
 
-    def _look_for_silence(self, kind: SegmentKind, observed: Observed) -> None:
+    def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
         """Tell of outputs that have stopped, each once."""
         for plan in self._plans:
-            if kind == "warm_up" or plan.name in self._silent or not observed.playback.size:
+            if (
+                kind == "warm_up"
+                or plan.name in self._stopped_outputs
+                or not observation.playback.size
+            ):
                 continue
-            seen, matched = observed.monitors[plan.name], observed.matching(plan.name)
-            if fell_silent(observed.asked(plan.name), seen, matched):
-                self._silent.add(plan.name)
-                self.on_silence(self.segments[-1], plan)
+            seen, matched = observation.monitors[plan.name], observation.matching(plan.name)
+            if output_stopped(observation.steps_for(plan.name), seen, matched):
+                self._stopped_outputs.add(plan.name)
+                self.on_output_stopped(self.segments[-1], plan)
 
     def play_for(
         self,
@@ -212,16 +216,16 @@ class Stage:
         *,
         title: str,
         index: int = 1,
-        least_steps: int = 2,
+        min_steps: int = 2,
         rerun_of: str = "",
-    ) -> Observed:
-        """Play a segment of a length in time, but of no fewer than `least_steps`; see `play`."""
-        steps = max(least_steps, self._schedule.steps_within(rate_hz, duration_ns))
+    ) -> SegmentObservation:
+        """Play a segment of a length in time, but of no fewer than `min_steps`; see `play`."""
+        steps = max(min_steps, self._schedule.steps_within(rate_hz, duration_ns))
         return self.play(
             kind, segment_id, rate_hz, steps, title=title, index=index, rerun_of=rerun_of
         )
 
-    def id_of(self, name: str) -> str:
+    def segment_id_for(self, name: str) -> str:
         """The id of a segment that is played under a name, apart from those of another batch."""
         return f"confirm-{name}" if self._confirms else name
 
@@ -235,35 +239,41 @@ class Stage:
     def _counts(self) -> dict[str, int]:
         return self.received() | {"": self._playback.count()}
 
-    def _unread(self) -> dict[str, int]:
+    def _first_rows(self) -> dict[str, int]:
         """The first row of each file that belongs to no segment yet.
 
         What arrived since the end of the last segment is kept with the next one.
         """
-        return {name: self._read.get(name, 0) for name in (*self._monitors, *self._taps)} | {
+        return {name: self._next_rows.get(name, 0) for name in (*self._monitors, *self._taps)} | {
             "": self._playback.count()
         }
 
-    def _observed(self, first: dict[str, int]) -> Observed:
+    def _observe(self, first: dict[str, int]) -> SegmentObservation:
         # Monitors first: a step that is in the monitors' rows must be in the player's.
         monitors = {name: rows.read(first[name]) for name, rows in self._monitors.items()}
-        before = first[""] - self._begun
+        before = first[""] - self._initial_count
         played = self._playback.read(first[""])
-        return Observed(played, monitors, self._plans, self._inputs, before)
+        return SegmentObservation(played, monitors, self._plans, self._inputs, before)
 
-    def _play(self, rate_hz: float, steps: int, first: dict[str, int], watch: Watch | None) -> int:
+    def _play(
+        self,
+        rate_hz: float,
+        steps: int,
+        first: dict[str, int],
+        stop_condition: StopCondition | None,
+    ) -> int:
         if self._player is None:
             raise RunError("nothing is played in this run")
         begin = time.monotonic()
         deadline = begin + self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
-        next_watch = begin + _WATCH_S
+        next_check = begin + _CHECK_INTERVAL_S
         stopping = False
         live = self._live(first)
         self._player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
         # While the player waits for the first due time: what was used before then is not counted.
         self._resources.sample_at(time.monotonic_ns())
         while True:
-            self._children.pump()
+            self._supervisor.pump()
             while self._player.inbox:
                 message = self._player.inbox.popleft()
                 if isinstance(message, protocol.Played):
@@ -277,19 +287,23 @@ class Stage:
                     hint="The machine may be overloaded, or a publication blocks.",
                     code="R2B645",
                 )
-            if now >= next_watch:
-                next_watch = now + _WATCH_S
+            if now >= next_check:
+                next_check = now + _CHECK_INTERVAL_S
                 self._progress.playing(live)
-                if watch and not stopping and watch(self._observed(first), now - begin):
+                if (
+                    stop_condition
+                    and not stopping
+                    and stop_condition(self._observe(first), now - begin)
+                ):
                     self._player.send(protocol.Stop())
                     stopping = True
 
-    def _live(self, first: dict[str, int]) -> LiveView:
+    def _live(self, first: dict[str, int]) -> ProgressView:
         monitors = {plan.name: (plan, self._monitors[plan.name]) for plan in self._plans}
-        return LiveView(self._playback, monitors, first, self._cores)
+        return ProgressView(self._playback, monitors, first, self._cores)
 
     def _cores(self) -> dict[str, float]:
-        known = {each.name: self._resources.cores(each.pid) for each in self._children}
+        known = {each.name: self._resources.cores(each.pid) for each in self._supervisor}
         return {name: cores for name, cores in known.items() if cores is not None}
 
     def _sample_at_end(self, first: dict[str, int], steps: int, rate_hz: float) -> None:
@@ -303,7 +317,7 @@ class Stage:
         """Wait until every step is answered, or nothing has come for longer than it ever took."""
         last_counts: dict[str, int] = {}
         changed = time.monotonic()
-        deadline = changed + _DRAIN_MOST_S
+        deadline = changed + _MAX_DRAIN_S
         longest_pause_s = 0.0
         while time.monotonic() < deadline:
             counts = self._counts()
@@ -314,25 +328,25 @@ class Stage:
                 if last_counts:
                     longest_pause_s = max(longest_pause_s, now - changed)
                 last_counts, changed = counts, now
-            quiet_s = min(max(_QUIET_LEAST_S, 5 * longest_pause_s), _QUIET_MOST_S)
+            quiet_s = min(max(_MIN_QUIET_S, 5 * longest_pause_s), _MAX_QUIET_S)
             if now - changed > quiet_s:
                 return
-            self._children.pump(0.01)
+            self._supervisor.pump(0.01)
 
     def _all_answered(self, first: dict[str, int], counts: dict[str, int], played: int) -> bool:
         """Whether each step has its answer and nothing more is to be expected.
 
         As many messages as steps do not suffice: where some are answered twice, others still wait.
         """
-        for plan in self._plans if isinstance(self._schedule, Cyclic) else ():
+        for plan in self._plans if isinstance(self._schedule, CyclicSchedule) else ():
             # A step may lead to several messages, or to none by itself. In a timeline not every
             # monitor is asked about every step.
             if (counts[plan.name] - first[plan.name] + 1) * plan.ratio_inputs <= played:
                 return False
-        observed = self._observed(first)
-        return not any(observed.matching(name).missed for name in self._monitors)
+        observation = self._observe(first)
+        return not any(observation.matching(name).missed for name in self._monitors)
 
-    def _write(
+    def _write_segment(
         self,
         kind: SegmentKind,
         segment_id: str,
@@ -340,15 +354,15 @@ class Stage:
         steps: int,
         index: int,
         first: dict[str, int],
-        observed: Observed,
+        observation: SegmentObservation,
         complete: bool,
         rerun_of: str,
     ) -> None:
-        playback = observed.playback
+        playback = observation.playback
         if not playback.size:
             return
         began_ns = int(playback["due_ns"][0])
-        self._keep(
+        self._write_samples(
             Segment(
                 id=segment_id,
                 kind=kind,
@@ -358,23 +372,25 @@ class Stage:
                 began_ns=began_ns,
                 ended_ns=began_ns + self._schedule.span_ns(rate_hz, playback.size),
                 complete=complete,
-                played_before=observed.played_before,
+                played_before=observation.played_before,
                 rerun_of=rerun_of,
-                monitor_held_ns=self._held.between(began_ns, time.monotonic_ns()),
+                monitor_held_ns=self._stall_log.between(began_ns, time.monotonic_ns()),
             ),
-            observed,
+            observation,
             first,
         )
 
-    def _keep(self, segment: Segment, observed: Observed, first: dict[str, int]) -> None:
+    def _write_samples(
+        self, segment: Segment, observation: SegmentObservation, first: dict[str, int]
+    ) -> None:
         """Write a segment and its samples."""
-        self._folder.write_playback(segment.id, observed.playback)
-        for name, rows in observed.monitors.items():
+        self._folder.write_playback(segment.id, observation.playback)
+        for name, rows in observation.monitors.items():
             self._folder.write_monitor(segment.id, name, rows)
-            self._read[name] = first[name] + rows.size
+            self._next_rows[name] = first[name] + rows.size
         for topic, reader in self._taps.items():
             rows = reader.read(first[topic])
             self._folder.write_tap(segment.id, topic, rows)
-            self._read[topic] = first[topic] + rows.size
+            self._next_rows[topic] = first[topic] + rows.size
         self.segments.append(segment)
         self._on_segment()

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.plan.plan import Plan
 
-_INHERITED = (
+_INHERITED_PATTERNS = (
     *("PATH", "HOME", "USER", "LOGNAME", "SHELL", "LANG", "LC_*", "TZ", "TMPDIR", "TERM"),
     *("PYTHON*", "VIRTUAL_ENV", "CONDA_PREFIX", "LD_LIBRARY_PATH", "LD_PRELOAD", "XDG_*"),
     *("ROS_*", "_ROS_*", "AMENT_*", "COLCON_*", "CMAKE_PREFIX_PATH", "RMW_*", "RCUTILS_*", "RCL_*"),
@@ -40,8 +40,8 @@ _SEGMENT_MESSAGES = 24
 """How many of the largest message a shared-memory segment holds: a writer's queue of ten, the
 same again on its way through readers, and room for small ones."""
 
-_SEGMENT_MINIMUM = 8 << 20
-_SEGMENT_MAXIMUM = 4095 << 20
+_MIN_SEGMENT_BYTES = 8 << 20
+_MAX_SEGMENT_BYTES = 4095 << 20
 """The middleware keeps the size in 32 bits."""
 
 # Processes that miss each other's first announcements meet at the next ones. By default there are
@@ -82,7 +82,7 @@ SOCKET_BUFFER_BYTES = 16 << 20
 burst, and the kernel counts more than their bytes. It grants no more than net.core.rmem_max and
 wmem_max; with 4 MiB a twentieth of those fragments was lost and sent again."""
 
-_PARTICIPANTS = 64
+_MAX_PARTICIPANTS = 64
 """How many processes of a domain find each other without multicast; each is asked by its port."""
 
 _UDP = f"""\
@@ -91,7 +91,7 @@ _UDP = f"""\
         <type>UDPv4</type>
         <sendBufferSize>{SOCKET_BUFFER_BYTES}</sendBufferSize>
         <receiveBufferSize>{SOCKET_BUFFER_BYTES}</receiveBufferSize>
-        <maxInitialPeersRange>{_PARTICIPANTS}</maxInitialPeersRange>
+        <maxInitialPeersRange>{_MAX_PARTICIPANTS}</maxInitialPeersRange>
         <interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>
       </transport_descriptor>"""
 
@@ -104,9 +104,9 @@ _SHARED_MEMORY = """\
       </transport_descriptor>"""
 
 
-def inherited(environ: Mapping[str, str], named: Iterable[str]) -> dict[str, str]:
+def inherited_environment(environ: Mapping[str, str], named: Iterable[str]) -> dict[str, str]:
     """The part of an environment that processes of a run get."""
-    patterns = (*_INHERITED, *named)
+    patterns = (*_INHERITED_PATTERNS, *named)
     return {
         name: value
         for name, value in environ.items()
@@ -117,7 +117,7 @@ def inherited(environ: Mapping[str, str], named: Iterable[str]) -> dict[str, str
 def segment_bytes(largest_message_bytes: int) -> int:
     """The size of a shared-memory segment for messages up to this size, in bytes."""
     wanted = _SEGMENT_MESSAGES * (largest_message_bytes + 4096)
-    return min(max(_SEGMENT_MINIMUM, wanted), _SEGMENT_MAXIMUM)
+    return min(max(_MIN_SEGMENT_BYTES, wanted), _MAX_SEGMENT_BYTES)
 
 
 def transport_profile(transport: str, largest_message_bytes: int, segment: int = 0) -> str:
@@ -142,7 +142,7 @@ def transport_profile(transport: str, largest_message_bytes: int, segment: int =
     )
 
 
-def speaks_fast_dds(environ: Mapping[str, str]) -> bool:
+def uses_fast_dds(environ: Mapping[str, str]) -> bool:
     """Whether the middleware is Fast DDS, which is all that profiles and segments mean anything to.
 
     It is where nothing else is named.
@@ -168,7 +168,7 @@ class RunEnvironment:
         largest_message_bytes: int,
         ros_logs: Path | None = None,
     ) -> None:
-        self._common = inherited(os.environ, plan.environment)
+        self._common = inherited_environment(os.environ, plan.environment)
         if path := self._common.get("PYTHONPATH"):
             # Processes run in the folder of the spec; the user means where they are themselves.
             folders = map(os.path.abspath, path.split(os.pathsep))
@@ -183,7 +183,7 @@ class RunEnvironment:
         }
         self._common.pop("ROS_LOCALHOST_ONLY", None)
         self.segment_bytes = 0
-        if plan.transport == "shared_memory" and speaks_fast_dds(self._common):
+        if plan.transport == "shared_memory" and uses_fast_dds(self._common):
             self.segment_bytes = plan.segment_bytes or segment_bytes(largest_message_bytes)
         if plan.transport != "inherit":
             profile = scratch / "transport.xml"
@@ -197,10 +197,10 @@ class RunEnvironment:
             self._common["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
             self._common["FASTDDS_DEFAULT_PROFILES_FILE"] = str(profile)
 
-    def of_harness(self, changes: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
+    def for_harness(self, changes: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
         """The environment of loader, player and monitor, with that of nodes beside them."""
         return self._common | _HARNESS_ALLOCATOR | dict(changes)
 
-    def of_node(self, changes: Mapping[str, str]) -> dict[str, str]:
+    def for_node(self, changes: Mapping[str, str]) -> dict[str, str]:
         """The environment of a process that runs nodes: nothing but what the plan states."""
         return self._common | dict(changes)

@@ -15,16 +15,16 @@ from r2bspec.measure.units import show
 from r2bspec.middleware.shm_files import SHARED_MEMORY
 from r2bspec.plan.plan import Plan
 
-_PORTS_BYTES = 1 << 20
+_PROCESS_OVERHEAD_BYTES = 1 << 20
 """What a process takes beside its segment: ports, discovery, locks. 0.7 MB were seen."""
 
 
-def wanted_bytes(processes: int, segment_bytes: int) -> int:
+def required_bytes(processes: int, segment_bytes: int) -> int:
     """How much shared memory processes take when they start, each with a segment of this size."""
-    return processes * (segment_bytes + _PORTS_BYTES)
+    return processes * (segment_bytes + _PROCESS_OVERHEAD_BYTES)
 
 
-def refuse_too_little_room(
+def require_free_shared_memory(
     plan: Plan, phase: str, segment_bytes: int, folder: Path = SHARED_MEMORY
 ) -> None:
     """See that the processes of a phase find the shared memory that they are told to use.
@@ -50,18 +50,20 @@ def refuse_too_little_room(
             hint="Mount a tmpfs there, or state transport: udp.",
         ) from error
     processes = sum(each.phase == phase for each in plan.processes)
-    wanted = wanted_bytes(processes, segment_bytes)
+    wanted = required_bytes(processes, segment_bytes)
     if free < wanted:
         raise SharedMemoryError(
             f"{folder} has {show(free, 'B')} free; the {processes} processes of the {phase} phase "
             f"need {show(wanted, 'B')}, a segment of {show(segment_bytes, 'B')} each",
-            hint=f"Make it larger (in a container: --shm-size={_rounded(wanted)}m; else: mount -o "
-            f"remount,size={_rounded(wanted)}m {folder}), or state transport: udp, or smaller "
+            hint="Make it larger (in a container: "
+            f"--shm-size={_suggested_mib(wanted)}m; else: mount -o "
+            f"remount,size={_suggested_mib(wanted)}m {folder}), or state transport: udp, "
+            "or smaller "
             "segments (transport: {kind: shared_memory, segment: ...}). 'r2bspec doctor --clean' "
             "frees what dead runs have left.",
         )
 
 
-def _rounded(count: int) -> int:
+def _suggested_mib(count: int) -> int:
     """Mebibytes with some to spare."""
     return -(-count * 5 // (4 << 20))

@@ -15,7 +15,7 @@ FORMATS = {
 }
 """Each form and whom it is for."""
 
-DOCUMENTS = frozenset({"json", "sarif", "junit"})
+DOCUMENT_FORMATS = frozenset({"json", "sarif", "junit"})
 """Forms that are one document, next to which nothing else may be printed."""
 
 

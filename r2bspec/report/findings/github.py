@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 
 from r2bspec.diagnostics import Diagnostic, Severity
 
-MOST = 10
+MAX_ANNOTATIONS = 10
 """Annotations that GitHub keeps."""
 
 _COMMANDS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "notice"}
@@ -21,9 +21,11 @@ def render(diagnostics: Iterable[Diagnostic], sources: Mapping[str, str]) -> str
     """The findings as workflow commands; the texts of `sources` are not needed."""
     del sources
     ordered = sorted(diagnostics, key=lambda found: _ORDER.index(found.severity))
-    lines = [_command(found) for found in ordered[:MOST]]
-    if len(ordered) > MOST:
-        lines.append(f"{len(ordered) - MOST} more findings are not annotated; see the log")
+    lines = [_command(found) for found in ordered[:MAX_ANNOTATIONS]]
+    if len(ordered) > MAX_ANNOTATIONS:
+        lines.append(
+            f"{len(ordered) - MAX_ANNOTATIONS} more findings are not annotated; see the log"
+        )
     return "".join(f"{line}\n" for line in lines)
 
 

@@ -9,10 +9,10 @@ from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.diagnostics.quote import printable
 from r2bspec.diagnostics.source_lines import split_lines
 
-WIDEST = 100
+MAX_WIDTH = 100
 """Characters of a source line that are shown at most."""
 
-_BEFORE = 40  # characters kept before the place in a line that is cut
+_CONTEXT_BEFORE = 40  # characters kept before the place in a line that is cut
 
 
 def excerpt(span: Span, text: str) -> tuple[str, str] | None:
@@ -35,15 +35,15 @@ def excerpt(span: Span, text: str) -> tuple[str, str] | None:
 
 
 def _window(line: str, start: int, end: int) -> tuple[str, int, int]:
-    if len(line) <= WIDEST:
+    if len(line) <= MAX_WIDTH:
         return line, start, end
-    first = min(max(start - _BEFORE, 0), len(line) - WIDEST)
-    cut = line[first : first + WIDEST]
-    if first + WIDEST < len(line):
+    first = min(max(start - _CONTEXT_BEFORE, 0), len(line) - MAX_WIDTH)
+    cut = line[first : first + MAX_WIDTH]
+    if first + MAX_WIDTH < len(line):
         cut = cut[:-1] + "…"
     if first:
         cut = "…" + cut[1:]
-    return cut, start - first, min(end - first, WIDEST)
+    return cut, start - first, min(end - first, MAX_WIDTH)
 
 
 def _width(text: str) -> int:

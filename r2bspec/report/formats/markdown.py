@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.measure.distribution_parts import (
     MAIN_PERCENTILES,
@@ -33,20 +33,20 @@ from r2bspec.report.report_wording import (
     verdict_word,
 )
 
-_MOST_ROWS = 60
+_MAX_ROWS = 60
 _LATENCIES = (*MAIN_PERCENTILES, "max")
 """Rows of a table that are shown at most."""
 
 _ORDER = ("fail", "inconclusive", "pass")
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The report: CommonMark with the tables and the folding of GitHub and GitLab."""
-    return "\n".join(_lines(reported)).encode()
+    return "\n".join(_lines(report_input)).encode()
 
 
-def _lines(reported: Reported) -> Iterator[str]:
-    result = reported.result
+def _lines(report_input: ReportInput) -> Iterator[str]:
+    result = report_input.result
     verdict = result.verdict
     yield f"### {OUTCOME_WORDS[verdict.outcome]} – {escaped(result.title or result.name)}"
     yield ""
@@ -60,7 +60,7 @@ def _lines(reported: Reported) -> Iterator[str]:
     yield from (f"> {escaped(note)}  " for note in notes(result))
     yield ""
     yield from folded("Measured", _measured(result.metrics))
-    yield from folded("Where and with what", _provenance(reported))
+    yield from folded("Where and with what", _provenance(report_input))
 
 
 def _bounds_heading(verdict: Verdict) -> str:
@@ -88,7 +88,7 @@ def _requirements(verdict: Verdict, pace: str) -> Iterator[str]:
     )
     # Of a ratio that passes, the table does not show what it is of.
     explained = [one for one in ordered if one.outcome != "pass" or one.compared is not None]
-    for one in explained[:_MOST_ROWS]:
+    for one in explained[:_MAX_ROWS]:
         yield f"- {_why(one, several=several)}"
     yield ""
 
@@ -143,8 +143,8 @@ def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
         yield from table(("offered", "from → to", *shown, "matched", "missed"), rows)
 
 
-def _provenance(reported: Reported) -> Iterator[str]:
-    result = reported.result
+def _provenance(report_input: ReportInput) -> Iterator[str]:
+    result = report_input.result
     facts = {
         "run": result.run_id,
         "started": result.started_at,
@@ -171,10 +171,10 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]
     """A table; its cells are Markdown already."""
     yield f"| {' | '.join(header)} |"
     yield f"| {' | '.join('---' for _ in header)} |"
-    yield from (f"| {' | '.join(row)} |" for row in rows[:_MOST_ROWS])
+    yield from (f"| {' | '.join(row)} |" for row in rows[:_MAX_ROWS])
     yield ""
-    if len(rows) > _MOST_ROWS:
-        yield f"{len(rows) - _MOST_ROWS} more rows are not shown."
+    if len(rows) > _MAX_ROWS:
+        yield f"{len(rows) - _MAX_ROWS} more rows are not shown."
         yield ""
 
 

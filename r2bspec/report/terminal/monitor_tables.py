@@ -17,7 +17,7 @@ from r2bspec.measure.distribution_parts import (
 )
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics, RunMetrics
 from r2bspec.measure.units import show, show_range, show_rate
-from r2bspec.report.terminal.style import QUIET, heading, table
+from r2bspec.report.terminal.style import DIM_STYLE, heading, table
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class _Column:
     unit: str
     value: Callable[[MonitorMetrics], float | None]
     spread: str = ""
-    least_width: int = 0
+    min_width: int = 0
 
 
 def _latency_column(part: str) -> _Column:
@@ -57,7 +57,7 @@ _COLUMNS = (
     _Column("received", "count", lambda seen: seen.received),
 )
 
-_PLAYED, _LIVE = ("sent", "missed"), ("received",)
+_PLAYED_COLUMNS, _LIVE_COLUMNS = ("sent", "missed"), ("received",)
 """Columns where something is played, and where nothing is: nobody knows then what was sent."""
 
 
@@ -68,7 +68,8 @@ def monitor_sections(metrics: RunMetrics, width: int) -> Iterator[RenderableType
     columns = [
         column
         for column in _COLUMNS
-        if column.least_width <= width and column.name not in (_PLAYED if live else _LIVE)
+        if column.min_width <= width
+        and column.name not in (_PLAYED_COLUMNS if live else _LIVE_COLUMNS)
     ]
     for name in names:
         yield _section(name, metrics.rates, columns)
@@ -84,8 +85,8 @@ def _section(name: str, rates: tuple[RateMetrics, ...], columns: list[_Column]) 
         )
         if len(rate.iterations) > 1:
             made.add_row(
-                Text(f"× {len(rate.iterations)}", style=QUIET),
-                *(Text(_spread(rate, name, column), style=QUIET) for column in columns),
+                Text(f"× {len(rate.iterations)}", style=DIM_STYLE),
+                *(Text(_spread(rate, name, column), style=DIM_STYLE) for column in columns),
             )
     aside = "latency; below each line, its range over the iterations"
     return Group(heading(name, aside), made)

@@ -8,7 +8,7 @@ import pytest
 
 from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Related, Severity, Span
 from r2bspec.report.findings import github, json, text
-from r2bspec.report.findings.source_excerpt import WIDEST, excerpt
+from r2bspec.report.findings.source_excerpt import MAX_WIDTH, excerpt
 
 SOURCES = {"a.yaml": "name: x\nrate: 30\n"}
 FOUND = Diagnostic(
@@ -93,7 +93,7 @@ def test_long_lines_are_cut_around_the_place(start: int) -> None:
     found = excerpt(Span("f", 1, start, 1, start + 3), line)
     assert found is not None
     shown, carets = found
-    assert len(shown) <= WIDEST
+    assert len(shown) <= MAX_WIDTH
     marked = shown[len(carets) - 3 : len(carets)]
     assert marked == line[start - 1 : start + 2]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.doctor.checkup import Check, System, worst
+from r2bspec.doctor.checkup import CheckResult, System, worst_status
 from r2bspec.doctor.dataset_disk import check_datasets
 from r2bspec.doctor.processor import check_processor
 from r2bspec.doctor.shared_memory import check_shared_memory
@@ -29,16 +29,16 @@ def tell(path: Path, text: object) -> None:
     path.write_text(f"{text}\n")
 
 
-def only(checks: list[Check], name: str) -> Check:
+def only(checks: list[CheckResult], name: str) -> CheckResult:
     return next(check for check in checks if check.name == name)
 
 
 def test_the_worst_check_is_the_status_of_the_machine() -> None:
-    checks = [Check(topic="t", name=each, status=each, found="") for each in ("ok", "warn")]
-    assert worst([]) == "ok"
-    assert worst(checks) == "warn"
-    problem = Check(topic="t", name="p", status="problem", found="")
-    assert worst([*checks, problem]) == "problem"
+    checks = [CheckResult(topic="t", name=each, status=each, found="") for each in ("ok", "warn")]
+    assert worst_status([]) == "ok"
+    assert worst_status(checks) == "warn"
+    problem = CheckResult(topic="t", name="p", status="problem", found="")
+    assert worst_status([*checks, problem]) == "problem"
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def cores(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: set(range(count)))
 
 
-def examined(system: System) -> list[Check]:
+def examined(system: System) -> list[CheckResult]:
     return check_processor(system, sleep=lambda _seconds: None)
 
 

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from r2bspec.doctor import opencv, ros_installation
-from r2bspec.doctor.checkup import Check, System
-from r2bspec.doctor.import_check import imports
+from r2bspec.doctor.checkup import CheckResult, System
+from r2bspec.doctor.import_check import probe_imports
 from r2bspec.doctor.opencv import check_vision
 from r2bspec.doctor.ros_installation import check_ros
 
@@ -34,8 +34,8 @@ def here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         def answer(_system: System, *names: str) -> dict[str, dict[str, Any]]:
             return {name: known.get(name, imported()) for name in names}
 
-        monkeypatch.setattr(ros_installation, "imports", answer)
-        monkeypatch.setattr(opencv, "imports", answer)
+        monkeypatch.setattr(ros_installation, "probe_imports", answer)
+        monkeypatch.setattr(opencv, "probe_imports", answer)
         monkeypatch.setattr(
             importlib.metadata,
             "distributions",
@@ -49,7 +49,7 @@ def rclpy(rmw: str = "rmw_fastrtps_cpp") -> dict[str, dict[str, Any]]:
     return {ros_installation._MIDDLEWARE: imported(rmw)}
 
 
-def by_name(checks: list[Check]) -> dict[str, Check]:
+def by_name(checks: list[CheckResult]) -> dict[str, CheckResult]:
     return {check.name: check for check in checks}
 
 
@@ -113,7 +113,9 @@ def test_opencv_is_wanted_but_not_needed(
 
 
 def test_a_fresh_interpreter_tells_what_it_can_import() -> None:
-    found = imports(System(), "json", "platform:system", "no_such_module", "json:no_such_name")
+    found = probe_imports(
+        System(), "json", "platform:system", "no_such_module", "json:no_such_name"
+    )
     assert found["json"]["seconds"] > 0
     assert found["json"]["file"].endswith("__init__.py")
     assert found["platform:system"]["said"] == "Linux"
@@ -123,7 +125,7 @@ def test_a_fresh_interpreter_tells_what_it_can_import() -> None:
 
 @pytest.mark.parametrize("program", ["/no/such/python", "/bin/false"])
 def test_an_interpreter_that_says_nothing_is_an_error_and_no_crash(program: str) -> None:
-    found = imports(System(python=program), "json")
+    found = probe_imports(System(python=program), "json")
     assert list(found["json"]) == ["error"]
 
 
@@ -131,7 +133,9 @@ def test_a_module_that_prints_or_exits_does_not_spoil_the_answer(tmp_path: Path)
     (tmp_path / "loud.py").write_text("print('hello')\n")
     (tmp_path / "leaves.py").write_text("raise SystemExit(3)\n")
     path = f"{tmp_path}:{Path(__file__).parents[3]}"
-    found = imports(System(environ={**System().environ, "PYTHONPATH": path}), "loud", "leaves")
+    found = probe_imports(
+        System(environ={**System().environ, "PYTHONPATH": path}), "loud", "leaves"
+    )
     assert "error" not in found["loud"]
     assert "SystemExit" in found["leaves"]["error"]
 

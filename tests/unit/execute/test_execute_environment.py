@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from r2bspec.execute.processes.environment import (
     RunEnvironment,
-    inherited,
+    inherited_environment,
     segment_bytes,
     transport_profile,
 )
@@ -48,35 +48,35 @@ def environment(tmp_path: Path, used: Plan) -> RunEnvironment:
 
 
 def test_secrets_are_not_inherited() -> None:
-    assert inherited(SECRETS | {"PATH": "/bin", "LC_ALL": "C"}, ()) == {
+    assert inherited_environment(SECRETS | {"PATH": "/bin", "LC_ALL": "C"}, ()) == {
         "PATH": "/bin",
         "LC_ALL": "C",
     }
 
 
 def test_secrets_that_the_spec_names_are_inherited() -> None:
-    assert inherited(SECRETS, ("PASSWORD", "AWS_*")) == {
+    assert inherited_environment(SECRETS, ("PASSWORD", "AWS_*")) == {
         "PASSWORD": SECRETS["PASSWORD"],
         "AWS_SECRET_ACCESS_KEY": "t1",
     }
 
 
 def test_names_are_told_apart_by_case() -> None:
-    assert inherited({"path": "a", "Path": "b"}, ()) == {}
+    assert inherited_environment({"path": "a", "Path": "b"}, ()) == {}
 
 
 @pytest.mark.parametrize(
     "name", ["AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "RMW_IMPLEMENTATION", "PYTHONPATH", "HOME"]
 )
 def test_what_ros_programs_need_is_inherited(name: str) -> None:
-    assert inherited({name: "value"}, ()) == {name: "value"}
+    assert inherited_environment({name: "value"}, ()) == {name: "value"}
 
 
 def test_no_process_of_a_run_gets_a_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in SECRETS.items():
         monkeypatch.setenv(name, value)
     made = environment(tmp_path, plan(environment=("PASSWORD",)))
-    for each in (made.of_harness(), made.of_node({})):
+    for each in (made.for_harness(), made.for_node({})):
         assert each["PASSWORD"] == "t2"
         assert set(each) & set(SECRETS) == {"PASSWORD"}
 
@@ -88,13 +88,13 @@ def test_every_process_has_the_run_id_and_a_domain_of_this_host_only(
     monkeypatch.setenv("ROS_LOCALHOST_ONLY", "0")
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     made = environment(tmp_path, plan())
-    for each in (made.of_harness(), made.of_node({})):
+    for each in (made.for_harness(), made.for_node({})):
         assert each["R2BSPEC_RUN_ID"] == "abc"
         assert each["ROS_DOMAIN_ID"] == "7"
         # The profile of the transport says it, see below.
         assert each["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SYSTEM_DEFAULT"
         assert "ROS_LOCALHOST_ONLY" not in each
-    for each in (environment(tmp_path, plan("inherit")).of_node({}),):
+    for each in (environment(tmp_path, plan("inherit")).for_node({}),):
         assert each["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
 
 
@@ -104,17 +104,17 @@ def test_modules_are_found_although_processes_run_in_the_folder_of_the_spec(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", "/opt/lib:src")
     made = environment(tmp_path, plan())
-    assert made.of_node({})["PYTHONPATH"] == f"/opt/lib:{tmp_path}/src"
+    assert made.for_node({})["PYTHONPATH"] == f"/opt/lib:{tmp_path}/src"
 
 
 def test_a_node_gets_the_changes_of_the_spec_and_nothing_of_the_harness(tmp_path: Path) -> None:
     made = environment(tmp_path, plan())
-    node = made.of_node({"MODE": "fast", "PATH": "/opt/bin"})
+    node = made.for_node({"MODE": "fast", "PATH": "/opt/bin"})
     assert node["MODE"] == "fast"
     assert node["PATH"] == "/opt/bin"
     assert not [name for name in node if name.startswith("MALLOC_")]
-    assert [name for name in made.of_harness() if name.startswith("MALLOC_")]
-    assert "MODE" not in made.of_harness()
+    assert [name for name in made.for_harness() if name.startswith("MALLOC_")]
+    assert "MODE" not in made.for_harness()
 
 
 def test_an_inherited_transport_is_left_as_the_user_has_set_it(
@@ -122,7 +122,7 @@ def test_an_inherited_transport_is_left_as_the_user_has_set_it(
 ) -> None:
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "/home/user/mine.xml")
     made = environment(tmp_path, plan("inherit"))
-    assert made.of_node({})["FASTRTPS_DEFAULT_PROFILES_FILE"] == "/home/user/mine.xml"
+    assert made.for_node({})["FASTRTPS_DEFAULT_PROFILES_FILE"] == "/home/user/mine.xml"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -134,7 +134,7 @@ def test_a_chosen_transport_is_a_profile_in_the_scratch_folder(
 ) -> None:
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "/home/user/mine.xml")
     made = environment(tmp_path, plan(transport))
-    for each in (made.of_harness(), made.of_node({})):
+    for each in (made.for_harness(), made.for_node({})):
         profile = Path(each["FASTRTPS_DEFAULT_PROFILES_FILE"])
         assert profile.parent == tmp_path
         assert each["FASTDDS_DEFAULT_PROFILES_FILE"] == str(profile)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from r2bspec.compare.errors import SamplesMissingError
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of
 from r2bspec.report.errors import ReportError
 from r2bspec.report.format_registry import FORMATS, renderer
@@ -24,9 +24,9 @@ from report_runs import HOSTILE_RUN, SIMULATIONS, TWO, USUAL
 from run_simulation import Simulation
 
 
-def reported(simulation: Simulation, path: Path) -> Reported:
+def reported(simulation: Simulation, path: Path) -> ReportInput:
     run = simulation.write(path / "run")
-    return Reported(result=result_of(run), run=run)
+    return ReportInput(result=result_of(run), run=run)
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -51,11 +51,11 @@ def test_every_run_gives_every_report(tmp_path: Path, name: str, simulation: Sim
 def test_formats_that_need_samples_say_so(tmp_path: Path, name: str) -> None:
     source = reported(USUAL, tmp_path)
     with pytest.raises(SamplesMissingError, match="needs the samples"):
-        renderer(name)(Reported(result=source.result))
+        renderer(name)(ReportInput(result=source.result))
 
 
 def test_the_others_are_made_from_a_result_alone(tmp_path: Path) -> None:
-    source = Reported(result=reported(USUAL, tmp_path).result)
+    source = ReportInput(result=reported(USUAL, tmp_path).result)
     for name in set(FORMATS) - {"trace", "mcap", "ros2_benchmark", "hdrhistogram"}:
         assert renderer(name)(source)
 
@@ -254,7 +254,7 @@ def test_markdown_names_the_confidence_of_its_bounds(tmp_path: Path) -> None:
     ):
         other = msgspec.structs.replace(verdict, requirements=requirements)
         result = msgspec.structs.replace(source.result, verdict=other)
-        assert heading in renderer("markdown")(Reported(result=result)).decode()
+        assert heading in renderer("markdown")(ReportInput(result=result)).decode()
 
 
 def test_github_commands_stay_on_their_lines(tmp_path: Path) -> None:
@@ -283,7 +283,7 @@ def test_a_requirement_that_only_warns_is_told_as_one(tmp_path: Path, name: str)
     )
     verdict = msgspec.structs.replace(result.verdict, requirements=warned, outcome="pass")
     changed = msgspec.structs.replace(result, verdict=verdict)
-    text = renderer(name)(Reported(result=changed, run=run)).decode()
+    text = renderer(name)(ReportInput(result=changed, run=run)).decode()
     assert "A look at half of it was open." in text
     if name == "github":
         assert "::error" not in text
