@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.measure.distribution_parts import DISTRIBUTION_PARTS, Distribution, part_value
+from r2bspec.measure.distribution_parts import PARTS, Distribution, part_value
 from r2bspec.measure.metrics import MonitorMetrics, SegmentMetrics, UseMetrics
 
 _COUNTS = (
@@ -100,7 +100,7 @@ def _monitor(seen: MonitorMetrics) -> Iterator[tuple[str, str, float | None]]:
 
 
 def _distribution(family: str, times: Distribution) -> Iterator[tuple[str, str, float | None]]:
-    for part in DISTRIBUTION_PARTS:
+    for part in PARTS:
         yield f"{family}.{part}", "s", part_value(times, part)
 
 

@@ -11,7 +11,7 @@ from typing import get_args
 import pytest
 
 from r2bspec.judge import judge_requirement
-from r2bspec.judge.decision import Question, windows_of
+from r2bspec.judge.decision import Question, window_condition
 from r2bspec.judge.judge_requirement import decider_of
 from r2bspec.judge.methods.registry import DECIDERS, METHODS, Method
 from r2bspec.language.requirement_grammar import parse_requirement
@@ -34,7 +34,7 @@ NAMED_ELSEWHERE = {
 def question(text: str) -> Question:
     requirement = parse_requirement(text)
     info = METRICS[requirement.metric]
-    windows = windows_of(requirement)
+    windows = window_condition(requirement)
     return Question("slo", requirement, 30.0, info, "out", math.nan, windows=windows)
 
 
