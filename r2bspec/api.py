@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from r2bspec.compare.base_reference import BaseReference
@@ -35,7 +36,7 @@ class GraphMismatchError(R2bspecError):
         loaded: the document, with the texts that the diagnostics point into.
     """
 
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
     def __init__(
         self, error: R2bspecError, loaded: LoadedSpec, diagnostics: Sequence[Diagnostic]
@@ -54,7 +55,7 @@ class InvalidSpecError(R2bspecError):
     """
 
     code = "R2B602"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
     def __init__(self, loaded: LoadedSpec, diagnostics: Sequence[Diagnostic]) -> None:
         errors = sum(each.severity == "error" for each in diagnostics)

@@ -16,6 +16,7 @@ from r2bspec.cli.shared_options import (
     variables_option,
 )
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
+from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
@@ -84,7 +85,7 @@ def command(
     _show(found, prepared.plan.name, pairs)
     click.echo(f"kept in {path}", err=True)
     _propose(selection, prepared, found, write=write)
-    return 0
+    return ExitStatus.OK
 
 
 def _run(prepared: PreparedBenchmark, runs: int, output: Path | None, *, quiet: bool) -> Path:

@@ -14,6 +14,7 @@ from r2bspec.cli.shared_options import (
     sets_option,
     variables_option,
 )
+from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -34,7 +35,8 @@ _SPEC = click.Path(path_type=Path, dir_okay=False)
     "other",
     type=_SPEC,
     metavar="OTHER",
-    help="Show instead how SPEC differs from OTHER, a spec or a plan; exit status 1 if it does.",
+    help="Show instead how SPEC differs from OTHER, a spec or a plan; exit status "
+    f"{ExitStatus.FINDINGS_OR_FAILED} if it does.",
 )
 @click.option(
     "--explain",
@@ -77,7 +79,7 @@ def command(
         values = parse_variables(variables)
         loaded = load_spec(spec, sets=sets, variables=values, case=case, allow_paths=allow_paths)
         _write(_provenance(loaded, explain_path).encode(), output)
-        return 0
+        return ExitStatus.OK
     values = parse_variables(variables)
     plan = _plan(spec, sets=sets, variables=values, case=case, allow_paths=allow_paths)
     if other is not None:
@@ -85,9 +87,9 @@ def command(
 
         differences = diff_plans(_plan(other, allow_paths=allow_paths), plan)
         _write("".join(f"{each}\n" for each in differences).encode(), output)
-        return 1 if differences else 0
+        return ExitStatus.FINDINGS_OR_FAILED if differences else ExitStatus.OK
     _write(_render(plan, graph), output)
-    return 0
+    return ExitStatus.OK
 
 
 def _provenance(loaded: LoadedSpec, path: str) -> str:

@@ -19,6 +19,7 @@ from r2bspec.cli.shared_options import (
     sets_option,
     variables_option,
 )
+from r2bspec.exit_status import ExitStatus
 from r2bspec.report.findings.finding_formats import FORMATS
 
 if TYPE_CHECKING:
@@ -85,14 +86,14 @@ def command(
 
         changes = repair(files, lambda text, file: check_text(text, file, check_options), write=fix)
         if diff:
-            return 1 if changes else 0
+            return ExitStatus.FINDINGS_OR_FAILED if changes else ExitStatus.OK
     checked = list(check_files(files, check_options))
     failed = any(one.severity == "error" for each in checked for one in each.findings)
     if resolved and not failed:
         _print_resolved(checked)
     else:
         _print_findings(checked, output_format, offline=offline)
-    return 1 if failed else 0
+    return ExitStatus.FINDINGS_OR_FAILED if failed else ExitStatus.OK
 
 
 def _print_findings(checked: list[FileReport], output_format: str, *, offline: bool) -> None:

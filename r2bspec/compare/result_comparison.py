@@ -22,7 +22,7 @@ from r2bspec.compare.comparison import Comparison, ComparisonLine, Outcome
 from r2bspec.compare.comparison_subject import ComparedResult, MetricSeries, SeriesKey
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.judge.statistics.welch_test import welch_ratio
-from r2bspec.judge.verdict import CONFIDENCE
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.units import show
 from r2bspec.plan.comparability import graph_differences
 from r2bspec.plan.plan import Plan

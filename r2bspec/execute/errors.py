@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 from r2bspec.record.errors import RUN_UNWRITABLE
 from r2bspec.record.run_record import Difference
 
@@ -13,21 +14,21 @@ class RunError(R2bspecError):
     """The run itself failed; what it had observed is kept. Safe to try again."""
 
     code = "R2B630"
-    exit_code = 4
+    exit_code = ExitStatus.RUN_FAILED
 
 
 class NotInstalledError(RunError):
     """Something that the plan needs is not installed on this machine."""
 
     code = "R2B620"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
 
 class DatasetMismatchError(RunError):
     """The bag is not the one that the spec pins."""
 
     code = "R2B312"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
 
 class ProcessDiedError(RunError):
@@ -55,7 +56,7 @@ class GraphMismatchError(RunError):
         differences: in what; at least one.
     """
 
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
     def __init__(self, differences: Sequence[Difference], message: str, hint: str = "") -> None:
         super().__init__(message, hint=hint, code=differences[0].code)
@@ -72,7 +73,7 @@ class InterruptedRunError(RunError):
     """The user or the system asked for an end."""
 
     code = "R2B670"
-    exit_code = 130
+    exit_code = ExitStatus.INTERRUPTED
 
 
 class StepFailedError(RunError):
@@ -85,7 +86,7 @@ class UnsupportedError(RunError):
     """The plan asks for something that this version does not carry out."""
 
     code = "R2B619"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
 
 class MiddlewareError(UnsupportedError):
@@ -96,7 +97,7 @@ class SharedMemoryError(RunError):
     """There is less shared memory than the transport of the plan needs."""
 
     code = "R2B664"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
 
 class MemoryLimitError(RunError):
@@ -115,4 +116,4 @@ class WorkspaceError(RunError):
     """The environment that a run should be made in is not there, or cannot be sourced."""
 
     code = "R2B657"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE

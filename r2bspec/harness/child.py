@@ -1,7 +1,8 @@
 """The main program of every harness process: ``python -m r2bspec.harness.child``.
 
-The first command says which role to play. A process ends with status 0 when it is told to shut
-down or when the controller is gone, and with status 1 after it has said why it failed.
+The first command says which role to play. A process ends with the status OK when it is told to
+shut down or when the controller is gone, and with FINDINGS_OR_FAILED after it has reported its
+error.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import os
 import signal
 import sys
 
+from r2bspec.exit_status import ExitStatus
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.exit_timer import start_exit_timer
 from r2bspec.harness.roles import play_role
@@ -28,7 +30,7 @@ def main() -> int:
         channel = Channel.from_environment()
     except KeyError:
         sys.stderr.write("this program is started by r2bspec run, not by hand\n")
-        return 2
+        return ExitStatus.USAGE
     return play_role(channel)
 
 

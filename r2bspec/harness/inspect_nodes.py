@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from r2bspec.exit_status import ExitStatus
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 
@@ -216,11 +217,11 @@ def main() -> int:
         while not isinstance(channel.receive(), protocol.Shutdown):
             pass
     except ChannelClosedError:
-        return 0
+        return ExitStatus.OK
     except Exception as error:
         channel.send(protocol.Failed(code="R2B630", message=f"{type(error).__name__}: {error}"))
-        return 1
-    return 0
+        return ExitStatus.FINDINGS_OR_FAILED
+    return ExitStatus.OK
 
 
 if __name__ == "__main__":

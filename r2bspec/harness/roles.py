@@ -10,6 +10,7 @@ import sys
 import traceback
 from typing import Protocol
 
+from r2bspec.exit_status import ExitStatus
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 
@@ -25,18 +26,18 @@ def play_role(channel: Channel) -> int:
     """Play the role that the first command names, to its end.
 
     Returns:
-        The exit status: 1 after it has been said why the role cannot go on.
+        The exit status: FINDINGS_OR_FAILED after the role has reported its error.
     """
     try:
         _make_role(channel, channel.receive()).serve()
     except ChannelClosedError:
-        return 0
+        return ExitStatus.OK
     except Exception as error:
         sys.stderr.write(traceback.format_exc())
         with contextlib.suppress(ChannelClosedError):
             channel.send(_failure(error))
-        return 1
-    return 0
+        return ExitStatus.FINDINGS_OR_FAILED
+    return ExitStatus.OK
 
 
 def _make_role(channel: Channel, command: protocol.Command) -> Role:

@@ -16,6 +16,7 @@ import sys
 import time
 from pathlib import Path
 
+from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc.process_cleanup import clean_up
 
 _GRACE_S = 1.0
@@ -32,12 +33,12 @@ def main() -> int:
     for line in sys.stdin:
         word, _, number = line.strip().partition(" ")
         if word == "done":
-            return 0
+            return ExitStatus.OK
         if word == "session":
             sessions.add(int(number))
     clean_up(run_id, sessions - {os.getpid()}, grace_s=_GRACE_S, since_s=since_s)
     shutil.rmtree(scratch, ignore_errors=True)
-    return 0
+    return ExitStatus.OK
 
 
 if __name__ == "__main__":

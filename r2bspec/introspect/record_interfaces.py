@@ -23,6 +23,7 @@ from r2bspec.execute.processes.executables import resolve_argv
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc import protocol
 from r2bspec.language.spec import Spec
 from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
@@ -81,7 +82,7 @@ def record_interfaces(
     wiring = build_wiring(spec, companion_files=companion_files)
     nodes = [node for phase in wiring.phases for node in phase.nodes]
     for node in nodes:
-        if node.node.kind in {"launch", "external"} or (only and node.key not in only):
+        if node.node.kind.by_others or (only and node.key not in only):
             continue
         on_node(node.key)
         with Interrupts() as interrupts, tempfile.TemporaryDirectory() as scratch:
@@ -91,7 +92,7 @@ def record_interfaces(
                 )
                 yield InterfaceResult(node.key, _interface_entry(found, node))
             except R2bspecError as error:
-                if error.exit_code == 130:
+                if error.exit_code == ExitStatus.INTERRUPTED:
                     raise
                 yield _failed(node.key, error, scratch)
 
@@ -180,7 +181,7 @@ def _isolated_process(wired: NodeWiring) -> ProcessPlan:
         node=msgspec.structs.replace(node, remappings={}, container="", namespace=NAMESPACE),
         is_ros_process=True,
     )
-    if node.kind == "python":
+    if node.kind.role == "host":
         plan = NodePlan(
             name=bare.name,
             node=_INSPECTED_NAME,
@@ -190,7 +191,7 @@ def _isolated_process(wired: NodeWiring) -> ProcessPlan:
             remappings={},
         )
         return _process(wired.key, HARNESS_ARGV, role="host", env=node.env, nodes=(plan,))
-    argv = _standalone(bare) if node.kind == "plugin" else node_argv(bare)
+    argv = _standalone(bare) if node.kind.role == "container" else node_argv(bare)
     return _process(wired.key, argv, role="command", env=node.env)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.fast_validator import Predicate, compile_predicate
-from r2bspec.language.schema import strict_schema
+from r2bspec.language.schema.derive_strict import strict_schema
 from r2bspec.language.schema.schema_builder import ALLOWED_WORDS, KIND, SINGLE_ITEM
 from r2bspec.language.value_kinds import check_value
 

@@ -15,6 +15,9 @@ from typing import Any, Literal
 
 import msgspec
 
+from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.node_kinds import NodeKind, kind_of
+from r2bspec.language.probe_length import PROBE
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
 
@@ -141,14 +144,10 @@ class ParameterSource(_SpecStruct, frozen=True, kw_only=True):
     values: dict[str, ParameterValue] = {}
 
 
-NodeKind = Literal["python", "plugin", "executable", "command", "launch", "external"]
-
-
 class Node(_SpecStruct, frozen=True, kw_only=True):
     """A node of the graph or of the preprocessors.
 
-    Exactly one kind is given: `python`, `package` with `plugin`, `package` with `executable`,
-    `command`, `launch`, or `external`.
+    The keys of exactly one kind are given (`r2bspec.language.node_kinds`).
 
     Attributes:
         container: the name of its container; if empty, the placement of the graph applies.
@@ -185,13 +184,7 @@ class Node(_SpecStruct, frozen=True, kw_only=True):
     @property
     def kind(self) -> NodeKind:
         """The kind of the node."""
-        if self.python:
-            return "python"
-        if self.package:
-            return "plugin" if self.plugin else "executable"
-        if self.launch is not None:
-            return "launch"
-        return "external" if self.external else "command"
+        return kind_of(self)
 
     @property
     def parameter_files(self) -> tuple[str, ...]:
@@ -336,8 +329,8 @@ class Search(_SpecStruct, frozen=True, kw_only=True):
     max: Rate
     precision: Share = Share(0.02)
     holds: tuple[Requirement, ...] = ()
-    probe: Duration = Duration(10 * 10**9)
-    confidence: Share = Share(0.95)
+    probe: Duration = PROBE
+    confidence: Share = Share(CONFIDENCE)
 
 
 class Gate(_SpecStruct, frozen=True, kw_only=True):
@@ -350,7 +343,7 @@ class Gate(_SpecStruct, frozen=True, kw_only=True):
         time_budget: the maximum duration of measuring, including everything that is optional.
     """
 
-    confidence: Share = Share(0.95)
+    confidence: Share = Share(CONFIDENCE)
     inconclusive: Literal["report", "pass", "fail"] = "report"
     confirm: bool = True
     time_budget: Duration | None = None

@@ -16,9 +16,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
-from r2bspec.language.spec import Container, Launch, Node, ParameterValue
+from r2bspec.language.node_kinds import NodeKindName
+from r2bspec.language.spec import Container, Launch, ParameterValue
 from r2bspec.wiring.wiring import NodeWiring
 
 HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
@@ -58,16 +59,21 @@ def container_node_name(argv: Iterable[str]) -> str:
 
 def node_argv(wired: NodeWiring) -> tuple[str, ...]:
     """How the process of a node that has one of its own is started."""
+    return _ARGV[wired.node.kind.name](wired)
+
+
+def _component(wired: NodeWiring) -> tuple[str, ...]:
+    return container_argv(f"{wired.key}_container", Container(), wired.namespace)
+
+
+def _executable(wired: NodeWiring) -> tuple[str, ...]:
     node = wired.node
-    if node.kind == "python":
-        return HARNESS_ARGV
-    if node.kind == "plugin":
-        return container_argv(f"{wired.key}_container", Container(), wired.namespace)
-    if node.kind == "launch" and node.launch is not None:
-        return _launch_argv(node.launch, wired)
-    if node.kind == "executable":
-        called = (f"$(executable {node.package} {node.executable})", *node.arguments)
-        return (*called, *_ros_arguments(wired, wired.parameters, f"__node:={wired.key}"))
+    called = (f"$(executable {node.package} {node.executable})", *node.arguments)
+    return (*called, *_ros_arguments(wired, wired.parameters, f"__node:={wired.key}"))
+
+
+def _command(wired: NodeWiring) -> tuple[str, ...]:
+    node = wired.node
     called = (*node.command, *node.arguments)
     if not wired.is_ros_process:
         return called
@@ -75,8 +81,9 @@ def node_argv(wired: NodeWiring) -> tuple[str, ...]:
     return (*called, *_ros_arguments(wired, node.parameters), *files)
 
 
-def _launch_argv(launch: Launch, wired: NodeWiring) -> tuple[str, ...]:
-    node: Node = wired.node
+def _launch_argv(wired: NodeWiring) -> tuple[str, ...]:
+    node = wired.node
+    launch = node.launch or Launch()
     place = (
         (f"package:={launch.package}", f"file:={launch.file}")
         if launch.package
@@ -90,6 +97,16 @@ def _launch_argv(launch: Launch, wired: NodeWiring) -> tuple[str, ...]:
         f"remappings:={json.dumps(node.remappings, ensure_ascii=False)}",
         f"arguments:={json.dumps(arguments, ensure_ascii=False)}",
     )
+
+
+_ARGV: Mapping[NodeKindName, Callable[[NodeWiring], tuple[str, ...]]] = {
+    "python": lambda _: HARNESS_ARGV,
+    "plugin": _component,
+    "executable": _executable,
+    "command": _command,
+    "launch": _launch_argv,
+}
+"""How the process of each kind of node is started; what runs already has none."""
 
 
 def _argument(value: object) -> str:

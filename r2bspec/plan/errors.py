@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 
 PLAN_UNREADABLE: Final = "R2B610"
 PLAN_FOREIGN: Final = "R2B611"
@@ -15,4 +16,4 @@ class PlanError(R2bspecError):
     """A file that cannot be used as a plan. The message names the file; `hint` the way out."""
 
     code = PLAN_BROKEN
-    exit_code = 2
+    exit_code = ExitStatus.USAGE

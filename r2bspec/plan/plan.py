@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective, QoS, Scalar
 
@@ -241,7 +242,7 @@ class SearchPlan(_Value, frozen=True, kw_only=True):
     precision: float
     probe_ns: int
     holds: tuple[Requirement, ...]
-    confidence: float = 0.95
+    confidence: float = CONFIDENCE
 
 
 class PlayPlan(_Value, frozen=True, kw_only=True):
@@ -293,7 +294,7 @@ class HarnessPlan(_Value, frozen=True, kw_only=True):
 class GatePlan(_Value, frozen=True, kw_only=True):
     """How verdicts are reached, and what they lead to; a budget of 0 is none."""
 
-    confidence: float = 0.95
+    confidence: float = CONFIDENCE
     inconclusive: Literal["report", "pass", "fail"] = "report"
     confirm: bool = True
     time_budget_ns: int = 0

@@ -28,9 +28,6 @@ SHARED_PROCESS_NAME = "graph"
 SHARED_CONTAINER_NAME = "components"
 """Name of the container that all C++ components share under ``placement: shared``."""
 
-_SHAREABLE_KINDS = ("python", "plugin")
-"""The kinds of node that can share a process."""
-
 _ROS2_BENCHMARK_PLUGINS = {
     "data_loader": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::DataLoaderNode"),
     "playback": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::PlaybackNode"),
@@ -56,7 +53,7 @@ def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
         ExternalPlan(name=node.name, phase=phase.phase)
         for phase in wiring.phases
         for node in phase.nodes
-        if node.node.kind == "external"
+        if node.node.kind.role is None
     )
 
 
@@ -102,7 +99,7 @@ def _graph_processes(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
     yield from _containers(spec, wiring, placed, phase.phase)
     together: list[NodeWiring] = []
     for node in alone:
-        if spec.graph.placement == "separate" or node.node.kind not in _SHAREABLE_KINDS:
+        if spec.graph.placement == "separate" or not node.node.kind.shares_process:
             yield from _process(node, node.key, phase.phase)
         else:
             together.append(node)
@@ -111,7 +108,7 @@ def _graph_processes(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
     elif spec.harness.kind != "ros2_benchmark":
         # The harness holds Python nodes only.
         for node in together:
-            if node.node.kind == "plugin":
+            if node.node.kind.role == "container":
                 yield from _process(node, node.key, phase.phase)
 
 
@@ -163,8 +160,8 @@ def _container(
 
 def _shared(wiring: Wiring, nodes: list[NodeWiring]) -> Iterator[ProcessPlan]:
     """One process of all Python nodes, and one of all C++ components."""
-    python = [each for each in nodes if each.node.kind == "python"]
-    components = [each for each in nodes if each.node.kind == "plugin"]
+    python = [each for each in nodes if each.node.kind.role == "host"]
+    components = [each for each in nodes if each.node.kind.role == "container"]
     if components:
         argv = container_argv(SHARED_CONTAINER_NAME, Container(), wiring.namespace)
         yield ProcessPlan(
@@ -204,10 +201,10 @@ def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
         for node in wiring.measure.nodes
         if spec.graph.placement == "harness"
         and node.node.container not in spec.containers
-        and node.node.kind in _SHAREABLE_KINDS
+        and node.node.kind.shares_process
     ]
     if spec.harness.kind == "ros2_benchmark":
-        components = [each for each in beside if each.node.kind == "plugin"]
+        components = [each for each in beside if each.node.kind.role == "container"]
         container = Container(executable="component_container_mt")
         return ProcessPlan(
             name=HARNESS_NAME,
@@ -220,7 +217,7 @@ def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
                 *(_node(each) for each in components),
             ),
         )
-    python = [each for each in beside if each.node.kind == "python"]
+    python = [each for each in beside if each.node.kind.role == "host"]
     return ProcessPlan(
         name=HARNESS_NAME,
         role="harness",
@@ -263,11 +260,9 @@ def _harness_nodes(spec: Spec, namespace: str) -> Iterator[NodePlan]:
 def _process(node: NodeWiring, name: str, phase: Phase) -> Iterator[ProcessPlan]:
     """The process of a node that has one of its own; none for one that already runs."""
     spec: Node = node.node
-    if spec.kind == "external":
+    role = spec.kind.role
+    if role is None:
         return
-    role: Literal["host", "container", "command"] = (
-        "host" if spec.kind == "python" else "container" if spec.kind == "plugin" else "command"
-    )
     yield ProcessPlan(
         name=name,
         role=role,
@@ -282,14 +277,14 @@ def _process(node: NodeWiring, name: str, phase: Phase) -> Iterator[ProcessPlan]
 
 
 def _node(node: NodeWiring) -> NodePlan:
-    command = node.node.kind == "command"
+    kind = node.node.kind
     return NodePlan(
         name=node.name,
         node=node.key,
         namespace=node.namespace,
         target=node.node.python,
-        parameters=dict(node.node.parameters if command else node.parameters),
+        parameters=dict(node.node.parameters if kind.any_program else node.parameters),
         remappings=dict(node.node.remappings),
-        package=node.node.package if node.node.kind == "plugin" else "",
+        package=node.node.package if kind.role == "container" else "",
         plugin=node.node.plugin,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 
 RUN_UNREADABLE: Final = "R2B650"
 RUN_UNWRITABLE: Final = "R2B651"
@@ -17,4 +18,4 @@ class RecordError(R2bspecError):
     """
 
     code = RUN_UNREADABLE
-    exit_code = 2
+    exit_code = ExitStatus.USAGE

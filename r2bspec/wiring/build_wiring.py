@@ -85,7 +85,7 @@ def has_ros_settings(node: Node) -> bool:
 
     A `command` without such settings may be any program, and is run exactly as written.
     """
-    return node.kind != "command" or bool(
+    return not node.kind.any_program or bool(
         node.namespace
         or node.parameters
         or node.parameter_sources

@@ -6,6 +6,7 @@ from r2bspec.check.example_spec import example
 from r2bspec.check.pages._page import error_page
 from r2bspec.diagnostics.code_pages import Page
 from r2bspec.diagnostics.diagnostic import Severity
+from r2bspec.language.bag_formats import TITLES_TEXT
 
 DATA_PAGES = (
     error_page(
@@ -26,7 +27,7 @@ DATA_PAGES = (
         "bag-file-unreadable",
         "R2B304",
         "storage file of a bag cannot be read",
-        "The file is damaged, truncated, or not an sqlite3, MCAP or ROS 1 file. Lengths, counts "
+        f"The file is damaged, truncated, or not an {TITLES_TEXT} file. Lengths, counts "
         "and checksums are compared as far as the format has them.",
     ),
     error_page(

@@ -12,7 +12,8 @@ from r2bspec.execute.measurement.rate_probe import RateProber
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.measurement.time_budget import TimeBudget
-from r2bspec.judge.verdict import Method, Verdict
+from r2bspec.judge.methods.registry import METHODS, Method
+from r2bspec.judge.verdict import Verdict
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import ConfirmationRecord, FloorRecord, Probe, SearchRecord
 
@@ -97,12 +98,13 @@ class Measurement:
         Raises:
             RunError: a process died, failed, or does not answer.
         """
-        if "search bracket" in failed:
+        rests_on = {METHODS[method].rests_on for method in failed}
+        if "search" in rests_on:
             self._probe_peak()
-        if "sequential probe" in failed:
+        if "probes" in rests_on:
             self._probe_sustained()
         plan = self._plan_with_peak(self.peak_hz or peak_hz)
-        if failed - {"search bracket", "sequential probe"} and plan.play:
+        if "iterations" in rests_on and plan.play:
             self._reporter.phase("play", _phase_text(plan))
             self._iteration_runner(plan).play_fixed_number(iterations)
 

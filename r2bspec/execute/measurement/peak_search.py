@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.record.run_record import Probe, SearchRecord
 
 _STRIDE_GROWTH = 4.0
@@ -61,7 +62,7 @@ class PeakSearch:
         precision: float,
         probe: ProbeFunction,
         *,
-        confidence: float = 0.95,
+        confidence: float = CONFIDENCE,
     ) -> None:
         self._minimum_hz = minimum_hz
         self._maximum_hz = maximum_hz

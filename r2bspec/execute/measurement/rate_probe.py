@@ -18,7 +18,8 @@ from r2bspec.judge.rate_test import (
     plan_interim_looks,
     worst_judgement,
 )
-from r2bspec.judge.verdict import CONFIDENCE
+from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.probe_length import MIN_PROBE_STEPS, PROBE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import resolve
 from r2bspec.measure.metric_values import metric_value
@@ -26,11 +27,6 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import Probe
 
 _DEFAULT_PRECISION = 0.02
-_DEFAULT_PROBE_NS = 10_000_000_000
-"""Of a probe for `sustained` where the spec has no search that says otherwise."""
-
-_MIN_STEPS = 20
-
 _STATE_TEXTS = {True: "holds", False: "does not hold", None: "stays open"}
 
 
@@ -44,7 +40,7 @@ class RateProber:
         self._plan = plan
         self._segment_player = segment_player
         self._note = note
-        self._limit_s = (search.probe_ns if search else _DEFAULT_PROBE_NS) / 1e9
+        self._limit_s = search.probe_ns / 1e9 if search else PROBE.seconds
         self._conditions = search.holds if search else ()
         self._criterion = Criterion(
             precision=search.precision if search else _DEFAULT_PRECISION,
@@ -64,7 +60,7 @@ class RateProber:
     def _play(self, kind: Literal["probe", "sustained"], rate_hz: float) -> ProbeOutcome:
         number = next(self._numbers)
         name = f"{kind}-{number:03d}"
-        steps = max(_MIN_STEPS, round(self._limit_s * rate_hz))
+        steps = max(MIN_PROBE_STEPS, round(self._limit_s * rate_hz))
         interim = _InterimMonitor(
             self._criterion, steps / rate_hz, lambda each: self._estimate(rate_hz, each)
         )

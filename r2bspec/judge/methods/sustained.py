@@ -16,7 +16,7 @@ import math
 from collections.abc import Iterable
 from typing import Final
 
-from r2bspec.judge.decision import Answer, Question
+from r2bspec.judge.decision import Answer, Decider, Question
 from r2bspec.judge.verdict import Outcome
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import Probe
@@ -60,3 +60,10 @@ def judge_sustained(question: Question, probes: Iterable[Probe]) -> Answer:
         estimate=probe.delivered_hz,
         n=1,
     )
+
+
+DECIDER = Decider(
+    takes=lambda question: question.info.statistic == "sequential",
+    decide=lambda question, record: judge_sustained(question, record.sustained),
+    needs_iterations=False,
+)

@@ -6,7 +6,7 @@ constraints are in `r2bspec.language.key_constraints.document_keys`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from r2bspec.diagnostics import Diagnostic, Path, Related, Severity, format_path
 from r2bspec.language.key_constraints.document_keys import section_constraint_errors
@@ -19,43 +19,17 @@ from r2bspec.language.located_tree import (
     lookup,
     span_at,
 )
-
-_KIND_BY_KEY = {
-    "python": "python",
-    "package": "package",
-    "plugin": "package",
-    "executable": "package",
-    "command": "command",
-    "launch": "launch",
-    "external": "external",
-}
-_NODE_MAPS: tuple[Path, ...] = (("preprocessors",), ("graph", "nodes"))
-_KIND_HELP = (
-    "use one of 'python', 'package' with 'plugin' or 'executable', 'command', 'launch', or "
-    "'external: true'"
+from r2bspec.language.node_kinds import (
+    NODE_KIND_KEYS,
+    NODE_KINDS,
+    PROCESS_KEYS,
+    kinds_help,
+    members,
 )
-_RESOURCES = ("cpus", "nice", "prefix", "memory_limit")
-_PROCESS_KINDS = ("executable", "command")
-_UNSUPPORTED_KEYS: Mapping[str, tuple[tuple[str, ...], str]] = {
-    "arguments": (
-        ("python", "plugin", "external", "launch"),
-        "only an executable or a command has arguments",
-    ),
-    "container": (
-        (*_PROCESS_KINDS, "launch", "external"),
-        "only Python nodes and plugins run in a container",
-    ),
-    "env": (("external",), "an external node already has its environment"),
-    "parameters": (("external",), "an external node already has its parameters"),
-    **dict.fromkeys(_RESOURCES, (("launch", "external"), "r2bspec does not start its processes")),
-}
-"""Keys without effect for some kinds of node, and why."""
 
-_UNSUPPORTED_KEYS_HELP = {
-    ("arguments", "launch"): "put them under 'launch.arguments'",
-    ("arguments", "python"): "use 'parameters' for a Python node",
-    ("arguments", "plugin"): "use 'parameters' for a plugin",
-}
+_NODE_MAPS: tuple[Path, ...] = (("preprocessors",), ("graph", "nodes"))
+_GROUPS = {key: kind.group for kind in NODE_KINDS for key in kind.keys}
+_KIND_HELP = f"use one of {kinds_help()}"
 
 
 def key_constraint_errors(root: TreeNode, found: Sequence[Diagnostic] = ()) -> Iterator[Diagnostic]:
@@ -76,11 +50,11 @@ def key_constraint_errors(root: TreeNode, found: Sequence[Diagnostic] = ()) -> I
 
 
 def _node(node: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
-    given = [key for key in node.entries if key in _KIND_BY_KEY and not _is_false(node, key)]
+    given = [key for key in node.entries if key in NODE_KIND_KEYS and not _is_false(node, key)]
     name = f"'{format_path(path)}'"
     first_of: dict[str, str] = {}
     for key in given:
-        first_of.setdefault(_KIND_BY_KEY[key], key)
+        first_of.setdefault(_GROUPS[key], key)
     if not first_of:
         if path not in misspelt:
             yield _error("R2B113", f"{name} does not define what to run", root, path, _KIND_HELP)
@@ -89,38 +63,41 @@ def _node(node: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Ite
         first, second = list(first_of.values())[:2]
         yield _both(name, path, node, (first, second), "R2B113", _KIND_HELP)
         return
-    if "package" in first_of:
-        parts = [key for key in given if key != "package"]
-        if len(parts) > 1:
-            yield _both(name, path, node, (parts[0], parts[1]), "R2B113", _KIND_HELP)
+    group = next(iter(first_of))
+    alike = members(group)
+    if len(alike) > 1:
+        markers = [key for key in given if key != group]
+        if len(markers) > 1:
+            yield _both(name, path, node, (markers[0], markers[1]), "R2B113", _KIND_HELP)
             return
         if len(given) == 1 and path not in misspelt:
-            yield _incomplete_package(name, path, given[0], root)
+            yield _incomplete(name, path, given[0], group, root)
             return
-        kind = "plugin" if "plugin" in given else "executable"
-    else:
-        kind = next(iter(first_of))
-    for key, (kinds, why) in _UNSUPPORTED_KEYS.items():
-        if key in node.entries and kind in kinds:
-            help_text = _UNSUPPORTED_KEYS_HELP.get((key, kind), f"remove '{key}'")
-            message = f"{name} cannot have '{key}': {why}"
+    kind = next((each for each in alike if each.marker in given), alike[-1])
+    for key, refusal in kind.refuses.items():
+        if key in node.entries:
+            message = f"{name} cannot have '{key}': {refusal.why}"
+            help_text = refusal.help or f"remove '{key}'"
             yield _error("R2B119", message, root, (*path, key), help_text)
     if "container" in node.entries:
-        for key in (*_RESOURCES, "env"):
+        for key in (*PROCESS_KEYS, "env"):
             if key in node.entries:
                 message = f"{name} cannot have '{key}': it shares its process with other nodes"
                 help_text = f"move '{key}' to the container"
                 yield _error("R2B119", message, root, (*path, key), help_text)
 
 
-def _incomplete_package(name: str, path: Path, given: str, root: TreeNode) -> Diagnostic:
-    if given == "package":
-        message = f"{name} has 'package' but no 'executable' and no 'plugin'"
-        help_text = "add one of them; see 'ros2 pkg executables' or 'ros2 component types'"
+def _incomplete(name: str, path: Path, given: str, group: str, root: TreeNode) -> Diagnostic:
+    """The diagnostic for a node that has one of the two keys of its kind."""
+    alike = sorted(members(group), key=lambda kind: kind.marker)
+    if given == group:
+        missing = " and ".join(f"no '{each.marker}'" for each in alike)
+        message = f"{name} has '{group}' but {missing}"
+        help_text = f"add one of them; see {' or '.join(repr(each.listed_by) for each in alike)}"
     else:
-        message = f"{name} has '{given}' but no 'package'"
-        shown = "ros2 component types" if given == "plugin" else "ros2 pkg executables"
-        help_text = f"add 'package'; see '{shown}'"
+        message = f"{name} has '{given}' but no '{group}'"
+        listed = next(each.listed_by for each in alike if each.marker == given)
+        help_text = f"add '{group}'; see '{listed}'"
     return _error("R2B113", message, root, (*path, given), help_text)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.probe_length import PROBE
 from r2bspec.language.quantities import Duration, Rate, Share
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.reuse import sibling, when
@@ -46,15 +48,15 @@ _SEARCH = record(
         "probe": quantity(
             Duration,
             "The maximum duration of the probe of one rate; most probes end earlier.",
-            default="10 s",
-            examples=["10 s"],
+            default=str(PROBE),
+            examples=[str(PROBE)],
             positive=True,
         ),
         "confidence": quantity(
             Share,
             "The confidence at which a rate counts as sustained, or as not sustained.",
-            default="95 %",
-            examples=["95 %"],
+            default=str(Share(CONFIDENCE)),
+            examples=[str(Share(CONFIDENCE))],
             positive=True,
         ),
     },
@@ -68,7 +70,7 @@ _GATE = record(
         "confidence": quantity(
             Share,
             "The confidence of a verdict, pass or fail, unless an objective sets its own.",
-            default="95 %",
+            default=str(Share(CONFIDENCE)),
             examples=["99 %"],
             positive=True,
         ),

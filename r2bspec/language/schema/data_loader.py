@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from r2bspec.language.bag_formats import SUFFIXES_TEXT
 from r2bspec.language.quantities import Duration
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.schema_builder import (
@@ -31,7 +32,7 @@ def _source(description: str) -> Schema:
                 examples=["r2b_storage", "r2b_lounge"],
             ),
             "path": text(
-                "The path of a bag: its folder, or a single .mcap, .db3 or ROS 1 .bag file; "
+                f"The path of a bag: its folder, or a single {SUFFIXES_TEXT} file; "
                 "relative to this file.",
                 form=name_patterns.NOT_EMPTY,
                 examples=["./bags/kitchen", "/data/drive_07.mcap"],

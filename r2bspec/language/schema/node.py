@@ -7,6 +7,7 @@ completion.
 
 from __future__ import annotations
 
+from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, kinds_text
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.parameters import PARAMETERS
 from r2bspec.language.schema.process_keys import ENV, RESOURCES
@@ -15,10 +16,8 @@ from r2bspec.language.schema.reuse import repeat, sibling
 from r2bspec.language.schema.schema_builder import (
     Schema,
     array,
-    boolean,
     name_map,
     record,
-    scalar,
     text,
 )
 
@@ -28,79 +27,13 @@ _TYPE = text(
     examples=["sensor_msgs/msg/Image"],
 )
 
-_LAUNCH = record(
-    "A launch file: 'package' and 'file', or 'path'. The remappings and the namespace of the node "
-    "apply to everything that it starts.",
-    {
-        "package": text(
-            "The ROS package of the launch file.",
-            form=name_patterns.PACKAGE,
-            examples=["image_proc"],
-        ),
-        "file": text(
-            "The launch file, relative to the share folder of the package.",
-            form=name_patterns.SOME_TEXT,
-            examples=["launch/image_proc.launch.py"],
-        ),
-        "path": text(
-            "The launch file, relative to this file.",
-            form=name_patterns.NOT_EMPTY,
-            examples=["./detector.launch.py"],
-            path=True,
-        ),
-        "arguments": name_map(
-            "The arguments of the launch file.",
-            name_patterns.PARAMETER,
-            scalar("The value of the argument.", examples=["false"]),
-            examples=[{"use_sim_time": "false"}],
-        ),
-    },
-    examples=[{"package": "image_proc", "file": "launch/image_proc.launch.py"}],
-)
-
 NODE: Schema = record(
-    "A node: exactly one of 'python', 'package' with 'plugin', 'package' with 'executable', "
-    "'command', 'launch', or 'external'.",
+    f"A node: exactly one of {kinds_text()}.",
     {
         "extends": sibling("node"),
         "repeat": repeat("node"),
         "description": text("What the node does.", examples=["Finds tags in the left image."]),
-        "python": text(
-            "A Python node, as module.Class, or ./file.py:Class relative to this file: a subclass "
-            "of rclpy's Node whose constructor passes **kwargs to Node, or a function that returns "
-            "one.",
-            form=name_patterns.PYTHON_NODE,
-            examples=["r2bspec.nodes.ResizeNode", "./my_nodes.py:Detector"],
-            path=True,
-        ),
-        "package": text(
-            "The ROS package of the plugin or the executable.",
-            form=name_patterns.PACKAGE,
-            examples=["image_proc"],
-        ),
-        "plugin": text(
-            "The C++ class of a composable node in the package.",
-            form=name_patterns.PLUGIN,
-            examples=["image_proc::ResizeNode"],
-        ),
-        "executable": text(
-            "The executable of the package, as for 'ros2 run'.",
-            form=name_patterns.FILE_NAME,
-            examples=["rectify_node"],
-        ),
-        "command": array(
-            "Any program with its arguments, one item each, run without a shell. Remappings, "
-            "parameters and the namespace are appended after --ros-args.",
-            text("An argument.", examples=["./build/detector"]),
-            at_least=1,
-            examples=[["./build/detector", "--fast"]],
-        ),
-        "launch": _LAUNCH,
-        "external": boolean(
-            "Whether the node is already running, started by other means. The run waits for it "
-            "and does not stop it.",
-            default=False,
-        ),
+        **NODE_KIND_KEYS,
         "container": text(
             "The container of the node; without one, graph.placement applies.",
             form=name_patterns.NODE_NAME,
@@ -152,20 +85,9 @@ NODE: Schema = record(
     },
     examples=[{"python": "r2bspec.nodes.RelayNode", "remappings": {"input": "image"}}],
     snippets=[
-        {
-            "label": "Python node",
-            "body": {"python": "${1:module.Class}", "remappings": {"${2:topic}": "${3:topic}"}},
-        },
-        {
-            "label": "executable of a package",
-            "body": {"package": "$1", "executable": "$2", "remappings": {"$3": "$4"}},
-        },
-        {
-            "label": "composable C++ node",
-            "body": {"package": "$1", "plugin": "$2", "remappings": {"$3": "$4"}},
-        },
-        {"label": "any command", "body": {"command": ["$1"]}},
-        {"label": "launch file", "body": {"launch": {"package": "$1", "file": "$2"}}},
+        dict(each.snippet)
+        for each in sorted(NODE_KINDS, key=lambda kind: kind.suggested)
+        if each.snippet
     ],
 )
 

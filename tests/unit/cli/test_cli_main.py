@@ -96,6 +96,7 @@ def test_importing_the_package_imports_no_stage() -> None:
         "r2bspec",
         "r2bspec._version",
         "r2bspec.errors",
+        "r2bspec.exit_status",
     }
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.cli.main import main
-from r2bspec.language.schema import published_schema
+from r2bspec.language.schema.derive_strict import published_schema
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "language"
 

@@ -243,6 +243,21 @@ def test_markdown_shows_hostile_words_as_words(tmp_path: Path) -> None:
         assert len(widths) == 1, table
 
 
+def test_markdown_names_the_confidence_of_its_bounds(tmp_path: Path) -> None:
+    source = reported(USUAL, tmp_path)
+    verdict = source.result.verdict
+    assert len(verdict.requirements) > 1
+    surer = [msgspec.structs.replace(one, confidence=0.99) for one in verdict.requirements]
+    for requirements, heading in (
+        (verdict.requirements, "| 95 % bounds |"),
+        (tuple(surer), "| 99 % bounds |"),
+        ((verdict.requirements[0], *surer[1:]), "| bounds |"),
+    ):
+        other = msgspec.structs.replace(verdict, requirements=requirements)
+        result = msgspec.structs.replace(source.result, verdict=other)
+        assert heading in renderer("markdown")(ReportInput(result=result)).decode()
+
+
 def test_github_commands_stay_on_their_lines(tmp_path: Path) -> None:
     lines = renderer("github")(reported(HOSTILE_RUN, tmp_path)).decode().splitlines()
     assert lines
