@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from r2bspec.errors import R2bspecError
 
 if TYPE_CHECKING:
-    from r2bspec.compare.base_reference import Reference
+    from r2bspec.compare.base_reference import BaseReference
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.execute.progress import Progress
     from r2bspec.judge.result import Result
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Variables = Mapping[str, bool | int | float | str]
 
 
-class GraphDiffersError(R2bspecError):
+class GraphMismatchError(R2bspecError):
     """The graph that was started is not the one of the spec: to run it again would not help.
 
     Attributes:
@@ -82,7 +82,7 @@ class PreparedBenchmark:
     loaded: LoadedSpec | None = None
 
 
-PrepareBase = Callable[["Reference"], PreparedBenchmark]
+PrepareBase = Callable[["BaseReference"], PreparedBenchmark]
 """Prepares the base of a comparison, where it is not the head in another environment."""
 
 
@@ -144,22 +144,20 @@ def prepare(
         )
     import msgspec
 
-    from r2bspec.check import check
-    from r2bspec.datasets.locate_bag import index, locate
+    from r2bspec.check.engine import check_in_context, context_of
     from r2bspec.language.load_spec import load_spec
     from r2bspec.plan.compile_plan import compile_plan
-    from r2bspec.wiring.companion_files import read_companion_files
 
     loaded = load_spec(path, sets=sets, variables=variables, case=case, allow_paths=allow_paths)
-    diagnostics = check(loaded)
-    if loaded.spec is None or any(each.severity == "error" for each in diagnostics):
+    context = context_of(loaded)
+    diagnostics = check_in_context(loaded, context)
+    if context is None or any(each.severity == "error" for each in diagnostics):
         raise InvalidSpecError(loaded, diagnostics)
-    bags = [
-        index(locate(source.dataset or source.path, loaded.base_dir))
-        for source in loaded.spec.data_loader.sources
-    ]
     plan = compile_plan(
-        loaded.spec, bags, companion_files=read_companion_files(loaded.spec, loaded.base_dir)
+        context.spec,
+        context.require_bags(),
+        companion_files=context.companion_files,
+        wiring=context.wiring,
     )
     return PreparedBenchmark(
         # The case is part of the name under which results are kept and compared.
@@ -202,21 +200,21 @@ def run(
         baseline: a stored run that they are compared with, as advice; see `stored_baseline`.
 
     Raises:
-        GraphDiffersError: the graph is not the one of the spec, which was compiled just now.
+        GraphMismatchError: the graph is not the one of the spec, which was compiled just now.
         RunError: the run failed; its folder has what was observed until then.
         RecordError: the run folder cannot be made.
         HistoryError: the history cannot be used.
     """
-    from r2bspec.execute.progress import Silent
+    from r2bspec.execute.progress import NullProgress
     from r2bspec.record.run_folder import RunFolder
 
     folder = RunFolder.create(output or default_run_folder(prepared.plan.name))
-    listener = progress or Silent()
+    listener = progress or NullProgress()
     if history is None and baseline is None:
         return _run_in_folder(folder, prepared, listener)
-    from r2bspec.compare.gated_run import run_against_earlier
+    from r2bspec.compare.gated_run import run_with_baseline
 
-    return run_against_earlier(
+    return run_with_baseline(
         lambda target, plan: _run_in_folder(target, replace(prepared, plan=plan), listener),
         prepared.plan,
         folder,
@@ -228,7 +226,7 @@ def run(
 def _run_in_folder(folder: RunFolder, prepared: PreparedBenchmark, progress: Progress) -> Result:
     from r2bspec.check.runtime_mismatches import differences_to_diagnostics
     from r2bspec.execute.controller import run_plan
-    from r2bspec.execute.errors import GraphDiffersError as Differs
+    from r2bspec.execute.errors import GraphMismatchError as Differs
 
     try:
         run_plan(
@@ -247,7 +245,7 @@ def _run_in_folder(folder: RunFolder, prepared: PreparedBenchmark, progress: Pro
         loaded = prepared.loaded
         if isinstance(error, Differs) and loaded is not None:
             mismatches = differences_to_diagnostics(error.differences, loaded)
-            raise GraphDiffersError(error, loaded, mismatches) from error
+            raise GraphMismatchError(error, loaded, mismatches) from error
         raise
     return _write_result(folder)
 
@@ -276,10 +274,10 @@ def stored_baseline(
     Raises:
         IncomparableError: plan, data or machine are others, and `force` is not given.
     """
-    from r2bspec.compare.history_gate import baseline_of_stored
+    from r2bspec.compare.history_gate import baseline_from_stored_run
     from r2bspec.execute.host.machine import describe_machine
 
-    return baseline_of_stored(path, prepared.plan, describe_machine(), force=force)
+    return baseline_from_stored_run(path, prepared.plan, describe_machine(), force=force)
 
 
 def run_pairs(
@@ -312,24 +310,24 @@ def run_pairs(
         RunError: a run failed; the folder has the pairs that were finished until then.
         RecordError: the folder cannot be made.
     """
-    from r2bspec.compare.base_reference import parse_references
-    from r2bspec.compare.interleaved_comparison import compare, comparing
-    from r2bspec.compare.interleaved_runs import Contender
-    from r2bspec.execute.processes.workspaces import inside, workspaces
+    from r2bspec.compare.base_reference import parse_base_reference
+    from r2bspec.compare.interleaved_comparison import compare, prepare_comparison
+    from r2bspec.compare.interleaved_runs import ComparisonSide
+    from r2bspec.execute.processes.workspaces import applied_environment, workspace_environments
 
-    reference = parse_references(against)
-    environment = workspaces(reference.environments)
+    reference = parse_base_reference(against)
+    environment = workspace_environments(reference.environments)
     base = head
     if reference.changes_spec:
         if prepare_base is None:
             raise ValueError("another spec has to be prepared")
-        with inside(environment):
+        with applied_environment(environment):
             base = prepare_base(reference)
     sides = [
-        Contender(each.plan, each.base_dir, each.spec_text, overrides)
+        ComparisonSide(each.plan, each.base_dir, each.spec_text, overrides)
         for each, overrides in ((base, environment), (head, {}))
     ]
-    comparison = comparing(
+    comparison = prepare_comparison(
         *sides, against=reference.text, pairs=pairs, control=control, force=force
     )
     return compare(comparison, output or default_run_folder(f"{head.plan.name}-pairs"), progress)

@@ -1,4 +1,4 @@
-"""Every requirement of a spec, with its place."""
+"""Every requirement of a spec, with its path."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class LocatedRequirement:
     Attributes:
         objective: the name of the objective; empty for a condition of the search.
         at: the rate of the objective.
-        needs_rate: whether the objective says neither a rate nor that the peak is meant.
-        confidence: that its verdicts are asked to have.
+        needs_rate: whether the objective has neither a rate nor the peak.
+        confidence: the required confidence of its verdicts.
     """
 
     requirement: Requirement
@@ -44,7 +44,7 @@ class LocatedRequirement:
 
     @property
     def subject(self) -> str:
-        """The requirement as a subject of findings."""
+        """The key of the requirement as a subject of findings."""
         return f"requirement:{self.path}"
 
 

@@ -20,7 +20,7 @@ from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
     from r2bspec.record.calibration_file import Calibration
-    from r2bspec.record.comparison_folder import Pairs
+    from r2bspec.record.comparison_folder import PairedComparison
 
 
 @click.command("calibrate")
@@ -71,16 +71,16 @@ def command(
         raise click.UsageError("a plan has no limits to propose: name the spec")
     if source is not None and (runs is not None or output is not None):
         raise click.UsageError("--from runs nothing, and takes neither --runs nor --output")
-    from r2bspec.compare.calibration import calibration_of, store
-    from r2bspec.record.comparison_folder import open_pairs
+    from r2bspec.compare.calibration import compute_calibration, store_calibration
+    from r2bspec.record.comparison_folder import open_comparison
 
     selection = SpecSelection(spec, sets, parse_variables(variables), case, allow_paths)
     prepared = prepare_and_report(selection)
     folder = source or _run(prepared, runs or 20, output, quiet=quiet)
-    pairs = open_pairs(folder)
+    pairs = open_comparison(folder)
     _require_same_graph(prepared, pairs, folder)
-    found = calibration_of(pairs)
-    path = store(spec, pairs, found)
+    found = compute_calibration(pairs)
+    path = store_calibration(spec, pairs, found)
     _show(found, prepared.plan.name, pairs)
     click.echo(f"kept in {path}", err=True)
     _propose(selection, prepared, found, write=write)
@@ -97,12 +97,12 @@ def _run(prepared: PreparedBenchmark, runs: int, output: Path | None, *, quiet: 
     return folder
 
 
-def _require_same_graph(prepared: PreparedBenchmark, pairs: Pairs, folder: Path) -> None:
+def _require_same_graph(prepared: PreparedBenchmark, pairs: PairedComparison, folder: Path) -> None:
     from r2bspec.compare.errors import IncomparableError
-    from r2bspec.plan.comparability import graph_differences, measured_hash, told
+    from r2bspec.plan.comparability import difference_lines, graph_differences, measured_hash
 
     if measured_hash(prepared.plan) != measured_hash(pairs.plan):
-        differences = told(graph_differences(pairs.plan, prepared.plan))
+        differences = difference_lines(graph_differences(pairs.plan, prepared.plan))
         raise IncomparableError(
             f"the runs in {folder} are not of this spec:\n"
             + "\n".join(f"  {each}" for each in differences),
@@ -110,12 +110,12 @@ def _require_same_graph(prepared: PreparedBenchmark, pairs: Pairs, folder: Path)
         )
 
 
-def _show(found: Calibration, name: str, pairs: Pairs) -> None:
+def _show(found: Calibration, name: str, pairs: PairedComparison) -> None:
     """Print the noise: a line for each metric, the smallest change by the number of pairs."""
     from r2bspec.measure.units import show
 
     click.echo(f"{name} on {found.machine}")
-    used = len(pairs.played())
+    used = len(pairs.usable_pairs())
     click.echo(
         f"{used} pairs of the graph with itself, at {show(found.confidence, 'share')} confidence; "
         "the smallest change that is found nine times in ten, by the number of pairs"
@@ -159,14 +159,14 @@ def _propose(
 ) -> None:
     """Print the proposed change of the spec as a patch, or make it."""
     from r2bspec.cli.fix import read_text, write_text
-    from r2bspec.compare.margin_proposals import propose
+    from r2bspec.compare.margin_proposals import propose_limits
     from r2bspec.diagnostics.edits import unified_diff
 
     file = str(selection.spec)
     before = read_text(file)
     if before is None or prepared.loaded is None:
         return
-    after, notes = propose(prepared.loaded, found, before)
+    after, notes = propose_limits(prepared.loaded, found, before)
     for each in notes:
         click.echo(each, err=True)
     if after == before:

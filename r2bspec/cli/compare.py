@@ -33,12 +33,15 @@ def command(
     Each is a run folder, the result.json of one, or a report of ros2_benchmark. The exit status is
     0 whatever comes out: stored results advise, and 'r2bspec run --against' gates.
     """
-    from r2bspec.compare.comparison_subject import read_subject
+    from r2bspec.compare.comparison_subject import read_compared_result
     from r2bspec.compare.result_comparison import compare
     from r2bspec.report.comparison.comparison_formats import render
 
-    first = read_subject(base)
-    found = [compare(first, read_subject(head), margin=margin / 100, force=force) for head in heads]
+    first = read_compared_result(base)
+    found = [
+        compare(first, read_compared_result(head), margin=margin / 100, force=force)
+        for head in heads
+    ]
     width = shutil.get_terminal_size((100, 24)).columns
     content = render(found, output_format, width)
     click.echo(content, nl=False)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from r2bspec.doctor.checkup import Check, Status
+    from r2bspec.doctor.checkup import CheckResult, Status
 
 _MARKS: dict[Status, tuple[str, str]] = {
     "ok": ("✔", "green"),
@@ -46,13 +46,13 @@ def command(clean: bool, runs: Path, output_format: str) -> int:
     problem, and 0 if there are warnings only.
     """
     from r2bspec.doctor.all_checks import examine
-    from r2bspec.doctor.checkup import System, worst
+    from r2bspec.doctor.checkup import System, worst_status
     from r2bspec.doctor.leftovers import clean as remove_leftovers
 
     system = System(runs=runs)
     removed = remove_leftovers(system) if clean else []
     checks = list(examine(system))
-    status = worst(checks)
+    status = worst_status(checks)
     if output_format == "json":
         import msgspec
 
@@ -67,7 +67,7 @@ def command(clean: bool, runs: Path, output_format: str) -> int:
     return 1 if status == "problem" else 0
 
 
-def _show(checks: list[Check], status: Status) -> None:
+def _show(checks: list[CheckResult], status: Status) -> None:
     """Print a block for each topic, a line for each check, and advice below what needs it."""
     width = max(len(check.name) for check in checks)
     topic = ""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from r2bspec.compare.history import Entry
+    from r2bspec.compare.history import HistoryEntry
 
 USER_HISTORY = "user"
 """The word that stands for the user's own history."""
@@ -56,7 +56,7 @@ def list_runs(file: str, name: str, output_format: str) -> int:
     return 0
 
 
-def _table(runs: tuple[Entry, ...]) -> list[str]:
+def _table(runs: tuple[HistoryEntry, ...]) -> list[str]:
     if not runs:
         return ["no runs"]
     rows = [("run", "started", "benchmark", "plan", "machine", "outcome")]
@@ -113,7 +113,7 @@ def prune(
 
     since = parse_time(before) if before is not None else None
     with open_history(history_file(file)) as history:
-        groups: dict[tuple[str, str, str], list[Entry]] = {}
+        groups: dict[tuple[str, str, str], list[HistoryEntry]] = {}
         for one in history.runs(name=name):
             groups.setdefault((one.plan, one.host, one.dataset), []).append(one)
         removed_ids = set(run_ids)

@@ -40,9 +40,9 @@ def command(report: Path, output_format: str, output: Path | None) -> int:
 
     found = read_report(report)
     if output is not None:
-        from r2bspec.record.atomic_files import write_whole
+        from r2bspec.record.atomic_files import write_atomically
 
-        write_whole(output, to_json(found))
+        write_atomically(output, to_json(found))
     elif output_format == "json":
         click.echo(to_json(found), nl=False)
     else:

@@ -20,7 +20,7 @@ _HEAD = (
 @click.option("--node", "only", multiple=True, metavar="KEY", help="Only this node; repeatable.")
 @click.option(
     "--timeout",
-    "patience_s",
+    "timeout_s",
     type=click.FloatRange(1.0, 600.0),
     default=20.0,
     show_default=True,
@@ -32,7 +32,7 @@ _HEAD = (
 def command(
     spec: Path,
     only: tuple[str, ...],
-    patience_s: float,
+    timeout_s: float,
     sets: tuple[str, ...],
     variables: tuple[str, ...],
 ) -> int:
@@ -58,8 +58,8 @@ def command(
         loaded,
         spec.parent,
         only=only,
-        patience_s=patience_s,
-        told=lambda name: click.echo(f"starting {name}", err=True),
+        timeout_s=timeout_s,
+        on_node=lambda name: click.echo(f"starting {name}", err=True),
     ):
         if found.interface is None:
             failed += 1
@@ -74,10 +74,10 @@ def command(
 def _write(folder: Path, name: str, interface: dict[str, Any]) -> str:
     """Write a node's file, whole or not at all; returns its path as the user would write it."""
     from r2bspec.language.yaml_dump import to_yaml
-    from r2bspec.record.atomic_files import write_whole
+    from r2bspec.record.atomic_files import write_atomically
     from r2bspec.wiring.companion_files import interface_file
 
     file = interface_file(folder, name)
     file.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(file, (_HEAD.format(name=name) + to_yaml(interface)).encode())
+    write_atomically(file, (_HEAD.format(name=name) + to_yaml(interface)).encode())
     return str(file)

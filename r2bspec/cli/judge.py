@@ -11,7 +11,7 @@ from r2bspec.cli.shared_options import junit_option, reports_option
 
 if TYPE_CHECKING:
     from r2bspec.language.spec import Spec
-    from r2bspec.report.write_reports import Asked
+    from r2bspec.report.write_reports import ReportRequest
 
 
 @click.command("judge")
@@ -31,8 +31,8 @@ def command(
     spec: Path | None,
     output_format: str,
     write: bool,
-    reports: tuple[Asked, ...],
-    junit: tuple[Asked, ...],
+    reports: tuple[ReportRequest, ...],
+    junit: tuple[ReportRequest, ...],
 ) -> int:
     """Judge the finished run, or comparison, in the folder RUN again; needs no ROS.
 
@@ -62,7 +62,7 @@ def command(
 
 def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain: bool) -> int:
     """Judge a report of the reference tool, which has no run folder and no samples."""
-    from r2bspec.interop.judging import judge_report
+    from r2bspec.interop.imported_verdicts import judge_report
     from r2bspec.interop.ros2_benchmark import read_report
     from r2bspec.report.terminal import show_verdict
 

@@ -141,6 +141,6 @@ def _write(content: bytes, output: Path | None) -> None:
     if output is None:
         click.echo(content, nl=False)
         return
-    from r2bspec.record.atomic_files import write_whole
+    from r2bspec.record.atomic_files import write_atomically
 
-    write_whole(output, content)
+    write_atomically(output, content)

@@ -10,7 +10,7 @@ import click
 from r2bspec.cli.shared_options import junit_option, reports_option
 
 if TYPE_CHECKING:
-    from r2bspec.report.write_reports import Asked
+    from r2bspec.report.write_reports import ReportRequest
 
 
 def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: bool) -> None:
@@ -50,8 +50,8 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
 )
 def command(
     run: Path,
-    reports: tuple[Asked, ...],
-    junit: tuple[Asked, ...],
+    reports: tuple[ReportRequest, ...],
+    junit: tuple[ReportRequest, ...],
     spec: Path | None,
     against: Path | None,
 ) -> int:
@@ -60,7 +60,7 @@ def command(
     A result alone makes fewer charts than the folder, which has every message. The exit status
     tells whether the reports were made; 'r2bspec judge' tells the verdict.
     """
-    from r2bspec.compare.load_results import read_reported
+    from r2bspec.compare.load_results import read_report_input
     from r2bspec.record.run_folder import open_run
     from r2bspec.report.errors import ReportUsageError
     from r2bspec.report.write_reports import write_reports
@@ -71,5 +71,5 @@ def command(
             "no report was asked for", hint="Say which and where: --report html=report.html"
         )
     baseline = open_run(against) if against is not None else None
-    write_reports(asked, read_reported(run, spec_file=spec, baseline=baseline))
+    write_reports(asked, read_report_input(run, spec_file=spec, baseline=baseline))
     return 0

@@ -21,7 +21,7 @@ from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_an
 from r2bspec.errors import R2bspecError
 
 if TYPE_CHECKING:
-    from r2bspec.report.write_reports import Asked
+    from r2bspec.report.write_reports import ReportRequest
 
 
 @click.command("run")
@@ -81,8 +81,8 @@ def command(
     force: bool,
     output_format: str,
     quiet: bool,
-    reports: tuple[Asked, ...],
-    junit: tuple[Asked, ...],
+    reports: tuple[ReportRequest, ...],
+    junit: tuple[ReportRequest, ...],
 ) -> int:
     """Run SPEC and judge it by its SLOs.
 
@@ -97,7 +97,7 @@ def command(
     from r2bspec.report.findings.print_findings import show
     from r2bspec.report.progress_display import shown_progress
     from r2bspec.report.terminal import show_result
-    from r2bspec.report.write_reports import takes_stdout, write_of_folder
+    from r2bspec.report.write_reports import takes_stdout, write_folder_reports
 
     is_comparison = bool(against) or control
     _check_option_conflicts(against, control, pairs, history, baseline, force=force)
@@ -127,18 +127,18 @@ def command(
                 history_path = history_file(history) if history is not None else None
                 result = api.run(prepared, folder, progress, history=history_path, baseline=stored)
     except R2bspecError as error:
-        if isinstance(error, api.GraphDiffersError):
+        if isinstance(error, api.GraphMismatchError):
             show(error.diagnostics, error.loaded.texts)
         # What was observed until then is worth its reports; the failure is the one to tell.
         with contextlib.suppress(R2bspecError):
-            write_of_folder(reports + junit, folder, spec)
+            write_folder_reports(reports + junit, folder, spec)
         raise
     if prepared.loaded is not None:
         # What ended no run is worth a look all the same.
         show(api.differences_to_diagnostics(result, prepared.loaded), prepared.loaded.texts)
     if not takes_stdout(reports + junit):
         show_result(result, output_format, folder)
-    write_of_folder(reports + junit, folder, spec)
+    write_folder_reports(reports + junit, folder, spec)
     return result.verdict.exit_code
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from r2bspec.report.write_reports import Asked
+    from r2bspec.report.write_reports import ReportRequest
 
 sets_option = click.option(
     "--set",
@@ -61,12 +61,12 @@ def parse_variables(options: Iterable[str]) -> dict[str, str]:
 
 def _parse_reports(
     _ctx: click.Context, _param: click.Parameter, options: tuple[str, ...]
-) -> tuple[Asked, ...]:
+) -> tuple[ReportRequest, ...]:
     if not options:
         return ()
-    from r2bspec.report.write_reports import parse_asked
+    from r2bspec.report.write_reports import parse_report_requests
 
-    return parse_asked(options)
+    return parse_report_requests(options)
 
 
 reports_option = click.option(
@@ -80,7 +80,9 @@ reports_option = click.option(
 )
 
 
-def _parse_junit(ctx: click.Context, param: click.Parameter, path: str | None) -> tuple[Asked, ...]:
+def _parse_junit(
+    ctx: click.Context, param: click.Parameter, path: str | None
+) -> tuple[ReportRequest, ...]:
     return _parse_reports(ctx, param, (f"junit={path}",) if path is not None else ())
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
-    from r2bspec.compare.base_reference import Reference
+    from r2bspec.compare.base_reference import BaseReference
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def prepare_and_report(selection: SpecSelection) -> PreparedBenchmark:
     return prepared
 
 
-def base_selection(head: SpecSelection, reference: Reference) -> SpecSelection:
+def base_selection(head: SpecSelection, reference: BaseReference) -> SpecSelection:
     """The base that a reference names.
 
     With the head's own spec it has all that the command line says of the head, but for what the

@@ -105,7 +105,7 @@ def _print_findings(checked: list[FileReport], output_format: str, *, offline: b
     names = [each.file for each in checked]
     shown = finding_formats.render(output_format, found, sources, names, colour=colour)
     click.echo(shown, nl=False, color=colour)
-    if output_format not in finding_formats.DOCUMENTS:
+    if output_format not in finding_formats.DOCUMENT_FORMATS:
         click.echo(_summary(checked, found, offline=offline))
 
 

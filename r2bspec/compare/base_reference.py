@@ -18,7 +18,7 @@ from pathlib import Path
 
 from r2bspec.errors import UsageError
 
-_WAY_OUT = (
+_HINT = (
     "Name a spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup file, an installed "
     "workspace or NAME=VALUE."
 )
@@ -31,7 +31,7 @@ class BadReferenceError(UsageError):
 
 
 @dataclass(frozen=True)
-class Reference:
+class BaseReference:
     """The base of a comparison, as it was named.
 
     Attributes:
@@ -54,7 +54,7 @@ class Reference:
         return bool(self.spec or self.variables or self.sets)
 
 
-def parse_references(texts: Sequence[str]) -> Reference:
+def parse_base_reference(texts: Sequence[str]) -> BaseReference:
     """Read what ``--against`` names.
 
     Raises:
@@ -69,7 +69,7 @@ def parse_references(texts: Sequence[str]) -> Reference:
         if colon and kind in {"var", "set"}:
             name, equals, value = rest.partition("=")
             if not equals or not name:
-                raise BadReferenceError(f"{kind}: takes NAME=VALUE, not {rest!r}", hint=_WAY_OUT)
+                raise BadReferenceError(f"{kind}: takes NAME=VALUE, not {rest!r}", hint=_HINT)
             if kind == "var":
                 variables[name] = value
             else:
@@ -77,13 +77,13 @@ def parse_references(texts: Sequence[str]) -> Reference:
         elif colon and kind == "env":
             environments.append(rest)
         else:
-            specs.append(_existing(text))
+            specs.append(_existing_spec(text))
     if len(specs) > 1:
         raise BadReferenceError(
             f"there is one base, not two: {specs[0]} and {specs[1]}",
             hint="Compare them one after the other.",
         )
-    return Reference(
+    return BaseReference(
         text=", ".join(texts),
         spec=specs[0] if specs else None,
         variables=variables,
@@ -92,11 +92,11 @@ def parse_references(texts: Sequence[str]) -> Reference:
     )
 
 
-def _existing(text: str) -> Path:
+def _existing_spec(text: str) -> Path:
     path = Path(text)
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "is not there"
-        hint = _WAY_OUT
+        hint = _HINT
         if (path / "record.json").exists() or (path / "pairs.json").exists():
             hint = "A stored run cannot be played again; --baseline compares with one, as advice."
         raise BadReferenceError(f"{text!r} {what}, so that nothing can be compared", hint=hint)

@@ -6,23 +6,29 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.history_gate import Place, places
-from r2bspec.judge.baseline_requirements import value_of
+from r2bspec.compare.history_gate import TrackedMetric, tracked_metrics
+from r2bspec.judge.baseline_requirements import run_value
 from r2bspec.judge.statistics.power import noise_floor, smallest_detectable
-from r2bspec.measure.samples import RunSamples, read_samples
-from r2bspec.plan.comparability import measured_hash, pairs_of
-from r2bspec.record.calibration_file import Calibration, MetricNoise, add_noise, noise_path
-from r2bspec.record.comparison_folder import Pairs
-from r2bspec.record.machine_fingerprint import fingerprint, in_words
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
+from r2bspec.plan.comparability import measured_hash, pair_count
+from r2bspec.record.calibration_file import (
+    Calibration,
+    MetricNoise,
+    add_calibration,
+    calibration_path,
+)
+from r2bspec.record.comparison_folder import PairedComparison
+from r2bspec.record.machine_fingerprint import describe_machine, fingerprint
 
-LEAST_PAIRS = 3
+MIN_PAIRS = 3
 """Fewer do not show how much pairs differ: the bound on the noise is five times the estimate."""
 
-_NUMBERS = (3, 5, 10, 20, 40)
+_PAIR_COUNTS = (3, 5, 10, 20, 40)
 """Pairs for which margins are worked out, beside the number that the spec asks for."""
 
 
-def calibration_of(pairs: Pairs) -> Calibration:
+def compute_calibration(pairs: PairedComparison) -> Calibration:
     """The noise of every metric that has a value in each run.
 
     Args:
@@ -32,29 +38,29 @@ def calibration_of(pairs: Pairs) -> Calibration:
         IncomparableError: it is no control, or has too few pairs.
         RecordError: a file of one of its runs is missing or damaged.
     """
-    played = pairs.played()
+    played = pairs.usable_pairs()
     if not pairs.record.control:
         raise IncomparableError(
             f"{pairs.folder} compares two graphs, and noise is what one differs from itself by",
             hint="'r2bspec calibrate SPEC' runs it against itself.",
         )
-    if len(played) < LEAST_PAIRS:
+    if len(played) < MIN_PAIRS:
         raise IncomparableError(
-            f"{len(played)} pairs do not show how much runs differ; {LEAST_PAIRS} are needed",
+            f"{len(played)} pairs do not show how much runs differ; {MIN_PAIRS} are needed",
             hint="Ask for more with --runs.",
         )
     base = [read_samples(pairs.run(each, "base")) for each in played]
     head = [read_samples(pairs.run(each, "head")) for each in played]
     merged = pairs.merged(played, "head")
     confidence = pairs.plan.gate.confidence
-    numbers = sorted({*_NUMBERS, max(pairs_of(pairs.plan), 2)})
+    numbers = sorted({*_PAIR_COUNTS, max(pair_count(pairs.plan), 2)})
     metrics: list[MetricNoise] = []
-    for at_hz, monitor, info in places(merged, read_samples(merged)):
+    for at_hz, monitor, info in tracked_metrics(merged, read_samples(merged)):
         ratios = _ratios((at_hz, monitor, info), base, head)
         if ratios is not None:
             metrics.append(_noise((at_hz, monitor, info), ratios, numbers, confidence))
     return Calibration(
-        machine=in_words(merged.record.machine),
+        machine=describe_machine(merged.record.machine),
         run_id=pairs.record.run_id,
         started_at=pairs.record.started_at,
         plan=measured_hash(pairs.plan),
@@ -64,12 +70,12 @@ def calibration_of(pairs: Pairs) -> Calibration:
 
 
 def _ratios(
-    where: Place, base: Sequence[RunSamples], head: Sequence[RunSamples]
+    where: TrackedMetric, base: Sequence[RunSamples], head: Sequence[RunSamples]
 ) -> list[float] | None:
     """Second over first of each pair; None if a value is missing, lost or 0."""
     at_hz, monitor, info = where
     values = [
-        (value_of(info, monitor, at_hz, a), value_of(info, monitor, at_hz, b))
+        (run_value(info, monitor, at_hz, a), run_value(info, monitor, at_hz, b))
         for a, b in zip(base, head, strict=True)
     ]
     known = [(a, b) for a, b in values if a and b]
@@ -77,7 +83,7 @@ def _ratios(
 
 
 def _noise(
-    where: Place, ratios: Sequence[float], numbers: Sequence[int], confidence: float
+    where: TrackedMetric, ratios: Sequence[float], numbers: Sequence[int], confidence: float
 ) -> MetricNoise:
     at_hz, monitor, info = where
     found = noise_floor(ratios, confidence)
@@ -94,13 +100,13 @@ def _noise(
     )
 
 
-def store(spec_file: Path, pairs: Pairs, found: Calibration) -> Path:
+def store_calibration(spec_file: Path, pairs: PairedComparison, found: Calibration) -> Path:
     """Keep a calibration beside its spec; where it is kept.
 
     Raises:
         RecordError: the file there is damaged, or cannot be written.
     """
-    path = noise_path(spec_file)
-    machine = pairs.merged(pairs.played(), "head").record.machine
-    add_noise(path, pairs.plan.name, fingerprint(machine), found)
+    path = calibration_path(spec_file)
+    machine = pairs.merged(pairs.usable_pairs(), "head").record.machine
+    add_calibration(path, pairs.plan.name, fingerprint(machine), found)
     return path

@@ -15,7 +15,7 @@ ADVICE = (
 """Said below every comparison, because its intervals do not know of the spread between runs."""
 
 
-class Line(msgspec.Struct, frozen=True, kw_only=True):
+class ComparisonLine(msgspec.Struct, frozen=True, kw_only=True):
     """One metric at one rate.
 
     Attributes:
@@ -42,7 +42,7 @@ class Line(msgspec.Struct, frozen=True, kw_only=True):
     reason: str
 
 
-class Side(msgspec.Struct, frozen=True, kw_only=True):
+class ComparedSource(msgspec.Struct, frozen=True, kw_only=True):
     """A result that took part: where it was read from, and what it is."""
 
     source: str
@@ -59,8 +59,8 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     r2bspec_comparison: Literal[1] = 1
-    base: Side
-    head: Side
+    base: ComparedSource
+    head: ComparedSource
     confidence: float
     differences: tuple[str, ...]
-    lines: tuple[Line, ...]
+    lines: tuple[ComparisonLine, ...]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from r2bspec.compare.comparison import Side
+from r2bspec.compare.comparison import ComparedSource
 from r2bspec.compare.errors import UnreadableResultError
 from r2bspec.compare.load_results import read_folder
 from r2bspec.errors import R2bspecError
@@ -21,12 +21,12 @@ from r2bspec.measure.percentiles import rank
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import SearchRecord
 
-Key = tuple[float | None, str, str]
+SeriesKey = tuple[float | None, str, str]
 """Offered rate, monitor, and the metric's name in the catalogue."""
 
 
 @dataclass(frozen=True)
-class Series:
+class MetricSeries:
     """A metric in the iterations of one run.
 
     Attributes:
@@ -42,11 +42,11 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Subject:
+class ComparedResult:
     """One side of a comparison; what is None is not known."""
 
-    side: Side
-    series: dict[Key, Series]
+    side: ComparedSource
+    series: dict[SeriesKey, MetricSeries]
     plan: Plan | None
     plan_hash: str | None
     dataset: str | None
@@ -55,7 +55,7 @@ class Subject:
     tool: str = "r2bspec"
 
 
-def read_subject(path: Path) -> Subject:
+def read_compared_result(path: Path) -> ComparedResult:
     """Read a run folder, that of a comparison, a ``result.json``, or a report of ros2_benchmark.
 
     A comparison is represented by its head.
@@ -83,8 +83,8 @@ def read_subject(path: Path) -> Subject:
             ) from not_a_report
 
 
-def _of_result(source: str, result: Result, plan: Plan | None) -> Subject:
-    series: dict[Key, Series] = {}
+def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult:
+    series: dict[SeriesKey, MetricSeries] = {}
     graph = {
         each.name for each in result.processes if each.role in {"host", "command", "container"}
     }
@@ -92,8 +92,8 @@ def _of_result(source: str, result: Result, plan: Plan | None) -> Subject:
         series |= _of_rate(rate, graph)
     if result.metrics.search is not None:
         series[None, "", "peak.rate"] = _peak(result.metrics.search)
-    return Subject(
-        side=Side(
+    return ComparedResult(
+        side=ComparedSource(
             source=source, name=result.name, run_id=result.run_id, started_at=result.started_at
         ),
         series=series,
@@ -105,17 +105,17 @@ def _of_result(source: str, result: Result, plan: Plan | None) -> Subject:
     )
 
 
-def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[Key, Series]:
-    found: dict[Key, Series] = {}
+def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries]:
+    found: dict[SeriesKey, MetricSeries] = {}
     for monitor in rate.pooled.monitors:
         seen = [one.monitors[monitor] for one in rate.iterations]
         for metric, unit, values in _of_monitor(seen):
-            found[rate.offered_hz, monitor, metric] = Series(tuple(values), unit)
+            found[rate.offered_hz, monitor, metric] = MetricSeries(tuple(values), unit)
     for process in rate.pooled.processes:
         if process in graph:
             uses = [one.processes.get(process) for one in rate.iterations]
             values = [use.cpu_mean if use is not None else None for use in uses]
-            found[rate.offered_hz, "", f"cpu.{process}.mean"] = Series(tuple(values), "share")
+            found[rate.offered_hz, "", f"cpu.{process}.mean"] = MetricSeries(tuple(values), "share")
     return found
 
 
@@ -137,20 +137,20 @@ def _latency(seen: MonitorMetrics, part: str) -> float | None:
     return value
 
 
-def _peak(search: SearchRecord) -> Series:
-    return Series((search.holds_hz,), "Hz", bracket=(search.holds_hz, search.upper_hz))
+def _peak(search: SearchRecord) -> MetricSeries:
+    return MetricSeries((search.holds_hz,), "Hz", bracket=(search.holds_hz, search.upper_hz))
 
 
-def _of_report(source: str, report: ReferenceReport) -> Subject:
-    series: dict[Key, Series] = {}
+def _of_report(source: str, report: ReferenceReport) -> ComparedResult:
+    series: dict[SeriesKey, MetricSeries] = {}
     for rate, monitors in report.rates.items():
         for monitor, figures in monitors.items():
             for metric, unit, value in _known(figures):
-                series[float(rate), monitor, metric] = Series((value,), unit, single=True)
+                series[float(rate), monitor, metric] = MetricSeries((value,), unit, single=True)
     if report.peak_hz is not None:
-        series[None, "", "peak.rate"] = Series((report.peak_hz,), "Hz", single=True)
-    return Subject(
-        side=Side(
+        series[None, "", "peak.rate"] = MetricSeries((report.peak_hz,), "Hz", single=True)
+    return ComparedResult(
+        side=ComparedSource(
             source=source,
             name=report.name,
             run_id="",

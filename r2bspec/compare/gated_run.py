@@ -8,20 +8,20 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.compare.history import open_history
-from r2bspec.compare.history_gate import baseline_of_history, keep, remember
+from r2bspec.compare.history_gate import add_to_history, baseline_from_history, write_baseline
 from r2bspec.judge.history_comparison import fails_by_history
 from r2bspec.judge.judge_run import result_of, to_json
 from r2bspec.judge.result import Result
 from r2bspec.plan.plan import Plan
-from r2bspec.record.baseline_file import CONFIRM, BaselineRecord
+from r2bspec.record.baseline_file import CONFIRMATION_FOLDER, BaselineRecord
 from r2bspec.record.run_folder import RunFolder, open_run
 
-RunInto = Callable[[RunFolder, Plan], Result]
+RunPlan = Callable[[RunFolder, Plan], Result]
 """Carries a plan out, into a folder."""
 
 
-def run_against_earlier(
-    run_into: RunInto,
+def run_with_baseline(
+    run_plan: RunPlan,
     plan: Plan,
     folder: RunFolder,
     *,
@@ -31,7 +31,7 @@ def run_against_earlier(
     """Make a run and judge it by earlier ones.
 
     Args:
-        run_into: makes a run.
+        run_plan: makes a run.
         plan: of the run.
         folder: where it goes.
         history: gates, and remembers the run.
@@ -44,19 +44,22 @@ def run_against_earlier(
     if history is not None:
         with open_history(history, create=True):
             pass
-    result = run_into(folder, plan)
-    baseline = baseline_of_history(history, open_run(folder.path)) if history else stored
+    result = run_plan(folder, plan)
+    baseline = baseline_from_history(history, open_run(folder.path)) if history else stored
     if baseline is None:
         return result
-    keep(folder.path, baseline)
+    write_baseline(folder.path, baseline)
     result = _judge(folder)
     if fails_by_history(result.verdict) and plan.gate.confirm:
         # Confirmed by a run of its own: it says nothing new of what failed without the history.
         once = msgspec.structs.replace(plan.gate, confirm=False)
-        run_into(RunFolder.create(folder.path / CONFIRM), msgspec.structs.replace(plan, gate=once))
+        run_plan(
+            RunFolder.create(folder.path / CONFIRMATION_FOLDER),
+            msgspec.structs.replace(plan, gate=once),
+        )
         result = _judge(folder)
     if history is not None:
-        remember(history, open_run(folder.path), result)
+        add_to_history(history, open_run(folder.path), result)
     return result
 
 

@@ -7,54 +7,58 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from r2bspec.compare.comparison import Side
-from r2bspec.compare.comparison_subject import Key, Subject, read_subject
+from r2bspec.compare.comparison import ComparedSource
+from r2bspec.compare.comparison_subject import ComparedResult, SeriesKey, read_compared_result
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.history import Entry, Metric, open_history
+from r2bspec.compare.history import HistoryEntry, HistoryMetric, open_history
 from r2bspec.compare.load_results import read_folder
 from r2bspec.compare.result_comparison import differences_of
-from r2bspec.judge.baseline_requirements import value_of, values_of
+from r2bspec.judge.baseline_requirements import iteration_values, run_value
 from r2bspec.judge.result import Result
-from r2bspec.judge.statistics.prediction_interval import MOST_RUNS
+from r2bspec.judge.statistics.prediction_interval import MAX_HISTORY_RUNS
 from r2bspec.measure.errors import MetricError
 from r2bspec.measure.metric_catalogue import MetricInfo, resolve
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.comparability import measured_hash
 from r2bspec.plan.plan import Plan
-from r2bspec.record.atomic_files import write_whole
-from r2bspec.record.baseline_file import BASELINE, BaselineRecord, Series, to_json
-from r2bspec.record.machine_fingerprint import fingerprint, in_words
+from r2bspec.record.atomic_files import write_atomically
+from r2bspec.record.baseline_file import BASELINE_FILE, BaselineRecord, BaselineSeries, to_json
+from r2bspec.record.machine_fingerprint import describe_machine, fingerprint
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord
 
-_OF_A_MONITOR = (
+_MONITOR_METRICS = (
     "throughput.mean",
     *(f"latency.{part}" for part in ("mean", "p50", "p90", "p95", "p99", "max")),
     "drop_rate",
 )
 
-Place = tuple[float | None, str | None, MetricInfo]
+TrackedMetric = tuple[float | None, str | None, MetricInfo]
 """An offered rate, a monitor, and a metric."""
 
 
-def places(run: Run, samples: RunSamples) -> Iterator[Place]:
+def tracked_metrics(run: Run, samples: RunSamples) -> Iterator[TrackedMetric]:
     """What is remembered of a run: the usual metrics, and those that its objectives name."""
     seen: set[tuple[float | None, str | None, str]] = set()
-    for at_hz, monitor, info in (*_usual(run, samples), *_required(run.plan, samples)):
+    for at_hz, monitor, info in (
+        *_default_metrics(run, samples),
+        *_required_metrics(run.plan, samples),
+    ):
         key = (at_hz, monitor, info.name)
         if key not in seen:
             seen.add(key)
             yield at_hz, monitor, info
 
 
-def _usual(run: Run, samples: RunSamples) -> Iterator[Place]:
+def _default_metrics(run: Run, samples: RunSamples) -> Iterator[TrackedMetric]:
     graph = {
         each.name for each in run.record.processes if each.role in {"host", "command", "container"}
     }
     for rate in samples.iterations:
         for monitor in samples.monitors:
-            for name in _OF_A_MONITOR:
+            for name in _MONITOR_METRICS:
                 yield rate, monitor, resolve(name, samples.monitors)[1]
         for process in sorted(graph):
             yield rate, None, resolve(f"cpu.{process}.mean", (), samples.processes)[1]
@@ -62,7 +66,7 @@ def _usual(run: Run, samples: RunSamples) -> Iterator[Place]:
         yield None, None, resolve("peak.rate", ())[1]
 
 
-def _required(plan: Plan, samples: RunSamples) -> Iterator[Place]:
+def _required_metrics(plan: Plan, samples: RunSamples) -> Iterator[TrackedMetric]:
     for objective in plan.objectives.values():
         rates = [objective.at.hz] if objective.at is not None else []
         for requirement in objective.require:
@@ -76,44 +80,44 @@ def _required(plan: Plan, samples: RunSamples) -> Iterator[Place]:
             yield from ((rate, each, info) for rate in rates for each in monitors)
 
 
-def entry_of(run: Run, result: Result) -> Entry:
+def history_entry(run: Run, result: Result) -> HistoryEntry:
     """What a history remembers of a run."""
     samples = read_samples(run)
-    return Entry(
+    return HistoryEntry(
         run_id=run.record.run_id,
         name=run.plan.name,
         started_at=run.record.started_at,
         host=fingerprint(run.record.machine),
-        machine=in_words(run.record.machine),
+        machine=describe_machine(run.record.machine),
         plan=measured_hash(run.plan),
         dataset=_dataset(run.record),
         version=run.record.versions.get("r2bspec", ""),
         outcome=result.verdict.outcome,
         metrics=tuple(
-            Metric(
+            HistoryMetric(
                 at_hz=at_hz,
                 monitor=monitor,
                 metric=info.name,
                 unit=info.unit,
-                value=value_of(info, monitor, at_hz, samples),
+                value=run_value(info, monitor, at_hz, samples),
             )
-            for at_hz, monitor, info in places(run, samples)
+            for at_hz, monitor, info in tracked_metrics(run, samples)
         ),
     )
 
 
-def baseline_of_history(path: Path, run: Run) -> BaselineRecord:
+def baseline_from_history(path: Path, run: Run) -> BaselineRecord:
     """The earlier runs that a run may be compared with; perhaps none.
 
     Raises:
         HistoryError: the history cannot be read.
     """
     with open_history(path, create=True) as history:
-        found = history.alike(
+        found = history.comparable_runs(
             fingerprint(run.record.machine),
             measured_hash(run.plan),
             _dataset(run.record),
-            MOST_RUNS,
+            MAX_HISTORY_RUNS,
         )
     found = tuple(one for one in found if one.run_id != run.record.run_id)
     values: dict[tuple[float | None, str | None, str], list[float | None]] = {}
@@ -126,13 +130,13 @@ def baseline_of_history(path: Path, run: Run) -> BaselineRecord:
         source=str(path),
         run_ids=tuple(entry.run_id for entry in found),
         series=tuple(
-            Series(at_hz=at_hz, monitor=monitor, metric=metric, values=tuple(column))
+            BaselineSeries(at_hz=at_hz, monitor=monitor, metric=metric, values=tuple(column))
             for (at_hz, monitor, metric), column in values.items()
         ),
     )
 
 
-def baseline_of_stored(
+def baseline_from_stored_run(
     path: Path, plan: Plan, machine: Mapping[str, Any], *, force: bool
 ) -> BaselineRecord:
     """A stored run that a run is going to be compared with.
@@ -149,9 +153,9 @@ def baseline_of_stored(
         RecordError: a folder is no run folder.
         UnreadableResultError: a file is none of these.
     """
-    stored = read_subject(path)
-    coming = Subject(
-        side=Side(source="this run", name=plan.name, run_id="", started_at=""),
+    stored = read_compared_result(path)
+    coming = ComparedResult(
+        side=ComparedSource(source="this run", name=plan.name, run_id="", started_at=""),
         series={},
         plan=plan if stored.plan is not None else None,
         plan_hash=plan_hash(plan),
@@ -168,41 +172,41 @@ def baseline_of_stored(
         )
     series = {key: values.values for key, values in stored.series.items()}
     if path.is_dir() and (run := read_folder(path).run) is not None:
-        series |= _named_values(run, plan)
+        series |= _required_values(run, plan)
     return BaselineRecord(
         kind="stored",
         source=str(path),
         run_ids=(stored.side.run_id,),
         differences=differences,
         series=tuple(
-            Series(at_hz=at_hz, monitor=monitor or None, metric=metric, values=values)
+            BaselineSeries(at_hz=at_hz, monitor=monitor or None, metric=metric, values=values)
             for (at_hz, monitor, metric), values in series.items()
         ),
     )
 
 
-def _named_values(run: Run, plan: Plan) -> dict[Key, tuple[float | None, ...]]:
+def _required_values(run: Run, plan: Plan) -> dict[SeriesKey, tuple[float | None, ...]]:
     """What the requirements of a plan name, in the iterations of a stored run."""
     samples = read_samples(run)
     return {
         (at_hz, monitor or "", info.name): tuple(
             value if value is not None and math.isfinite(value) else None
-            for value in values_of(info, monitor, at_hz, samples)
+            for value in iteration_values(info, monitor, at_hz, samples)
         )
-        for at_hz, monitor, info in _required(plan, samples)
+        for at_hz, monitor, info in _required_metrics(plan, samples)
     }
 
 
-def keep(folder: Path, baseline: BaselineRecord) -> None:
+def write_baseline(folder: Path, baseline: BaselineRecord) -> None:
     """Write the earlier runs into the folder of the run that is compared with them.
 
     Raises:
         RecordError: the file system refuses.
     """
-    write_whole(folder / BASELINE, to_json(baseline))
+    write_atomically(folder / BASELINE_FILE, to_json(baseline))
 
 
-def remember(path: Path, run: Run, result: Result) -> bool:
+def add_to_history(path: Path, run: Run, result: Result) -> bool:
     """Add a run to a history; one that says nothing of the graph is left out.
 
     Returns:
@@ -214,7 +218,7 @@ def remember(path: Path, run: Run, result: Result) -> bool:
     if result.verdict.outcome in {"invalid", "incomplete"}:
         return False
     with open_history(path, create=True) as history:
-        history.add(entry_of(run, result))
+        history.add(history_entry(run, result))
     return True
 
 

@@ -3,34 +3,41 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.interleaved_runs import Comparing, Contender, run_pairs
-from r2bspec.compare.judge_pairs import judge_pairs_folder, read_batch
+from r2bspec.compare.interleaved_runs import ComparisonSide, ComparisonSpec, run_pairs
+from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.errors import EnvironmentRefusedError
-from r2bspec.execute.processes.environment import inherited
-from r2bspec.execute.progress import Progress, Silent
-from r2bspec.judge.decision_policy import terms_of
+from r2bspec.execute.errors import WorkspaceError
+from r2bspec.execute.processes.environment import inherited_environment
+from r2bspec.execute.processes.middleware_check import check_middleware
+from r2bspec.execute.progress import NullProgress, Progress
+from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import to_json
-from r2bspec.judge.pair_comparison import judge_batch
+from r2bspec.judge.pair_comparison import judge_pair_set
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
-from r2bspec.plan.comparability import graph_differences, offered_otherwise, pairs_of, told
-from r2bspec.record.comparison_folder import PairsFolder, open_pairs
+from r2bspec.plan.comparability import (
+    difference_lines,
+    graph_differences,
+    load_differences,
+    pair_count,
+)
+from r2bspec.record.comparison_folder import ComparisonFolder, open_comparison
 
 
-def comparing(
-    base: Contender,
-    head: Contender,
+def prepare_comparison(
+    base: ComparisonSide,
+    head: ComparisonSide,
     *,
     against: str,
     pairs: int | None = None,
     control: bool = False,
     force: bool = False,
-) -> Comparing:
+) -> ComparisonSpec:
     """What is to be compared, if it can be.
 
     Args:
@@ -43,6 +50,7 @@ def comparing(
 
     Raises:
         IncomparableError: the two are offered different loads, or are the same.
+        MiddlewareError: the middleware of one of them has no such transport.
     """
     differences = graph_differences(base.plan, head.plan)
     if not control and not differences and not base.environment:
@@ -50,39 +58,41 @@ def comparing(
             f"the base, {against}, is the same as the head",
             hint="--control compares a graph with itself, to see how much is noise.",
         )
-    otherwise = offered_otherwise(base.plan, head.plan)
+    otherwise = load_differences(base.plan, head.plan)
     if otherwise and not force:
         raise IncomparableError(
             "base and head are not offered the same, or not watched in the same way:\n"
-            + "\n".join(f"  {each}" for each in told(otherwise)),
+            + "\n".join(f"  {each}" for each in difference_lines(otherwise)),
             hint="--force compares them all the same.",
         )
-    _see_that_it_arrives(head, base.environment)
-    return Comparing(
+    _check_environment_inherited(head, base.environment)
+    for one in (base, head):
+        check_middleware(one.plan, {**os.environ, **one.environment})
+    return ComparisonSpec(
         base=base,
         head=head,
-        pairs=pairs or pairs_of(head.plan),
+        pairs=pairs or pair_count(head.plan),
         against=against,
         control=control,
-        differences=tuple(told(differences)),
+        differences=tuple(difference_lines(differences)),
     )
 
 
-def _see_that_it_arrives(head: Contender, environment: Mapping[str, str]) -> None:
+def _check_environment_inherited(head: ComparisonSide, environment: Mapping[str, str]) -> None:
     """Most of an environment is not inherited: what no process gets, changes nothing."""
-    arrives = inherited(environment, head.plan.environment)
+    arrives = inherited_environment(environment, head.plan.environment)
     if environment and not arrives:
-        raise EnvironmentRefusedError(
+        raise WorkspaceError(
             f"no process of a run gets {', '.join(sorted(environment))}",
             hint="Name what nodes read under 'environment' in the spec.",
         )
 
 
-def compare(wanted: Comparing, output: Path, progress: Progress | None = None) -> Result:
+def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None = None) -> Result:
     """Play interleaved pairs on real ROS 2, and judge them.
 
     Args:
-        wanted: what is compared.
+        comparison: what is compared.
         output: the folder of the comparison, new or empty.
         progress: is told what happens.
 
@@ -90,12 +100,12 @@ def compare(wanted: Comparing, output: Path, progress: Progress | None = None) -
         RunError: a run failed; the folder has the pairs that were finished until then.
         RecordError: the folder cannot be made.
     """
-    folder = PairsFolder.create(output)
+    folder = ComparisonFolder.create(output)
     try:
         run_pairs(
-            wanted,
+            comparison,
             folder,
-            progress or Silent(),
+            progress or NullProgress(),
             lambda confirms: _judge(folder.path, confirms=confirms),
         )
     except R2bspecError:
@@ -108,12 +118,12 @@ def compare(wanted: Comparing, output: Path, progress: Progress | None = None) -
 
 
 def _judge(path: Path, *, confirms: bool) -> Verdict:
-    pairs = open_pairs(path)
-    batch = read_batch(pairs, confirms=confirms)
-    return judge_batch(pairs.plan.objectives, batch, terms_of(pairs.plan))
+    pairs = open_comparison(path)
+    pair_set = read_pair_set(pairs, confirms=confirms)
+    return judge_pair_set(pairs.plan.objectives, pair_set, decision_policy(pairs.plan))
 
 
-def _write_result(folder: PairsFolder) -> Result:
-    result = judge_pairs_folder(open_pairs(folder.path)).result
+def _write_result(folder: ComparisonFolder) -> Result:
+    result = judge_comparison_folder(open_comparison(folder.path)).result
     folder.write_result(to_json(result))
     return result

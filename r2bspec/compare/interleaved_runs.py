@@ -19,29 +19,30 @@ from r2bspec.errors import R2bspecError
 from r2bspec.execute.controller import run_plan
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.processes.signals import Interrupts
-from r2bspec.execute.processes.workspaces import inside
+from r2bspec.execute.processes.workspaces import applied_environment
 from r2bspec.execute.progress import Progress
-from r2bspec.judge.confirmation import wants_confirmation
-from r2bspec.judge.pair_comparison import what_disturbed, why_unusable
+from r2bspec.judge.confirmation import needs_confirmation
+from r2bspec.judge.pair_comparison import interference_text, why_unusable
 from r2bspec.judge.statistics.paired_ratio import abba
 from r2bspec.judge.verdict import Verdict
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
-from r2bspec.plan.comparability import one_of_a_pair
+from r2bspec.plan.comparability import single_run_plan
 from r2bspec.plan.plan import Plan
-from r2bspec.record.comparison_folder import PairRecord, PairsFolder, PairsRecord, Side
+from r2bspec.record.comparison_folder import ComparisonFolder, PairRecord, PairsRecord, Side
 from r2bspec.record.run_folder import RunFolder, open_run
 
 
 @dataclass(frozen=True)
-class Contender:
+class ComparisonSide:
     """One side of a comparison.
 
     Attributes:
         plan: as it was compiled, with all iterations.
         base_dir: the folder of its spec.
         spec_text: the resolved spec.
-        environment: what its runs have otherwise than this process; see `workspaces.inside`.
+        environment: what its runs have otherwise than this process; see
+            `workspaces.applied_environment`.
     """
 
     plan: Plan
@@ -51,11 +52,11 @@ class Contender:
 
 
 @dataclass(frozen=True)
-class Comparing:
+class ComparisonSpec:
     """What a comparison is of; see `PairsRecord` for the fields."""
 
-    base: Contender
-    head: Contender
+    base: ComparisonSide
+    head: ComparisonSide
     pairs: int
     against: str = ""
     control: bool = False
@@ -67,14 +68,14 @@ Judge = Callable[[bool], Verdict]
 
 
 def run_pairs(
-    wanted: Comparing, folder: PairsFolder, progress: Progress, judge: Judge
+    comparison: ComparisonSpec, folder: ComparisonFolder, progress: Progress, judge: Judge
 ) -> PairsRecord:
     """Play all pairs and, if they fail, as many fresh ones that confirm it or do not.
 
     The folder is complete when this returns or raises: it has every pair that was finished.
 
     Args:
-        wanted: what is compared.
+        comparison: what is compared.
         folder: where all of it goes.
         progress: is told what happens.
         judge: is asked once pairs are played, with the folder as it then is.
@@ -83,49 +84,49 @@ def run_pairs(
         RunError: a run failed twice in its place, or cannot be made here at all.
         InterruptedRunError: a signal asked for an end.
     """
-    folder.write_plan(canonical_json(wanted.head.plan).decode())
-    folder.write_base_plan(wanted.base.plan)
-    folder.write_spec(wanted.head.spec_text)
+    folder.write_plan(canonical_json(comparison.head.plan).decode())
+    folder.write_base_plan(comparison.base.plan)
+    folder.write_spec(comparison.head.spec_text)
     with Interrupts() as interrupts:
-        return _Pairing(wanted, folder, progress, interrupts, judge).play_all()
+        return _PairRunner(comparison, folder, progress, interrupts, judge).play_all()
 
 
-class _Pairing:
+class _PairRunner:
     """The state of one comparison."""
 
     def __init__(
         self,
-        wanted: Comparing,
-        folder: PairsFolder,
+        comparison: ComparisonSpec,
+        folder: ComparisonFolder,
         progress: Progress,
         interrupts: Interrupts,
         judge: Judge,
     ) -> None:
-        self._wanted = wanted
+        self._comparison = comparison
         self._folder = folder
         self._progress = progress
         self._interrupts = interrupts
         self._judge = judge
         self._began_s = time.monotonic()
         self._plans: dict[Side, Plan] = {
-            "base": one_of_a_pair(wanted.base.plan),
-            "head": one_of_a_pair(wanted.head.plan),
+            "base": single_run_plan(comparison.base.plan),
+            "head": single_run_plan(comparison.head.plan),
         }
         self._pairs: list[PairRecord] = []
         self._notes: list[str] = []
-        self._planned = wanted.pairs
+        self._planned = comparison.pairs
         self._started_at = _now()
         self._run_id = secrets.token_hex(8)
 
     def play_all(self) -> PairsRecord:
         """Play what is wanted, and keep the record, whatever happens."""
         reason = ""
-        self._keep("R2B671: the comparison was killed")
+        self._write_record("R2B671: the comparison was killed")
         try:
-            verdict = self._play_batch(confirms=False)
-            if self._wanted.head.plan.gate.confirm and wants_confirmation(verdict):
+            verdict = self._play_pairs(confirms=False)
+            if self._comparison.head.plan.gate.confirm and needs_confirmation(verdict):
                 self._note("the pairs fail: fresh ones are played to confirm that")
-                self._play_batch(confirms=True)
+                self._play_pairs(confirms=True)
         except R2bspecError as error:
             reason = f"{error.code}: {error}"
             raise
@@ -133,10 +134,10 @@ class _Pairing:
             reason = f"{type(error).__name__}: {error}"
             raise
         finally:
-            record = self._keep(reason)
+            record = self._write_record(reason)
         return record
 
-    def _play_batch(self, *, confirms: bool) -> Verdict:
+    def _play_pairs(self, *, confirms: bool) -> Verdict:
         """Play all pairs of a batch, and again those whose disturbance a verdict hangs on."""
         orders = abba(self._planned)
         disturbed: list[PairRecord] = []
@@ -151,13 +152,13 @@ class _Pairing:
                 self._note(f"the time budget ends the comparison after {number} pairs")
                 self._planned = number
                 break
-        self._keep("")
+        self._write_record("")
         verdict = self._judge(confirms)
         if not any(one.weakened for one in verdict.requirements):
             return verdict
         for pair in disturbed:
             self._play_again(pair, f"the machine was disturbed ({pair.disturbed})")
-        self._keep("")
+        self._write_record("")
         return self._judge(confirms)
 
     def _play_again(self, pair: PairRecord, why: str) -> None:
@@ -199,15 +200,15 @@ class _Pairing:
             disturbed=disturbed,
         )
         self._pairs.append(pair)
-        self._keep("R2B671: the comparison was killed")
+        self._write_record("R2B671: the comparison was killed")
         return pair
 
     def _run(self, side: Side, name: str) -> tuple[str, str]:
         """One run: why nothing can be judged by it, and what disturbed it, or empty texts."""
         self._interrupts.check()
-        one = self._wanted.base if side == "base" else self._wanted.head
+        one = self._comparison.base if side == "base" else self._comparison.head
         folder = RunFolder.create(self._folder.path / side / name)
-        with inside(one.environment):
+        with applied_environment(one.environment):
             run_plan(
                 self._plans[side],
                 base_dir=one.base_dir,
@@ -218,12 +219,12 @@ class _Pairing:
             )
         self._interrupts.check()
         samples = read_samples(open_run(folder.path))
-        return why_unusable(samples), what_disturbed(samples)
+        return why_unusable(samples), interference_text(samples)
 
     def _over_budget(self, played: int) -> bool:
         """Whether one pair more would take longer than the spec allows."""
-        budget_ns = self._wanted.head.plan.gate.time_budget_ns
-        if not budget_ns or played == self._wanted.pairs:
+        budget_ns = self._comparison.head.plan.gate.time_budget_ns
+        if not budget_ns or played == self._comparison.pairs:
             return False
         spent_s = time.monotonic() - self._began_s
         return spent_s * (played + 1) / played > budget_ns / 1e9
@@ -232,22 +233,22 @@ class _Pairing:
         self._notes.append(text)
         self._progress.note(text)
 
-    def _keep(self, reason: str) -> PairsRecord:
-        wanted = self._wanted
+    def _write_record(self, reason: str) -> PairsRecord:
+        comparison = self._comparison
         record = PairsRecord(
             run_id=self._run_id,
-            head_plan=plan_hash(wanted.head.plan),
-            base_plan=plan_hash(wanted.base.plan),
-            against=wanted.against,
-            control=wanted.control,
+            head_plan=plan_hash(comparison.head.plan),
+            base_plan=plan_hash(comparison.base.plan),
+            against=comparison.against,
+            control=comparison.control,
             planned=self._planned,
             started_at=self._started_at,
             ended_at=_now(),
             status="incomplete" if reason else "complete",
             reason=reason,
             pairs=tuple(self._pairs),
-            differences=wanted.differences,
-            environment=dict(wanted.base.environment),
+            differences=comparison.differences,
+            environment=dict(comparison.base.environment),
             notes=tuple(self._notes),
         )
         self._folder.write_pairs(record)

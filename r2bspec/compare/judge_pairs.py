@@ -5,22 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from r2bspec.judge.decision_policy import terms_of
-from r2bspec.judge.judge_run import result_with
-from r2bspec.judge.pair_comparison import Batch, Interleaved, in_best_light, judge_comparison
+from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.judge_run import build_result
+from r2bspec.judge.pair_comparison import InterleavedRuns, PairSet, best_case_runs, judge_comparison
 from r2bspec.judge.result import PairsResult, Result
 from r2bspec.language.spec import Objective
 from r2bspec.measure.compute_metrics import summarise
-from r2bspec.measure.samples import RunSamples, read_samples
-from r2bspec.record.comparison_folder import PairRecord, Pairs, Side
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
+from r2bspec.record.comparison_folder import PairedComparison, PairRecord, Side
 from r2bspec.record.merged_run import MergedRun
 
-_MOST = 3
+_MAX_NAMED_PAIRS = 3
 """Disturbed pairs that a sentence names; ``pairs`` of the result has all of them."""
 
 
 @dataclass(frozen=True)
-class JudgedPairs:
+class JudgedComparison:
     """A comparison and what it came to.
 
     Attributes:
@@ -33,9 +34,9 @@ class JudgedPairs:
     head: MergedRun
 
 
-def judge_pairs_folder(
-    pairs: Pairs, objectives: Mapping[str, Objective] | None = None, judged_by: str = ""
-) -> JudgedPairs:
+def judge_comparison_folder(
+    pairs: PairedComparison, objectives: Mapping[str, Objective] | None = None, judged_by: str = ""
+) -> JudgedComparison:
     """Measure and judge a comparison. Needs no ROS; the same folder gives the same bytes.
 
     Args:
@@ -47,27 +48,27 @@ def judge_pairs_folder(
         RecordError: a file of one of its runs is missing or damaged.
     """
     asked = pairs.plan.objectives if objectives is None else objectives
-    counted = pairs.played()
+    counted = pairs.usable_pairs()
     head = pairs.merged(counted, "head")
     read: dict[str, RunSamples] = {}
-    first = read_batch(pairs, read, confirms=False)
+    first = read_pair_set(pairs, read, confirms=False)
     confirms = any(each.confirms for each in pairs.record.pairs)
-    again = read_batch(pairs, read, confirms=True) if confirms else None
-    verdict = judge_comparison(asked, first, again, terms_of(pairs.plan))
-    result = result_with(
+    again = read_pair_set(pairs, read, confirms=True) if confirms else None
+    verdict = judge_comparison(asked, first, again, decision_policy(pairs.plan))
+    result = build_result(
         head,
         asked,
         judged_by,
         metrics=summarise(first.played.merged),
         verdict=verdict,
-        pairs=_told(pairs),
+        pairs=_pairs_result(pairs),
     )
-    return JudgedPairs(result, pairs.merged(counted, "base"), head)
+    return JudgedComparison(result, pairs.merged(counted, "base"), head)
 
 
-def read_batch(
-    pairs: Pairs, read: dict[str, RunSamples] | None = None, *, confirms: bool = False
-) -> Batch:
+def read_pair_set(
+    pairs: PairedComparison, read: dict[str, RunSamples] | None = None, *, confirms: bool = False
+) -> PairSet:
     """The samples of the pairs of one batch.
 
     Args:
@@ -79,28 +80,32 @@ def read_batch(
         RecordError: a file of one of the runs is missing or damaged.
     """
     known = {} if read is None else read
-    played, calm = pairs.played(confirms=confirms), pairs.calm(confirms=confirms)
+    played, unaffected = pairs.usable_pairs(confirms=confirms), pairs.unaffected(confirms=confirms)
     disturbed = [each for each in played if each.disturbed]
     first = _interleaved(pairs, played, known)
-    return Batch(
+    return PairSet(
         played=first,
         planned=pairs.record.planned,
-        calm=_interleaved(pairs, calm, known) if disturbed else None,
-        best=in_best_light(first) if disturbed else None,
-        told=_disturbed_text(disturbed),
+        unaffected=_interleaved(pairs, unaffected, known) if disturbed else None,
+        best_case=best_case_runs(first) if disturbed else None,
+        disturbance_text=_affected_pairs_text(disturbed),
     )
 
 
-def _disturbed_text(disturbed: Sequence[PairRecord]) -> str:
+def _affected_pairs_text(disturbed: Sequence[PairRecord]) -> str:
     """Which pairs the machine disturbed, as the beginning of a sentence; empty for none."""
-    named = [f"{each.number} ({each.disturbed})" for each in disturbed[:_MOST]]
-    more = f" and {len(disturbed) - _MOST} more" if len(disturbed) > _MOST else ""
+    named = [f"{each.number} ({each.disturbed})" for each in disturbed[:_MAX_NAMED_PAIRS]]
+    more = (
+        f" and {len(disturbed) - _MAX_NAMED_PAIRS} more"
+        if len(disturbed) > _MAX_NAMED_PAIRS
+        else ""
+    )
     return f"The machine disturbed pair {', '.join(named)}{more}" if disturbed else ""
 
 
 def _interleaved(
-    pairs: Pairs, chosen: Sequence[PairRecord], read: dict[str, RunSamples]
-) -> Interleaved:
+    pairs: PairedComparison, chosen: Sequence[PairRecord], read: dict[str, RunSamples]
+) -> InterleavedRuns:
     def samples(side: Side) -> list[RunSamples]:
         found = []
         for pair in chosen:
@@ -110,14 +115,14 @@ def _interleaved(
             found.append(read[folder])
         return found
 
-    return Interleaved(
+    return InterleavedRuns(
         base=samples("base"),
         head=samples("head"),
         merged=read_samples(pairs.merged(chosen, "head")),
     )
 
 
-def _told(pairs: Pairs) -> PairsResult:
+def _pairs_result(pairs: PairedComparison) -> PairsResult:
     record = pairs.record
     return PairsResult(
         against=record.against,
@@ -126,7 +131,7 @@ def _told(pairs: Pairs) -> PairsResult:
         differences=record.differences,
         environment=record.environment,
         planned=record.planned,
-        used=len(pairs.played()),
+        used=len(pairs.usable_pairs()),
         pairs=record.pairs,
         notes=record.notes,
     )

@@ -8,18 +8,18 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.compare.errors import UnreadableResultError
-from r2bspec.compare.judge_pairs import judge_pairs_folder
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.judge_pairs import judge_comparison_folder
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of
 from r2bspec.judge.result import Result
 from r2bspec.language.spec import Objective
-from r2bspec.record.comparison_folder import is_pairs, open_pairs
+from r2bspec.record.comparison_folder import is_comparison, open_comparison
 from r2bspec.record.run_folder import Run, open_run
 
 
-def read_reported(
+def read_report_input(
     path: Path, *, spec_file: Path | None = None, baseline: Run | None = None
-) -> Reported:
+) -> ReportInput:
     """What to report: a folder is measured and judged anew, a file is taken at its word.
 
     Raises:
@@ -28,7 +28,7 @@ def read_reported(
     """
     if path.is_dir():
         return read_folder(path, spec_file=spec_file, baseline=baseline)
-    return Reported(result=read_result(path), spec_file=spec_file, baseline=baseline)
+    return ReportInput(result=read_result(path), spec_file=spec_file, baseline=baseline)
 
 
 def read_folder(
@@ -38,7 +38,7 @@ def read_folder(
     baseline: Run | None = None,
     objectives: Mapping[str, Objective] | None = None,
     judged_by: str = "",
-) -> Reported:
+) -> ReportInput:
     """The folder of a run, or of a comparison, measured and judged anew.
 
     Args:
@@ -51,9 +51,9 @@ def read_folder(
     Raises:
         RecordError: it is neither, or a file of it is missing or damaged.
     """
-    if is_pairs(path):
-        judged = judge_pairs_folder(open_pairs(path), objectives, judged_by)
-        return Reported(
+    if is_comparison(path):
+        judged = judge_comparison_folder(open_comparison(path), objectives, judged_by)
+        return ReportInput(
             result=judged.result,
             run=judged.head,
             spec_file=spec_file,
@@ -61,7 +61,7 @@ def read_folder(
         )
     run = open_run(path)
     result = result_of(run, objectives, judged_by)
-    return Reported(result=result, run=run, spec_file=spec_file, baseline=baseline)
+    return ReportInput(result=result, run=run, spec_file=spec_file, baseline=baseline)
 
 
 def read_result(path: Path) -> Result:

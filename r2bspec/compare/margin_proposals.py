@@ -21,12 +21,12 @@ from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNod
 from r2bspec.language.spec import Spec
 from r2bspec.record.calibration_file import Calibration
 
-_OBJECTIVE = "no_regression"
-_USUAL = (("throughput.mean", ">="), ("latency.p50", "<="))
+_OBJECTIVE_NAME = "no_regression"
+_DEFAULT_LIMITS = (("throughput.mean", ">="), ("latency.p50", "<="))
 """What is proposed where a spec asks for nothing of the baseline."""
 
 
-def propose(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[str, list[str]]:
+def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[str, list[str]]:
     """A spec with limits that can be held.
 
     Margins below the noise are widened to it; margins above it are left alone, because they say
@@ -89,11 +89,13 @@ def _with_objective(
     if not requirements:
         return text, ["no metric is steady enough here for a limit to be proposed"]
     rate = spec.benchmark.rates[0]
-    names = itertools.chain([_OBJECTIVE], (f"{_OBJECTIVE}_{n}" for n in itertools.count(2)))
+    names = itertools.chain(
+        [_OBJECTIVE_NAME], (f"{_OBJECTIVE_NAME}_{n}" for n in itertools.count(2))
+    )
     name = next(each for each in names if each not in spec.slos)
     lines = [f"{name}:", f"  at: {rate}", "  require:"]
     lines += [f"    - {each}" for each in requirements]
-    proposed = _inserted(loaded, text, lines)
+    proposed = _insert_objective(loaded, text, lines)
     told = [f"add an objective by hand: {'; '.join(requirements)}"]
     if proposed is None:
         return text, told
@@ -107,7 +109,7 @@ def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
     at_hz = spec.benchmark.rates[0].hz
     several = len(spec.monitors) > 1
     for noise in found.metrics:
-        for metric, op in _USUAL:
+        for metric, op in _DEFAULT_LIMITS:
             margin = noise.margin(spec.benchmark.iterations)
             if (noise.metric, noise.at_hz) != (metric, at_hz) or margin is None:
                 continue
@@ -116,7 +118,7 @@ def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
                 yield f"{name} {op} {limit_text(margin, ceiling=op == '<=')} of baseline"
 
 
-def _inserted(loaded: LoadedSpec, text: str, lines: list[str]) -> str | None:
+def _insert_objective(loaded: LoadedSpec, text: str, lines: list[str]) -> str | None:
     """The text with an objective at the end of ``slos``; None where that takes a human."""
     slos = lookup(loaded.tree, ("slos",)) if loaded.tree is not None else None
     if slos is None:

@@ -8,12 +8,13 @@ from pathlib import Path
 
 from r2bspec.compare.errors import SamplesMissingError
 from r2bspec.judge.result import Result
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
 from r2bspec.record.run_folder import Run
 
 
 @dataclass(frozen=True)
-class Reported:
+class ReportInput:
     """A result, and what it was computed from.
 
     Attributes:
@@ -33,7 +34,7 @@ class Reported:
     monitor: str | None = None
     rate_hz: float | None = None
 
-    def need_run(self, what: str) -> Run:
+    def require_run(self, what: str) -> Run:
         """The run folder, for a format that cannot do without.
 
         Raises:

@@ -18,24 +18,26 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from r2bspec.compare.comparison import Comparison, Line, Outcome
-from r2bspec.compare.comparison_subject import Key, Series, Subject
+from r2bspec.compare.comparison import Comparison, ComparisonLine, Outcome
+from r2bspec.compare.comparison_subject import ComparedResult, MetricSeries, SeriesKey
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.judge.statistics.welch_test import welch_ratio
 from r2bspec.judge.verdict import CONFIDENCE
 from r2bspec.measure.units import show
 from r2bspec.plan.comparability import graph_differences
 from r2bspec.plan.plan import Plan
-from r2bspec.record.machine_fingerprint import OF_A_MACHINE
+from r2bspec.record.machine_fingerprint import MACHINE_FACTS
 
 SHARE_MARGIN = 0.005
 """Half a percent of the messages: the margin of what arrived."""
 
 _BIGGER_IS_BETTER = ("throughput.mean", "peak.rate")
-_MOST_DIFFERENCES = 12
+_MAX_DIFFERENCES = 12
 
 
-def compare(base: Subject, head: Subject, *, margin: float, force: bool) -> Comparison:
+def compare(
+    base: ComparedResult, head: ComparedResult, *, margin: float, force: bool
+) -> Comparison:
     """Compare one result with the base.
 
     Args:
@@ -64,7 +66,7 @@ def compare(base: Subject, head: Subject, *, margin: float, force: bool) -> Comp
     )
 
 
-def differences_of(base: Subject, head: Subject) -> Iterator[str]:
+def differences_of(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
     """In what two results differ beside their numbers, a line each."""
     if base.tool != head.tool:
         yield f"tool: {base.tool} -> {head.tool}, which measure by different rules"
@@ -79,7 +81,7 @@ def differences_of(base: Subject, head: Subject) -> Iterator[str]:
         )
     if base.dataset != head.dataset:
         yield f"data: {base.dataset or 'not known'} -> {head.dataset or 'not known'}"
-    for key in OF_A_MACHINE:
+    for key in MACHINE_FACTS:
         before, after = ((side.machine or {}).get(key) or None for side in (base, head))
         # What a report of another tool leaves open has been told already.
         if before != after and (base.tool == head.tool or None not in {before, after}):
@@ -90,19 +92,19 @@ def _plan_differences(base: Plan, head: Plan) -> Iterator[str]:
     found = graph_differences(base, head)
     # The data has a line of its own.
     found = [each for each in found if each.path != ("dataset", "sha256")]
-    yield from (f"plan, {each}" for each in found[:_MOST_DIFFERENCES])
-    if len(found) > _MOST_DIFFERENCES:
-        yield f"plan: {len(found) - _MOST_DIFFERENCES} more differences"
+    yield from (f"plan, {each}" for each in found[:_MAX_DIFFERENCES])
+    if len(found) > _MAX_DIFFERENCES:
+        yield f"plan: {len(found) - _MAX_DIFFERENCES} more differences"
 
 
-def _lines(base: Subject, head: Subject, margin: float) -> Iterator[Line]:
+def _lines(base: ComparedResult, head: ComparedResult, margin: float) -> Iterator[ComparisonLine]:
     for key, before in base.series.items():
-        other = _partner(key, head)
+        other = _matching_key(key, head)
         if other is not None:
             yield _line(key, before, head.series[other], margin)
 
 
-def _partner(key: Key, head: Subject) -> Key | None:
+def _matching_key(key: SeriesKey, head: ComparedResult) -> SeriesKey | None:
     """The same metric of the head. A monitor without a name is any monitor, if there is one."""
     if key in head.series:
         return key
@@ -111,16 +113,19 @@ def _partner(key: Key, head: Subject) -> Key | None:
     return same[0] if len(same) == 1 and not (monitor and same[0][1]) else None
 
 
-def _line(key: Key, base: Series, head: Series, margin: float) -> Line:
+def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries, margin: float) -> ComparisonLine:
     rate, monitor, metric = key
     drops = metric == "drop_rate"
     margin = SHARE_MARGIN if drops else margin
-    before, after = _arrived(base) if drops else base, _arrived(head) if drops else head
+    before, after = (
+        _delivered_share(base) if drops else base,
+        _delivered_share(head) if drops else head,
+    )
     ratio, lower, upper = _ratio(before, after)
     # What arrived is better the more it is, and so is the rest of a drop rate.
     bigger = metric in _BIGGER_IS_BETTER or drops
     outcome, reason = _decide(before, (ratio, lower, upper), margin, bigger=bigger)
-    return Line(
+    return ComparisonLine(
         offered_hz=rate,
         monitor=monitor,
         metric=metric,
@@ -136,17 +141,19 @@ def _line(key: Key, base: Series, head: Series, margin: float) -> Line:
     )
 
 
-def _arrived(series: Series) -> Series:
+def _delivered_share(series: MetricSeries) -> MetricSeries:
     values = tuple(None if value is None else 1 - value for value in series.values)
-    return Series(values, series.unit, series.single)
+    return MetricSeries(values, series.unit, series.single)
 
 
-def _mean(series: Series) -> float | None:
+def _mean(series: MetricSeries) -> float | None:
     known = [value for value in series.values if value is not None]
     return sum(known) / len(known) if len(known) == len(series.values) and known else None
 
 
-def _ratio(base: Series, head: Series) -> tuple[float | None, float | None, float | None]:
+def _ratio(
+    base: MetricSeries, head: MetricSeries
+) -> tuple[float | None, float | None, float | None]:
     if base.bracket is not None and head.bracket is not None:
         return _of_brackets(base.bracket, head.bracket)
     a, b = _usable(base.values), _usable(head.values)
@@ -176,7 +183,7 @@ def _usable(values: Sequence[float | None]) -> list[float] | None:
 
 
 def _decide(
-    base: Series,
+    base: MetricSeries,
     found: tuple[float | None, float | None, float | None],
     margin: float,
     *,
@@ -191,15 +198,15 @@ def _decide(
         return "can't tell", "a single value shows no spread"
     high, low = 1 + margin, 1 / (1 + margin)
     if lower is not None and lower > high:
-        return ("improved" if bigger else "worse"), _said(found, margin)
+        return ("improved" if bigger else "worse"), _bounds_text(found, margin)
     if upper is not None and upper < low:
-        return ("worse" if bigger else "improved"), _said(found, margin)
+        return ("worse" if bigger else "improved"), _bounds_text(found, margin)
     if lower is not None and upper is not None and lower >= low and upper <= high:
         return "same", f"within {show(margin, 'share')}"
-    return "can't tell", _said(found, margin)
+    return "can't tell", _bounds_text(found, margin)
 
 
-def _said(found: tuple[float | None, float | None, float | None], margin: float) -> str:
+def _bounds_text(found: tuple[float | None, float | None, float | None], margin: float) -> str:
     _, lower, upper = found
     ends = [f"at least {_percent(lower)}"] if lower is not None else []
     ends += [f"at most {_percent(upper)}"] if upper is not None else []

@@ -11,14 +11,14 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.execute.host.machine import interpreter
-from r2bspec.middleware.shm_files import SHARED_MEMORY
+from r2bspec.middleware.middleware import SHARED_MEMORY
 
 Status = Literal["ok", "warn", "problem"]
 
 _WORST: tuple[Status, ...] = ("problem", "warn", "ok")
 
 
-class Check(msgspec.Struct, frozen=True, kw_only=True):
+class CheckResult(msgspec.Struct, frozen=True, kw_only=True):
     """One thing looked at.
 
     `found` says what is there, `advice` what to do about it (empty where nothing need be done),
@@ -45,7 +45,7 @@ class System:
     environ: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
 
 
-def worst(checks: list[Check]) -> Status:
+def worst_status(checks: list[CheckResult]) -> Status:
     """The worst status of all, which is that of the machine."""
     found = {check.status for check in checks}
     return next((status for status in _WORST if status in found), "ok")

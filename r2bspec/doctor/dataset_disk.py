@@ -7,22 +7,22 @@ import shutil
 from pathlib import Path
 
 from r2bspec.datasets.dataset_cache import datasets_dir
-from r2bspec.doctor.checkup import Check, System
+from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.measure.units import show
 
 TOPIC = "datasets"
 
-_ROOM_BYTES = 4 << 30
+_MIN_FREE_BYTES = 4 << 30
 """What a few seconds of every topic of the largest synthetic dataset take."""
 
 
-def check_datasets(system: System, cache: Path | None = None) -> list[Check]:
+def check_datasets(system: System, cache: Path | None = None) -> list[CheckResult]:
     """The cache, and the folder of recorded datasets if one is named."""
     checks = [_cache(cache or datasets_dir())]
     named = system.environ.get("R2B_DATASETS")
     if named and not Path(named).is_dir():
         checks.append(
-            Check(
+            CheckResult(
                 topic=TOPIC,
                 name="recorded",
                 status="problem",
@@ -33,14 +33,14 @@ def check_datasets(system: System, cache: Path | None = None) -> list[Check]:
     return checks
 
 
-def _cache(folder: Path) -> Check:
-    entries = [each for each in _listed(folder) if not each.name.startswith(".")]
+def _cache(folder: Path) -> CheckResult:
+    entries = [each for each in _entries(folder) if not each.name.startswith(".")]
     size = sum(_size(each) for each in entries)
-    free = shutil.disk_usage(_existing(folder)).free
+    free = shutil.disk_usage(_nearest_existing_folder(folder)).free
     data = {"path": str(folder), "entries": len(entries), "bytes": size, "free_bytes": free}
     held = f"{show(size, 'B')} in {len(entries)} datasets" if entries else "empty"
-    tight = free < _ROOM_BYTES
-    return Check(
+    tight = free < _MIN_FREE_BYTES
+    return CheckResult(
         topic=TOPIC,
         name="cache",
         status="warn" if tight else "ok",
@@ -53,7 +53,7 @@ def _cache(folder: Path) -> Check:
     )
 
 
-def _listed(folder: Path) -> list[Path]:
+def _entries(folder: Path) -> list[Path]:
     try:
         return sorted(folder.iterdir())
     except OSError:
@@ -69,6 +69,6 @@ def _size(path: Path) -> int:
     return total
 
 
-def _existing(folder: Path) -> Path:
+def _nearest_existing_folder(folder: Path) -> Path:
     """The nearest folder above that exists: the one whose disk it will be on."""
     return next(each for each in (folder, *folder.parents) if each.exists())

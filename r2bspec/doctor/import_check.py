@@ -11,7 +11,7 @@ from r2bspec.doctor.checkup import System
 _TIMEOUT_S = 60.0
 
 
-def imports(system: System, *names: str) -> dict[str, dict[str, Any]]:
+def probe_imports(system: System, *names: str) -> dict[str, dict[str, Any]]:
     """What `r2bspec.doctor.import_probe` says of these modules; an error for what hangs."""
     command = [system.python, "-P", "-m", "r2bspec.doctor.import_probe", *names]
     try:
@@ -23,9 +23,14 @@ def imports(system: System, *names: str) -> dict[str, dict[str, Any]]:
             timeout=_TIMEOUT_S,
             check=False,
         )
-        found: dict[str, dict[str, Any]] = json.loads(done.stdout)
     except subprocess.TimeoutExpired:
         return {name: {"error": f"not imported within {_TIMEOUT_S:g} s"} for name in names}
-    except (OSError, ValueError) as error:
+    except OSError as error:
         return {name: {"error": str(error)} for name in names}
+    try:
+        found: dict[str, dict[str, Any]] = json.loads(done.stdout)
+    except ValueError:
+        # A module can end the interpreter, as rclpy does where its middleware is not installed.
+        said = done.stderr.strip().splitlines() or [f"it ended with status {done.returncode}"]
+        return {name: {"error": said[-1]} for name in names}
     return found

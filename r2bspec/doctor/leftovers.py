@@ -7,19 +7,18 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from r2bspec.doctor.checkup import Check, System
-from r2bspec.doctor.dead_segments import Segment, dead_segments
+from r2bspec.doctor.checkup import CheckResult, System
+from r2bspec.doctor.dead_shm_files import DeadShmFile, dead_shm_files, remove_dead_shm_files
 from r2bspec.doctor.run_processes import Process, find_runs
 from r2bspec.doctor.scratch_folders import abandoned_scratch, unfinished_datasets
-from r2bspec.ipc.process_cleanup import end_all
+from r2bspec.ipc.process_cleanup import end_run_processes
 from r2bspec.measure.units import show
-from r2bspec.middleware.shm_files import remove_dead_segments
 
 TOPIC = "runs"
 
 _CLEAN = "r2bspec doctor --clean"
 _GRACE_S = 2.0
-_NAMED = 3
+_MAX_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class Leftovers:
 
     living: int
     orphans: tuple[Process, ...]
-    segments: tuple[Segment, ...]
+    segments: tuple[DeadShmFile, ...]
     folders: tuple[Path, ...]
 
 
@@ -38,12 +37,12 @@ def find_leftovers(system: System, cache: Path | None = None) -> Leftovers:
     return Leftovers(
         living=len(runs.living),
         orphans=runs.orphans,
-        segments=tuple(dead_segments(system)),
+        segments=tuple(dead_shm_files(system)),
         folders=(*abandoned_scratch(system, runs.living), *unfinished_datasets(cache)),
     )
 
 
-def check_leftovers(system: System, cache: Path | None = None) -> list[Check]:
+def check_leftovers(system: System, cache: Path | None = None) -> list[CheckResult]:
     """Runs in progress, and what dead ones have left."""
     found = find_leftovers(system, cache)
     return [_living(found), _orphans(found), _segments(found), _folders(found)]
@@ -55,20 +54,21 @@ def clean(system: System, cache: Path | None = None) -> list[str]:
     removed = []
     for run_id in sorted({each.run_id for each in found.orphans}):
         of_run = [each for each in found.orphans if each.run_id == run_id]
-        end_all(run_id, {each.pid for each in of_run if each.session == each.pid}, _GRACE_S)
+        end_run_processes(
+            run_id, {each.pid for each in of_run if each.session == each.pid}, _GRACE_S
+        )
         removed += [f"process {each.pid} ({each.name}) of run {run_id}" for each in of_run]
     for folder in found.folders:
         with contextlib.suppress(OSError):
             shutil.rmtree(folder)
             removed.append(f"folder {folder}")
     # Last: the segments of processes that were just ended are dead only now.
-    dead = remove_dead_segments(system.shared_memory, system.proc)
-    removed += [f"segment {name}" for name in dead]
+    removed += [f"segment {name}" for name in remove_dead_shm_files(system)]
     return removed
 
 
-def _living(found: Leftovers) -> Check:
-    return Check(
+def _living(found: Leftovers) -> CheckResult:
+    return CheckResult(
         topic=TOPIC,
         name="in progress",
         status="warn" if found.living else "ok",
@@ -78,22 +78,22 @@ def _living(found: Leftovers) -> Check:
     )
 
 
-def _orphans(found: Leftovers) -> Check:
+def _orphans(found: Leftovers) -> CheckResult:
     shown = [f"{each.name} ({each.pid})" for each in found.orphans]
-    return Check(
+    return CheckResult(
         topic=TOPIC,
         name="lost processes",
         status="problem" if shown else "ok",
-        found=_counted(shown),
+        found=_shortened(shown),
         advice=f"their runs are dead, yet they take processor time; {_CLEAN}" if shown else "",
         data={"pids": [each.pid for each in found.orphans]},
     )
 
 
-def _segments(found: Leftovers) -> Check:
+def _segments(found: Leftovers) -> CheckResult:
     size = sum(each.bytes for each in found.segments)
     shown = [each.name for each in found.segments]
-    return Check(
+    return CheckResult(
         topic=TOPIC,
         name="dead segments",
         status="warn" if shown else "ok",
@@ -103,20 +103,20 @@ def _segments(found: Leftovers) -> Check:
     )
 
 
-def _folders(found: Leftovers) -> Check:
+def _folders(found: Leftovers) -> CheckResult:
     shown = [str(each) for each in found.folders]
-    return Check(
+    return CheckResult(
         topic=TOPIC,
         name="scratch folders",
         status="warn" if shown else "ok",
-        found=_counted(shown),
+        found=_shortened(shown),
         advice=f"of runs that were killed; {_CLEAN}" if shown else "",
         data={"paths": shown},
     )
 
 
-def _counted(names: list[str]) -> str:
+def _shortened(names: list[str]) -> str:
     if not names:
         return "none"
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more
+    more = f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""
+    return ", ".join(names[:_MAX_NAMED]) + more

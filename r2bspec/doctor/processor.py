@@ -6,29 +6,31 @@ import os
 import time
 from collections.abc import Callable
 
-from r2bspec.doctor.checkup import Check, System, read_text
+from r2bspec.doctor.checkup import CheckResult, System, read_text
 
 TOPIC = "processor"
 
-_COMFORTABLE_CORES = 4
-_IDLE_S = 0.5
-_BUSY_SHARE = 0.1
-_STOLEN_SHARE = 0.01
+_MIN_CORES = 4
+_LOAD_SAMPLE_S = 0.5
+_MAX_BUSY_SHARE = 0.1
+_MAX_STEAL_SHARE = 0.01
 _FAST_CLOCKS = frozenset({"tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page"})
 
 
-def check_processor(system: System, sleep: Callable[[float], object] = time.sleep) -> list[Check]:
+def check_processor(
+    system: System, sleep: Callable[[float], object] = time.sleep
+) -> list[CheckResult]:
     """Cores, quota, governor, clock source and load; takes half a second."""
     found = [_cores(system), _governor(system), _clock(system), _load(system, sleep)]
     return [check for check in found if check is not None]
 
 
-def _cores(system: System) -> Check:
+def _cores(system: System) -> CheckResult:
     cores = len(os.sched_getaffinity(0))
     quota = _quota(system)
     data = {"cores": cores, "quota": quota}
     if quota is not None and quota < cores:
-        return Check(
+        return CheckResult(
             topic=TOPIC,
             name="cores",
             status="warn",
@@ -37,8 +39,8 @@ def _cores(system: System) -> Check:
             "whole cores instead of a quota",
             data=data,
         )
-    if cores < _COMFORTABLE_CORES:
-        return Check(
+    if cores < _MIN_CORES:
+        return CheckResult(
             topic=TOPIC,
             name="cores",
             status="warn",
@@ -47,7 +49,7 @@ def _cores(system: System) -> Check:
             "with this machine only",
             data=data,
         )
-    return Check(topic=TOPIC, name="cores", status="ok", found=f"{cores}", data=data)
+    return CheckResult(topic=TOPIC, name="cores", status="ok", found=f"{cores}", data=data)
 
 
 def _quota(system: System) -> float | None:
@@ -59,16 +61,18 @@ def _quota(system: System) -> float | None:
     return int(words[0]) / int(words[1])
 
 
-def _governor(system: System) -> Check:
+def _governor(system: System) -> CheckResult:
     files = (system.sys / "devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
     governors = sorted({text for file in files if (text := read_text(file))})
     data = {"governors": governors}
     if not governors:
         found = "not told by this machine (usual in virtual ones)"
-        return Check(topic=TOPIC, name="governor", status="ok", found=found, data=data)
+        return CheckResult(topic=TOPIC, name="governor", status="ok", found=found, data=data)
     if governors == ["performance"]:
-        return Check(topic=TOPIC, name="governor", status="ok", found="performance", data=data)
-    return Check(
+        return CheckResult(
+            topic=TOPIC, name="governor", status="ok", found="performance", data=data
+        )
+    return CheckResult(
         topic=TOPIC,
         name="governor",
         status="warn",
@@ -79,13 +83,13 @@ def _governor(system: System) -> Check:
     )
 
 
-def _clock(system: System) -> Check | None:
+def _clock(system: System) -> CheckResult | None:
     folder = system.sys / "devices/system/clocksource/clocksource0"
     source = read_text(folder / "current_clocksource")
     if source is None:
         return None
     fast = source in _FAST_CLOCKS
-    return Check(
+    return CheckResult(
         topic=TOPIC,
         name="clock",
         status="ok" if fast else "warn",
@@ -95,9 +99,9 @@ def _clock(system: System) -> Check | None:
     )
 
 
-def _load(system: System, sleep: Callable[[float], object]) -> Check | None:
+def _load(system: System, sleep: Callable[[float], object]) -> CheckResult | None:
     before = _ticks(system)
-    sleep(_IDLE_S)
+    sleep(_LOAD_SAMPLE_S)
     after = _ticks(system)
     if before is None or after is None:
         return None
@@ -107,8 +111,8 @@ def _load(system: System, sleep: Callable[[float], object]) -> Check | None:
     busy, stolen = 1 - (spent[3] + spent[4]) / total, spent[7] / total
     data = {"busy": round(busy, 4), "stolen": round(stolen, 4)}
     found = f"{busy:.0%} busy"
-    if stolen > _STOLEN_SHARE:
-        return Check(
+    if stolen > _MAX_STEAL_SHARE:
+        return CheckResult(
             topic=TOPIC,
             name="idle load",
             status="warn",
@@ -116,12 +120,12 @@ def _load(system: System, sleep: Callable[[float], object]) -> Check | None:
             advice="nothing inside can be measured while it is stopped; use a dedicated host",
             data=data,
         )
-    return Check(
+    return CheckResult(
         topic=TOPIC,
         name="idle load",
-        status="warn" if busy > _BUSY_SHARE else "ok",
+        status="warn" if busy > _MAX_BUSY_SHARE else "ok",
         found=found,
-        advice="end what else runs, or results will contain it" if busy > _BUSY_SHARE else "",
+        advice="end what else runs, or results will contain it" if busy > _MAX_BUSY_SHARE else "",
         data=data,
     )
 

@@ -4,30 +4,38 @@ from __future__ import annotations
 
 import importlib.metadata
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
-from r2bspec.doctor.checkup import Check, System
-from r2bspec.doctor.import_check import imports
+from r2bspec.doctor.checkup import CheckResult, System
+from r2bspec.doctor.import_check import probe_imports
 from r2bspec.measure.units import show
+from r2bspec.middleware.registry import (
+    RMW_VARIABLE,
+    middleware_named,
+    refuse_transport,
+    selected_rmw,
+)
 
 TOPIC = "ROS 2"
 
 _MIDDLEWARE = "rclpy:get_rmw_implementation_identifier"
-_FAST_DDS = "rmw_fastrtps"
-_SLOW_IMPORT_S = 2.0
+_MAX_IMPORT_S = 2.0
 _MESSAGES = ("std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "stereo_msgs")
 _WHEEL = re.compile(r"ros-(?:(?P<distribution>[a-z]+)-)?rclpy")
 _INSTALL = "source a ROS 2 installation, or pip install 'r2bspec[ros]'"
 
 
-def check_ros(system: System) -> list[Check]:
+def check_ros(system: System) -> list[CheckResult]:
     """The distributions that can be seen, rclpy, the middleware and the message packages."""
-    found = imports(system, _MIDDLEWARE)[_MIDDLEWARE]
+    found = probe_imports(system, _MIDDLEWARE)[_MIDDLEWARE]
     checks = [_distributions(system)]
     if "error" in found:
         advice = _INSTALL if "ModuleNotFoundError" in found["error"] else "see the error above"
         checks.append(
-            Check(topic=TOPIC, name="rclpy", status="problem", found=found["error"], advice=advice)
+            CheckResult(
+                topic=TOPIC, name="rclpy", status="problem", found=found["error"], advice=advice
+            )
         )
         return checks
     return [
@@ -38,7 +46,7 @@ def check_ros(system: System) -> list[Check]:
     ]
 
 
-def _distributions(system: System) -> Check:
+def _distributions(system: System) -> CheckResult:
     """Sourced prefixes first, since they win on PYTHONPATH; then wheels of this interpreter."""
     prefixes = _paths(system.environ.get("AMENT_PREFIX_PATH", ""))
     wheels = sorted(
@@ -57,7 +65,7 @@ def _distributions(system: System) -> Check:
     parts += [f"{each} as wheels" for each in named]
     # The metapackage of the wheels names the same rclpy again; only a sourced one competes.
     mixed = bool(sourced) and any(not each.startswith(sourced) for each in named)
-    return Check(
+    return CheckResult(
         topic=TOPIC,
         name="distributions",
         status="warn" if mixed or not parts else "ok",
@@ -69,9 +77,9 @@ def _distributions(system: System) -> Check:
     )
 
 
-def _client_library(seconds: float, file: str) -> Check:
-    slow = seconds > _SLOW_IMPORT_S
-    return Check(
+def _client_library(seconds: float, file: str) -> CheckResult:
+    slow = seconds > _MAX_IMPORT_S
+    return CheckResult(
         topic=TOPIC,
         name="rclpy",
         status="warn" if slow else "ok",
@@ -81,7 +89,7 @@ def _client_library(seconds: float, file: str) -> Check:
     )
 
 
-def _middleware(system: System, used: str) -> Check:
+def _middleware(system: System, used: str) -> CheckResult:
     here = sorted(
         {
             each.name
@@ -91,25 +99,38 @@ def _middleware(system: System, used: str) -> Check:
         | {used}
     )
     others = [each for each in here if each != used]
-    fast_dds = used.startswith(_FAST_DDS)
-    return Check(
+    advice = [*_refused_transport(system, used), *_overridden_discovery(system, used)]
+    return CheckResult(
         topic=TOPIC,
         name="middleware",
-        status="ok" if fast_dds else "warn",
+        status="warn" if advice else "ok",
         found=used + (f" (also here: {', '.join(others)})" if others else ""),
-        advice=""
-        if fast_dds
-        else "transport: shared_memory and udp configure Fast DDS only; "
-        "unset RMW_IMPLEMENTATION, or state transport: inherit",
+        advice="; ".join(advice),
         data={"used": used, "here": here},
     )
 
 
-def _messages(system: System) -> Check:
-    found = imports(system, *(f"{name}.msg" for name in _MESSAGES))
+def _refused_transport(system: System, used: str) -> Iterator[str]:
+    """Why runs with the default transport are refused, or configure another one."""
+    refusal = refuse_transport("shared_memory", used)
+    if refusal is not None:
+        yield f"the default {refusal.message}: {refusal.help}"
+    selected = selected_rmw(system.environ)
+    if selected != used:
+        yield f"runs configure {selected}: set {RMW_VARIABLE}={used}"
+
+
+def _overridden_discovery(system: System, used: str) -> Iterator[str]:
+    for name in middleware_named(used).override_variables:
+        if system.environ.get(name):
+            yield f"{name} is set, and can let nodes of a run discover those of other hosts"
+
+
+def _messages(system: System) -> CheckResult:
+    found = probe_imports(system, *(f"{name}.msg" for name in _MESSAGES))
     missing = [name for name in _MESSAGES if "error" in found[f"{name}.msg"]]
     there = [name for name in _MESSAGES if name not in missing]
-    return Check(
+    return CheckResult(
         topic=TOPIC,
         name="messages",
         status="warn" if missing else "ok",

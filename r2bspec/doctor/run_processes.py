@@ -41,14 +41,14 @@ class Process:
 
 
 @dataclass(frozen=True)
-class Runs:
+class RunProcesses:
     """All runs that processes tell of: the ids that live, and the orphans of those that do not."""
 
     living: frozenset[str]
     orphans: tuple[Process, ...]
 
 
-def find_runs(system: System) -> Runs:
+def find_runs(system: System) -> RunProcesses:
     """Look at every process that may be looked at.
 
     The run that this process is itself a part of is never taken for dead.
@@ -62,7 +62,7 @@ def find_runs(system: System) -> Runs:
             # Its watchdog was killed, but the controller is there.
             living.add(each.run_id)
     orphans = [each for each in processes.values() if each.run_id and each.run_id not in living]
-    return Runs(frozenset(living), tuple(sorted(orphans, key=lambda each: each.pid)))
+    return RunProcesses(frozenset(living), tuple(sorted(orphans, key=lambda each: each.pid)))
 
 
 def _processes(proc: Path) -> Iterator[Process]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from r2bspec.datasets.dataset_cache import datasets_dir
 from r2bspec.doctor.checkup import System
 
-_YOUNG_S = 10.0
+_MIN_AGE_S = 10.0
 """A run makes its folder a moment before the processes by which it can be known to live."""
 
 
@@ -32,7 +32,7 @@ def unfinished_datasets(cache: Path | None = None) -> list[Path]:
 
 def _is_old(folder: Path) -> bool:
     try:
-        return time.time() - folder.stat().st_mtime > _YOUNG_S
+        return time.time() - folder.stat().st_mtime > _MIN_AGE_S
     except OSError:
         return False
 

@@ -13,18 +13,15 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-import msgspec
-
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.bringup.commands import run_setup
+from r2bspec.execute.bringup.commands import run_setup_step
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import (
-    GraphDiffersError,
+    GraphMismatchError,
     MemoryLimitError,
     RunError,
     UnsupportedError,
@@ -33,32 +30,34 @@ from r2bspec.execute.errors import (
 from r2bspec.execute.host.machine import describe_machine, describe_versions
 from r2bspec.execute.host.resource_sampler import ResourceSampler
 from r2bspec.execute.inputs.buffer_bags import buffer_bags
-from r2bspec.execute.inputs.dataset import Dataset, obtain
+from r2bspec.execute.inputs.dataset import ResolvedDataset, obtain_dataset
 from r2bspec.execute.inputs.preprocess import preprocess
-from r2bspec.execute.measurement.measurement import Measuring
-from r2bspec.execute.measurement.reporting import Reporting
-from r2bspec.execute.measurement.time_budget import Budget
+from r2bspec.execute.measurement.measurement import Measurement
+from r2bspec.execute.measurement.run_reporter import RunReporter
+from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
-from r2bspec.execute.processes.redaction import concealing
+from r2bspec.execute.processes.middleware_check import check_middleware
+from r2bspec.execute.processes.redaction import make_redactor
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.signals import Interrupts
-from r2bspec.execute.processes.supervisor import Children
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.progress import Progress
-from r2bspec.execute.session import Batch
+from r2bspec.execute.session import Session
 from r2bspec.ipc.buffers import largest_message_bytes
-from r2bspec.ipc.clocks import Clocks
-from r2bspec.judge.confirmation import judge_fresh, wants_confirmation
-from r2bspec.judge.decision_policy import terms_of
+from r2bspec.ipc.clocks import ClockOffsetTracker
+from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
+from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.quantities import Size
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import HostSamples, run_samples
+from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
-from r2bspec.plan.unsupported import unsupported
+from r2bspec.plan.unsupported import unsupported_features
 from r2bspec.record.errors import RecordError
-from r2bspec.record.run_folder import RunFolder, open_run
+from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference, RunRecord
 
 
@@ -124,31 +123,31 @@ class _Controller:
         self._machine = describe_machine()
         self._versions = describe_versions()
         self._events: list[tuple[int, str]] = []
-        self._clocks = Clocks()
-        self._datasets: tuple[Dataset, ...] = ()
+        self._clocks = ClockOffsetTracker()
+        self._datasets: tuple[ResolvedDataset, ...] = ()
         # Looked at several times a second, and empty for most plans.
         self._memory_limits = {
             each.name: each.memory_limit_bytes for each in plan.processes if each.memory_limit_bytes
         }
         self._resources = ResourceSampler()
-        self._children = Children(
+        self._supervisor = ProcessSupervisor(
             run_id,
             scratch,
             self._check,
             lambda child: self._resources.add(child.pid),
-            concealing(plan.environment, os.environ),
+            make_redactor(plan.environment, os.environ),
         )
         self._launchers: list[Launcher] = []
-        self._batches: list[Batch] = []
-        self._measuring: list[Measuring] = []
-        self._budget = Budget(plan.gate.time_budget_ns, self._note)
+        self._sessions: list[Session] = []
+        self._measurements: list[Measurement] = []
+        self._budget = TimeBudget(plan.gate.time_budget_ns, self._note)
 
     def run(self) -> RunRecord:
         """Carry the plan out, clean up, and write the record, in that order, whatever happens."""
         failure: BaseException | None = None
         try:
-            self._keep_record()
-            self._carry_out()
+            self._write_partial_record()
+            self._execute()
         except (OSError, RecordError) as error:
             failure = _unwritable(error, self._folder.path)
             raise failure from error
@@ -161,10 +160,10 @@ class _Controller:
 
     def _finish(self, failure: BaseException | None) -> RunRecord:
         """End all that still runs, and write what is known."""
-        killed = self._children.close()
+        killed = self._supervisor.close()
         if killed:
             self._note(f"had to be killed: {', '.join(sorted(set(killed)))}")
-        if cut := self._children.cut_logs:
+        if cut := self._supervisor.truncated_logs:
             self._note(f"logs that were too long were cut: {', '.join(each.name for each in cut)}")
         record = self._record(failure)
         # Should the disk be full, then this is what the record finds room in.
@@ -172,37 +171,38 @@ class _Controller:
         # Of several failures the first one is to be told.
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._resources.stop()
-            self._write_sampled()
+            self._write_resource_samples()
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._folder.write_record(record)
         return record
 
-    def _carry_out(self) -> None:
-        self._refuse_unsupported()
+    def _execute(self) -> None:
+        self._check_supported()
+        check_middleware(self._plan, os.environ)
         self._resources.start()
         with self._domain() as domain:
             self._set_up(domain)
-            self._refuse_missing()
+            self._check_programs_installed()
             if "load" in self._plan.phases:
                 self._load()
             if "preprocess" in self._plan.phases:
                 self._phase("preprocess", "running the preprocessors")
                 preprocess(
                     self._plan,
-                    self._children,
+                    self._supervisor,
                     self._launcher(domain),
                     self._buffer_dir,
                     self._note,
                 )
             self._measure(domain)
             # One that died at the last message did not survive the run either.
-            self._children.pump(0.0)
+            self._supervisor.pump(0.0)
             self._phase("collect", "collecting")
             # Inside the reservation: the domain is free for others only when all are gone.
-            self._children.end(list(self._children))
+            self._supervisor.end(list(self._supervisor))
 
-    def _refuse_unsupported(self) -> None:
-        missing = unsupported(self._plan)
+    def _check_supported(self) -> None:
+        missing = unsupported_features(self._plan)
         if missing:
             raise UnsupportedError(
                 "this version does not carry out "
@@ -210,7 +210,7 @@ class _Controller:
                 hint="The spec is right, and can be validated and planned; it cannot be run yet.",
             )
 
-    def _refuse_missing(self) -> None:
+    def _check_programs_installed(self) -> None:
         """See that every program is there before any is started; a setup step may have made it."""
         for process in self._plan.processes:
             resolve_argv(process)
@@ -229,23 +229,23 @@ class _Controller:
             MemoryLimitError: a process uses more than the spec allows.
         """
         self._interrupts.check()
-        self._tell_clock_steps()
+        self._note_clock_steps()
         if not self._memory_limits:
             return
-        for child in self._children:
+        for child in self._supervisor:
             limit = self._memory_limits.get(child.name)
             resident = self._resources.resident(child.pid)
-            if limit is not None and resident > limit and not child.ending:
+            if limit is not None and resident > limit and not child.exit_expected:
                 raise MemoryLimitError(
                     f"process {child.name} uses {Size(resident)}; its limit is {Size(limit)}",
                     hint="Raise memory_limit, or find out what grows.",
                 )
 
-    def _tell_clock_steps(self) -> None:
-        told, before_ns = self._clocks.steps, self._clocks.stepped_ns
-        self._clocks.look()
+    def _note_clock_steps(self) -> None:
+        told, before_ns = self._clocks.steps, self._clocks.total_step_ns
+        self._clocks.update()
         if self._clocks.steps > told:
-            moved_s = (self._clocks.stepped_ns - before_ns) / 1e9
+            moved_s = (self._clocks.total_step_ns - before_ns) / 1e9
             self._note(
                 f"the system clock was set by {moved_s:+.3f} s; the times of this run are "
                 "monotonic, and not moved by that"
@@ -257,13 +257,15 @@ class _Controller:
         self._phase("setup", "setting up")
         environment = self._environment(domain)
         for step in self._plan.setup:
-            run_setup(step, self._children, environment, self._folder, self._base_dir, self._note)
+            run_setup_step(
+                step, self._supervisor, environment, self._folder, self._base_dir, self._note
+            )
 
     def _load(self) -> None:
         self._phase("load", f"reading {self._plan.dataset.source}")
-        with self._interrupts.at_once():
+        with self._interrupts.immediate():
             plans = self._plan.datasets or (self._plan.dataset,)
-            datasets = [obtain(each, self._base_dir, self._progress) for each in plans]
+            datasets = [obtain_dataset(each, self._base_dir, self._progress) for each in plans]
             self._datasets = tuple(datasets)
             counts = buffer_bags(
                 [each.path for each in datasets], plans, self._buffer_dir, self._progress
@@ -276,7 +278,7 @@ class _Controller:
 
         Preprocessors may publish larger messages than the bag holds, so each phase gets its own.
         """
-        made = Launcher(self._children, self._environment(domain), self._folder, self._base_dir)
+        made = Launcher(self._supervisor, self._environment(domain), self._folder, self._base_dir)
         self._launchers.append(made)
         return made
 
@@ -295,75 +297,77 @@ class _Controller:
     def _measure(self, domain: int) -> None:
         """Play the batch that decides and, if it fails, a fresh one that confirms it or not."""
         began_s = time.monotonic()
-        measuring = self._bring_up(domain, self._judge_so_far)
-        verdict, iterations = measuring.measure()
-        if not self._plan.gate.confirm or not wants_confirmation(verdict):
+        measurement = self._bring_up(domain, self._judge_so_far)
+        verdict, iterations = measurement.measure()
+        if not self._plan.gate.confirm or not needs_confirmation(verdict):
             return
         if self._plan.external:
             self._note("no fresh batch: nodes that somebody else runs cannot be started anew")
             return
         if not self._budget.allows("no fresh batch", time.monotonic() - began_s):
             return
-        self._children.pump(0.0)
+        self._supervisor.pump(0.0)
         self._phase("confirm", "the run fails: starting a fresh batch to confirm that")
-        self._children.end(list(self._children))
-        peak_hz = measuring.peak_hz
-        measuring = self._bring_up(domain, partial(self._judge_fresh, verdict), confirms=True)
+        self._supervisor.end(list(self._supervisor))
+        peak_hz = measurement.peak_hz
+        measurement = self._bring_up(
+            domain, partial(self._judge_confirmation, verdict), confirms=True
+        )
         failed = {each.method for each in verdict.requirements if each.outcome == "fail"}
-        measuring.measure_again(frozenset(failed), iterations, peak_hz)
+        measurement.measure_confirmation(frozenset(failed), iterations, peak_hz)
 
     def _bring_up(
         self, domain: int, judge_so_far: Callable[[], Verdict], *, confirms: bool = False
-    ) -> Measuring:
+    ) -> Measurement:
         """Bring up a batch of new processes."""
-        reporting = Reporting(
-            self._phase, self._note, self._keep_record, self._progress, self._resources
+        reporter = RunReporter(
+            self._phase, self._note, self._write_partial_record, self._progress, self._resources
         )
-        batch = Batch(
+        session = Session(
             self._plan,
-            self._children,
+            self._supervisor,
             self._launcher(domain),
             self._folder,
             self._base_dir,
             self._scratch,
-            reporting,
+            reporter,
             confirms=confirms,
         )
-        self._batches.append(batch)
-        stage = batch.bring_up()
-        measuring = Measuring(self._plan, stage, reporting, judge_so_far, self._budget)
-        self._measuring.append(measuring)
-        return measuring
+        self._sessions.append(session)
+        segment_player = session.bring_up()
+        measurement = Measurement(self._plan, segment_player, reporter, judge_so_far, self._budget)
+        self._measurements.append(measurement)
+        return measurement
 
     def _judge_so_far(self) -> Verdict:
         """The verdict on the first batch if the run ended now."""
-        return judge(self._plan.objectives, self._samples_so_far(), terms_of(self._plan))
+        return judge(self._plan.objectives, self._samples_so_far(), decision_policy(self._plan))
 
-    def _judge_fresh(self, first: Verdict) -> Verdict:
+    def _judge_confirmation(self, first: Verdict) -> Verdict:
         """The verdict on the fresh batch if the run ended now, after that on the first."""
         fresh = self._samples_so_far().confirmation
         assert fresh is not None  # noqa: S101 - it is being played
-        return judge_fresh(self._plan.objectives, fresh, first)
+        return judge_confirmation(self._plan.objectives, fresh, first)
 
     def _samples_so_far(self) -> RunSamples:
-        self._write_sampled()
-        self._keep_record()
-        samples = read_samples(open_run(self._folder.path))
+        """The samples of all that has been played, as if the run had ended now."""
+        # Should the run be killed before its next look, its folder has what this one rests on.
+        self._write_resource_samples()
+        samples = {
+            name: each for session in self._sessions for name, each in session.samples.items()
+        }
+        return run_samples(
+            self._record(None),
+            self._plan,
+            lambda segment: samples[segment.id],
+            HostSamples(self._resources.rows(), self._resources.surroundings()),
+        )
 
-        def complete(one: RunSamples) -> RunSamples:
-            record = msgspec.structs.replace(one.record, status="complete", reason="")
-            fresh = one.confirmation
-            return replace(
-                one, record=record, confirmation=None if fresh is None else complete(fresh)
-            )
-
-        return complete(samples)
-
-    def _write_sampled(self) -> None:
+    def _write_resource_samples(self) -> None:
         self._folder.write_resources(self._resources.rows())
-        self._folder.write_surroundings(self._resources.surroundings())
+        self._folder.write_interference(self._resources.surroundings())
 
-    def _keep_record(self) -> None:
+    def _write_partial_record(self) -> None:
         """Write the record as it stands, so that a killed run can be read, too."""
         self._folder.write_record(self._record(RunError("the run was killed", code="R2B671")))
 
@@ -385,13 +389,17 @@ class _Controller:
     def _differences(self, failure: BaseException | None) -> tuple[Difference, ...]:
         """What of the real graph is not as the plan says, each once."""
         found = [each for launcher in self._launchers for each in launcher.differences]
-        found += failure.differences if isinstance(failure, GraphDiffersError) else ()
+        found += failure.differences if isinstance(failure, GraphMismatchError) else ()
         return tuple(dict.fromkeys(found))
+
+    def _loaded_rmw(self) -> dict[str, str]:
+        """The middleware as a process of the harness says; empty until one has."""
+        return next(({"rmw": each.rmw} for each in self._launchers if each.rmw), {})
 
     def _record(self, failure: BaseException | None) -> RunRecord:
         status: Literal["complete", "incomplete"] = "incomplete" if failure else "complete"
-        first = self._measuring[0] if self._measuring else None
-        again = self._measuring[1:]
+        first = self._measurements[0] if self._measurements else None
+        again = self._measurements[1:]
         return RunRecord(
             run_id=self._run_id,
             plan_hash=plan_hash(self._plan),
@@ -401,16 +409,16 @@ class _Controller:
             reason=_reason(failure),
             dataset=self._provenance(),
             machine=self._machine,
-            versions=self._versions,
-            processes=self._children.records(),
-            segments=tuple(each for batch in self._batches for each in batch.segments),
+            versions=self._versions | self._loaded_rmw(),
+            processes=self._supervisor.records(),
+            segments=tuple(each for session in self._sessions for each in session.segments),
             search=first.search if first else None,
             sustained=first.sustained if first else (),
             events=tuple(self._events),
-            floor=self._batches[0].floor if self._batches else (),
-            silences=tuple(each for batch in self._batches for each in batch.silences),
+            floor=self._sessions[0].floor if self._sessions else (),
+            silences=tuple(each for session in self._sessions for each in session.silences),
             differences=self._differences(failure),
-            confirmation=again[0].confirmation(self._batches[1].floor) if again else None,
+            confirmation=again[0].confirmation(self._sessions[1].floor) if again else None,
             left_out=tuple(self._budget.left_out),
         )
 

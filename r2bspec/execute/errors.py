@@ -48,7 +48,7 @@ class NotReadyError(RunError):
     code = "R2B640"
 
 
-class GraphDiffersError(RunError):
+class GraphMismatchError(RunError):
     """The real graph is not the one of the spec: to try again would not help.
 
     Attributes:
@@ -88,6 +88,10 @@ class UnsupportedError(RunError):
     exit_code = 2
 
 
+class MiddlewareError(UnsupportedError):
+    """The plan asks for something that the selected middleware (RMW) cannot be configured for."""
+
+
 class SharedMemoryError(RunError):
     """There is less shared memory than the transport of the plan needs."""
 
@@ -107,7 +111,7 @@ class UnwritableRunError(RunError):
     code = RUN_UNWRITABLE
 
 
-class EnvironmentRefusedError(RunError):
+class WorkspaceError(RunError):
     """The environment that a run should be made in is not there, or cannot be sourced."""
 
     code = "R2B657"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Protocol
 
 
-class Playing(Protocol):
+class SegmentProgress(Protocol):
     """A stretch while it is being played; what is not asked for costs nothing."""
 
     def sent(self) -> int:
@@ -34,14 +34,14 @@ class Progress(Protocol):
     def segment(self, title: str, steps: int) -> None:
         """A stretch of `steps` steps begins to be played."""
 
-    def playing(self, seen: Playing) -> None:
+    def playing(self, view: SegmentProgress) -> None:
         """How far the segment is; told four times a second."""
 
     def note(self, text: str) -> None:
         """Something worth a line."""
 
 
-class Silent:
+class NullProgress:
     """Shows nothing."""
 
     def phase(self, name: str, text: str) -> None:
@@ -53,7 +53,7 @@ class Silent:
     def segment(self, title: str, steps: int) -> None:
         """Ignore."""
 
-    def playing(self, seen: Playing) -> None:
+    def playing(self, view: SegmentProgress) -> None:
         """Ignore."""
 
     def note(self, text: str) -> None:

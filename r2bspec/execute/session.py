@@ -6,50 +6,58 @@ fail, too (`r2bspec.judge.confirmation`).
 
 from __future__ import annotations
 
-import time
+from collections.abc import Mapping
 from pathlib import Path
 
-from r2bspec.execute.bringup.discovery import wait_until_met
+from r2bspec.execute.bringup.discovery import wait_for_mutual_discovery
 from r2bspec.execute.bringup.external_nodes import wait_for_external
-from r2bspec.execute.bringup.harness_processes import Parts
+from r2bspec.execute.bringup.harness_processes import HarnessProcesses
 from r2bspec.execute.bringup.launcher import (
     NODE_ROLES,
     Launcher,
-    explain,
-    listeners,
-    readers_wanted,
+    expected_subscriptions,
+    graph_error,
+    subscription_counts,
     wait_until_matched,
 )
 from r2bspec.execute.bringup.readiness import wait_for_probe
-from r2bspec.execute.bringup.spec_mismatches import suspicions
-from r2bspec.execute.diagnosis.find_break import described, whole_way
-from r2bspec.execute.diagnosis.graph_facts import Facts
-from r2bspec.execute.diagnosis.observe_graph import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
+from r2bspec.execute.bringup.spec_mismatches import related_differences
+from r2bspec.execute.bringup.start_deadline import StartDeadline
+from r2bspec.execute.diagnosis.find_break import full_path, path_lines
+from r2bspec.execute.diagnosis.graph_facts import GraphFacts
+from r2bspec.execute.diagnosis.observe_graph import (
+    TRACE_RATE_HZ,
+    TRACE_STEPS,
+    GraphObserver,
+    fault_report,
+    find_faults,
+)
 from r2bspec.execute.errors import NoOutputError
-from r2bspec.execute.inputs.build_schedule import arrange
-from r2bspec.execute.measurement.harness_overhead import measure_floor, usual_rate_hz
-from r2bspec.execute.measurement.live_mode import LiveStage
-from r2bspec.execute.measurement.reporting import Reporting
-from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, Stage
-from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.execute.inputs.build_schedule import build_schedule
+from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_rate_hz
+from r2bspec.execute.measurement.live_mode import LiveSegmentWatcher
+from r2bspec.execute.measurement.run_reporter import RunReporter
+from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentPlayer
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
-from r2bspec.ipc.schedule import Cyclic, Schedule
+from r2bspec.ipc.schedule import CyclicSchedule, Schedule
+from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
-from r2bspec.plan.taps import all_taps, tap_watches
+from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import FloorRecord, Segment, SilenceRecord
 
-PHASE = "measure"
+MEASURE_PHASE = "measure"
 """The phase of the processes that are up while something is measured."""
 
 _WARM_UP_HZ = 10.0
 _WARM_UP_STEPS = 10
-_WARM_UP_NS = 1_000_000_000
+_WARM_UP_RETRY_NS = 1_000_000_000
 """How long an attempt lasts after one in which nothing came."""
 
 
-class Batch:
+class Session:
     """One batch.
 
     Attributes:
@@ -60,70 +68,76 @@ class Batch:
     def __init__(
         self,
         plan: Plan,
-        children: Children,
+        supervisor: ProcessSupervisor,
         launcher: Launcher,
         folder: RunFolder,
         base_dir: Path,
         scratch: Path,
-        reporting: Reporting,
+        reporter: RunReporter,
         *,
         confirms: bool = False,
     ) -> None:
         self._plan = plan
-        self._children = children
+        self._supervisor = supervisor
         self._launcher = launcher
         self._folder = folder
         self._base_dir = base_dir
         self._buffer_dir = scratch / "buffers"
         self._rows_dir = scratch / ("rows-confirm" if confirms else "rows")
-        self._tell = reporting
+        self._reporter = reporter
         self._confirms = confirms
-        self._schedule: Schedule = Cyclic(steps=())
-        processes = [each for each in plan.processes if each.phase == PHASE]
-        self._parts = Parts(launcher, processes)
-        self._stage: Stage | None = None
+        self._schedule: Schedule = CyclicSchedule(steps=())
+        processes = [each for each in plan.processes if each.phase == MEASURE_PHASE]
+        self._parts = HarnessProcesses(launcher, processes)
+        self._segment_player: SegmentPlayer | None = None
         self.floor: tuple[FloorRecord, ...] = ()
         self.silences: tuple[SilenceRecord, ...] = ()
 
     @property
     def segments(self) -> tuple[Segment, ...]:
         """What has been played so far."""
-        return tuple(self._stage.segments) if self._stage else ()
+        return tuple(self._segment_player.segments) if self._segment_player else ()
 
-    def bring_up(self) -> Stage:
+    @property
+    def samples(self) -> Mapping[str, SegmentSamples]:
+        """The samples of what counts for a verdict, by segment; see `SegmentPlayer.samples`."""
+        return self._segment_player.samples if self._segment_player else {}
+
+    def bring_up(self) -> SegmentPlayer:
         """Start everything and warm it up.
 
         Raises:
             RunError: it did not come up, or nothing comes out of it.
         """
         self._rows_dir.mkdir()
-        self._tell.phase("start", "starting player and monitor")
-        self._launcher.see_to_room(self._plan, PHASE)
+        self._reporter.phase("start", "starting player and monitor")
+        self._launcher.check_shared_memory(self._plan, MEASURE_PHASE)
         player, monitor = self._start_harness()
-        self._tell.phase("graph", "starting the graph")
-        self._start_graph(player, monitor)
-        self._stage = (Stage if player else LiveStage)(
-            self._children,
+        self._reporter.phase("graph", "starting the graph")
+        deadline = StartDeadline(self._plan.start_timeout_ns)
+        self._start_graph(player, monitor, deadline)
+        self._segment_player = (SegmentPlayer if player else LiveSegmentWatcher)(
+            self._plan,
+            self._supervisor,
             player,
-            self._plan.monitors,
             self._rows_dir,
             self._folder,
-            self._tell.progress,
-            on_segment=self._tell.segment,
+            self._reporter.progress,
+            on_segment=self._reporter.segment,
             schedule=self._schedule,
-            inputs=self._plan.inputs,
-            resources=self._tell.resources,
+            resources=self._reporter.resources,
             confirms=self._confirms,
         )
-        self._get_ready(monitor)
-        self._warm_up(self._stage, monitor)
-        stage = self._stage
-        stage.on_silence = lambda segment, plan: self._explain_silence(
-            stage, monitor, segment, plan
+        with deadline.paused():
+            self._wait_until_ready(monitor)
+        self._warm_up(self._segment_player, monitor, deadline)
+        segment_player = self._segment_player
+        segment_player.on_output_stopped = lambda segment, plan: self._diagnose_stopped_output(
+            segment_player, monitor, segment, plan
         )
-        return stage
+        return segment_player
 
-    def _start_harness(self) -> tuple[Child | None, Child]:
+    def _start_harness(self) -> tuple[ManagedProcess | None, ManagedProcess]:
         """The player and the monitor, and what they take with no graph between them.
 
         A live run has no player.
@@ -134,25 +148,25 @@ class Batch:
         launcher.configure(
             monitor,
             protocol.ConfigureMonitor(
-                monitors=(*plan.monitors, *tap_watches(plan.monitors)),
+                monitors=(*plan.monitors, *tap_monitors(plan.monitors)),
                 rows_dir=str(self._rows_dir),
             ),
         )
         if player is not None:
-            self._tell.phase("floor", "measuring what player, monitor and transport take alone")
-            self.floor = measure_floor(
-                self._children,
+            self._reporter.phase("floor", "measuring what player, monitor and transport take alone")
+            self.floor = measure_harness_overhead(
+                self._supervisor,
                 player,
                 monitor,
                 plan.inputs,
                 self._rows_dir,
                 PLAYBACK_ROWS,
-                usual_rate_hz(plan),
+                overhead_rate_hz(plan),
                 self._schedule,
             )
         return player, monitor
 
-    def _start_player(self) -> Child:
+    def _start_player(self) -> ManagedProcess:
         """The player, with everything that it will play in its memory."""
         plan, launcher = self._plan, self._launcher
         player = self._parts.start("player")
@@ -165,125 +179,138 @@ class Batch:
                 transforms=buffered_transforms(self._buffer_dir),
             ),
         )
-        self._schedule = arrange(plan, self._buffer_dir, ready.headers, self._tell.note)
+        self._schedule = build_schedule(plan, self._buffer_dir, ready.headers, self._reporter.note)
         launcher.configure(player, protocol.Follow(schedule=self._schedule))
         return player
 
-    def _start_graph(self, player: Child | None, monitor: Child) -> None:
+    def _start_graph(
+        self, player: ManagedProcess | None, monitor: ManagedProcess, deadline: StartDeadline
+    ) -> None:
         """The nodes after the writers and before the readers; then wait until all are matched."""
-        plan, children = self._plan, self._children
+        plan, supervisor = self._plan, self._supervisor
         self._launcher.start_nodes(
-            (each for each in plan.processes if each.phase == PHASE and each.role in NODE_ROLES),
-            plan.start_timeout_ns / 1e9,
-            beside=self._parts.beside(),
+            (
+                each
+                for each in plan.processes
+                if each.phase == MEASURE_PHASE and each.role in NODE_ROLES
+            ),
+            deadline,
+            running_hosts=self._parts.node_hosts(),
         )
-        children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+        supervisor.request(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
         if plan.external:
-            self._launcher.expect_others()
-            wait_for_external(plan, children, monitor)
+            self._launcher.mark_external_nodes()
+            wait_for_external(plan, supervisor, monitor, deadline)
         watched = [each.topic for each in plan.monitors]
         watched += [each.topic for each in all_taps(plan.monitors)]
         wanted = {monitor: dict.fromkeys(watched, 1)}
         if player is not None:
             wanted[player] = {
-                each.topic: readers_wanted(plan, each.topic, PHASE) for each in plan.inputs
-            } | listeners(self._launcher, buffered_transforms(self._buffer_dir))
-        wait_until_matched(children, self._launcher, wanted, plan, PHASE)
+                each.topic: expected_subscriptions(plan, each.topic, MEASURE_PHASE)
+                for each in plan.inputs
+            } | subscription_counts(self._launcher, buffered_transforms(self._buffer_dir))
+        wait_until_matched(supervisor, self._launcher, wanted, plan, MEASURE_PHASE, deadline)
         ends = [(each.topic, each.type, "publishes") for each in plan.inputs]
         ends += [
             (each.topic, each.type, "subscribes")
-            for each in (*plan.monitors, *tap_watches(plan.monitors))
+            for each in (*plan.monitors, *tap_monitors(plan.monitors))
         ]
-        wait_until_met(children, self._launcher, ends)
+        wait_for_mutual_discovery(supervisor, self._launcher, ends)
 
-    def _get_ready(self, monitor: Child) -> None:
+    def _wait_until_ready(self, monitor: ManagedProcess) -> None:
         """What the spec says must be so, and be done, before anything is played."""
         plan = self._plan
         if plan.ready:
-            self._tell.phase("ready", "waiting for what the spec says must be ready")
+            self._reporter.phase("ready", "waiting for what the spec says must be ready")
             for probe in plan.ready:
-                wait_for_probe(probe, self._children, monitor, self._folder, self._base_dir)
+                wait_for_probe(probe, self._supervisor, monitor, self._folder, self._base_dir)
         if plan.after_ready:
-            self._tell.phase("after_ready", "doing what the spec says once the graph stands")
+            self._reporter.phase("after_ready", "doing what the spec says once the graph stands")
             for step in plan.after_ready:
-                self._launcher.do(step)
+                self._launcher.run_step(step)
 
-    def _warm_up(self, stage: Stage, monitor: Child) -> None:
+    def _warm_up(
+        self, segment_player: SegmentPlayer, monitor: ManagedProcess, deadline: StartDeadline
+    ) -> None:
         """Play until every monitor has seen something, at least for the planned time.
 
         The first messages cost ten times the median: pages are touched for the first time, and
         nodes set themselves up. Nothing measured may contain that.
         """
         plan = self._plan
-        self._tell.phase("warm_up", "warming up")
+        self._reporter.phase("warm_up", "warming up")
         rates = [each.rate_hz for each in plan.play]
         rates += [plan.search.min_hz] if plan.search else []
         rate_hz = min([_WARM_UP_HZ, *rates])
         title = f"warm-up at {rate_hz:g} Hz" if rate_hz else "warm-up"
-        deadline = time.monotonic() + plan.start_timeout_ns / 1e9
         for attempt in range(1, 1000):
-            stage.play_for(
+            segment_player.play_for(
                 "warm_up",
                 f"warm_up-{attempt:03d}",
                 rate_hz,
-                max(plan.warm_up_ns, 0 if attempt == 1 else _WARM_UP_NS),
+                max(plan.warm_up_ns, 0 if attempt == 1 else _WARM_UP_RETRY_NS),
                 title=title,
                 index=attempt,
-                least_steps=_WARM_UP_STEPS,
+                min_steps=_WARM_UP_STEPS,
             )
-            silent = [name for name, count in stage.received().items() if not count]
+            silent = [name for name, count in segment_player.received().items() if not count]
             if not silent:
                 return
-            if time.monotonic() > deadline:
+            if deadline.over:
                 topics = [each.topic for each in plan.monitors if each.name in silent]
-                facts = self._watch_all(stage, monitor)
-                breaks = breaks_of(facts, topics)
-                also = suspicions(breaks, self._launcher.differences)
-                raise explain(
+                facts = self._trace_messages(segment_player, monitor)
+                faults = find_faults(facts, topics)
+                also = related_differences(faults, self._launcher.differences)
+                raise graph_error(
                     self._launcher,
-                    breaks,
-                    f"nothing arrived on {', '.join(topics)}: {told(facts, topics, breaks, also)}",
+                    faults,
+                    f"nothing arrived on {', '.join(topics)}: "
+                    f"{fault_report(facts, topics, faults, also)}",
                     otherwise=NoOutputError,
                     hint="The inputs were played, but the graph published nothing there."
                     if plan.inputs
                     else "The graph stands, but its source, or what comes after it, is silent.",
                 )
 
-    def _watch_all(self, stage: Stage, monitor: Child) -> Facts:
+    def _trace_messages(self, segment_player: SegmentPlayer, monitor: ManagedProcess) -> GraphFacts:
         """Play some steps and see what passes on each topic."""
-        known = self._launcher.endpoints_in(self._plan, PHASE)
-        observer = Observer(self._children, monitor, self._plan, PHASE, known)
+        known = self._launcher.endpoints_in(self._plan, MEASURE_PHASE)
+        observer = GraphObserver(self._supervisor, monitor, self._plan, MEASURE_PHASE, known)
 
         def play() -> None:
             if self._plan.inputs:
-                stage.play_aside(PLAY_HZ, PLAY_STEPS)
+                segment_player.play_unrecorded(TRACE_RATE_HZ, TRACE_STEPS)
             else:
                 # The graph has a source of its own: it need only be given time.
-                self._children.pump_for(PLAY_STEPS / PLAY_HZ)
+                self._supervisor.pump_for(TRACE_STEPS / TRACE_RATE_HZ)
 
-        facts = observer.watch(self._rows_dir, play)
-        stage.skip()
+        facts = observer.trace(self._rows_dir, play)
+        segment_player.discard_new_rows()
         return facts
 
-    def _explain_silence(
-        self, stage: Stage, monitor: Child, segment: Segment, plan: MonitorPlan
+    def _diagnose_stopped_output(
+        self,
+        segment_player: SegmentPlayer,
+        monitor: ManagedProcess,
+        segment: Segment,
+        plan: MonitorPlan,
     ) -> None:
         """Find out, once, why an output has stopped in the middle of a run."""
-        self._tell.note(f"{plan.topic} has fallen silent; looking where its messages stop")
-        facts = self._watch_all(stage, monitor)
-        breaks = breaks_of(facts, [plan.topic])
-        reason = "; ".join(each.sentence for each in breaks)
+        self._reporter.note(f"{plan.topic} has fallen silent; looking where its messages stop")
+        facts = self._trace_messages(segment_player, monitor)
+        faults = find_faults(facts, [plan.topic])
+        reason = "; ".join(each.sentence for each in faults)
         if not reason:
             passed = facts.topics[plan.topic].passed
             reason = (
-                f"{plan.topic}: {passed} messages came for {PLAY_STEPS} steps played afterwards"
+                f"{plan.topic}: {passed} messages came for {TRACE_STEPS} steps played afterwards"
             )
-        self._tell.note(reason)
+        self._reporter.note(reason)
         self.silences += (
             SilenceRecord(
                 segment=segment.id,
                 topic=plan.topic,
                 reason=reason,
-                way=tuple(each.strip() for each in described(facts, whole_way(facts, plan.topic))),
+                way=tuple(each.strip() for each in path_lines(facts, full_path(facts, plan.topic))),
             ),
         )

@@ -8,19 +8,19 @@ pause that an answer ever took.
 
 from __future__ import annotations
 
-_LEAST_NS = 20_000_000
-_USUAL_NS = 500_000_000
-_FACTOR = 10
+_MIN_TIMEOUT_NS = 20_000_000
+_MIN_FINAL_NS = 500_000_000
+_PAUSE_FACTOR = 10
 
 
-class Patience:
-    """Tells how long to wait; `full_ns` is how long at most."""
+class AdaptiveTimeout:
+    """Tells how long to wait; `max_ns` is how long at most."""
 
-    def __init__(self, full_ns: int) -> None:
-        self._full_ns = full_ns
-        self._limit_ns = full_ns
+    def __init__(self, max_ns: int) -> None:
+        self._max_ns = max_ns
+        self._limit_ns = max_ns
         self._longest_ns = 0
-        self._in_vain = False
+        self._has_expired = False
 
     @property
     def limit_ns(self) -> int:
@@ -28,21 +28,21 @@ class Patience:
         return self._limit_ns
 
     @property
-    def last_ns(self) -> int:
+    def final_ns(self) -> int:
         """How long to wait at the end, when nothing more is given."""
-        return max(self._limit_ns, self._usual_ns)
+        return max(self._limit_ns, self._usual_timeout_ns)
 
     def answered(self, after_ns: int) -> None:
         """An answer has come, so long after the last sign of life."""
         self._longest_ns = max(self._longest_ns, after_ns)
-        if self._in_vain:
-            self._limit_ns = max(self._limit_ns, self._usual_ns)
+        if self._has_expired:
+            self._limit_ns = max(self._limit_ns, self._usual_timeout_ns)
 
-    def ended(self) -> None:
+    def expired(self) -> None:
         """Nothing came for as long as the patience lasted."""
-        self._in_vain = True
-        self._limit_ns = max(_LEAST_NS, self._limit_ns // 2)
+        self._has_expired = True
+        self._limit_ns = max(_MIN_TIMEOUT_NS, self._limit_ns // 2)
 
     @property
-    def _usual_ns(self) -> int:
-        return min(self._full_ns, max(_USUAL_NS, _FACTOR * self._longest_ns))
+    def _usual_timeout_ns(self) -> int:
+        return min(self._max_ns, max(_MIN_FINAL_NS, _PAUSE_FACTOR * self._longest_ns))

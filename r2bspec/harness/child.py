@@ -11,10 +11,11 @@ import signal
 import sys
 
 from r2bspec.harness.control_channel import Channel
-from r2bspec.harness.exit_timer import leave_within
+from r2bspec.harness.exit_timer import start_exit_timer
 from r2bspec.harness.roles import play_role
+from r2bspec.middleware.registry import middleware_of
 
-_LEAVE_S = 8.0
+_MAX_EXIT_S = 8.0
 """How long leaving ROS may take, which may include what a node does when it is destroyed. Less
 than the controller waits before it sends SIGTERM."""
 
@@ -36,7 +37,8 @@ if __name__ == "__main__":
     if "rclpy" in sys.modules:
         from r2bspec.harness import rclpy_tools
 
-        leave_within(_LEAVE_S, status)
+        if middleware_of(os.environ).may_hang_on_exit:
+            start_exit_timer(_MAX_EXIT_S, status)
         rclpy_tools.finish()
     sys.stdout.flush()
     sys.stderr.flush()

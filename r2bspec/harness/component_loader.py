@@ -7,18 +7,18 @@ import time
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.load_node_request import (
-    LOAD_NODE,
+    LOAD_NODE_TYPE,
     ComponentError,
+    load_error,
     load_request,
-    refusal,
-    service_of,
+    load_service_name,
 )
-from r2bspec.harness.service_client import CallError, call_service, service_class
+from r2bspec.harness.service_client import ServiceCallError, call_service, service_class
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
 
 
-class Components:
+class ComponentLoader:
     """Loads components, one after the other, and says when all are there."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureComponents) -> None:
@@ -47,21 +47,23 @@ class Components:
         """Load one component; returns the full name that its node has."""
         request = load_request(node)
         try:
-            service_class(LOAD_NODE)
-        except CallError as error:
+            service_class(LOAD_NODE_TYPE)
+        except ServiceCallError as error:
             raise ComponentError(
                 "ROS package 'composition_interfaces' is not installed",
                 hint="It comes with rclcpp_components; source a full ROS 2 installation.",
                 code="R2B622",
             ) from error
         try:
-            answer = call_service(self._node, LOAD_NODE, service_of(container), request, deadline)
-        except CallError as error:
+            answer = call_service(
+                self._node, LOAD_NODE_TYPE, load_service_name(container), request, deadline
+            )
+        except ServiceCallError as error:
             raise ComponentError(
-                refusal(node, container, success=False, said=str(error)),
+                load_error(node, container, success=False, said=str(error)),
                 hint="See what the container printed; benchmark.start_timeout allows more time.",
             ) from error
-        if wrong := refusal(node, container, answer.success, answer.error_message):
+        if wrong := load_error(node, container, answer.success, answer.error_message):
             raise ComponentError(
                 wrong, hint=f"'ros2 component types {node.package}' lists what the package has."
             )

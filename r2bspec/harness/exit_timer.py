@@ -1,8 +1,8 @@
 """Leaving the middleware, and ending all the same should it not let go.
 
-Fast DDS 2.14 can hang while a participant is destroyed (see `r2bspec.execute.processes.shutdown`),
-inside a native call that holds the interpreter's lock: no thread of Python would get a turn to end
-the process then. A timer of POSIX does not need one.
+Some middleware can hang while it is left (`Middleware.may_hang_on_exit`), inside a native call that
+holds the interpreter's lock: no thread of Python would get a turn to end the process then. A timer
+of POSIX does not need one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class _Itimerspec(ctypes.Structure):
     _fields_ = [("interval", _Timespec), ("value", _Timespec)]
 
 
-class _Event(ctypes.Structure):
+class _Sigevent(ctypes.Structure):
     """struct sigevent, which is 64 bytes long: here, a function that a new thread calls."""
 
     _fields_ = [
@@ -38,14 +38,14 @@ class _Event(ctypes.Structure):
     ]
 
 
-def leave_within(seconds: float, status: int) -> None:
+def start_exit_timer(seconds: float, status: int) -> None:
     """End this process with a status when some time has passed, whatever it is doing then.
 
     Where the C library has no such timers nothing happens; the controller then ends the process.
     """
     with contextlib.suppress(OSError, AttributeError):
         library = ctypes.CDLL(None)
-        event = _Event(
+        event = _Sigevent(
             value=status,
             notify=_SIGEV_THREAD,
             function=ctypes.cast(library._exit, ctypes.c_void_p).value,

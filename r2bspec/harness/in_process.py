@@ -14,19 +14,19 @@ import sys
 import threading
 
 from r2bspec.harness.control_channel import Channel
-from r2bspec.harness.node_host import Host
+from r2bspec.harness.node_host import NodeHost
 from r2bspec.harness.roles import play_role
 from r2bspec.ipc import protocol
 
-_SWITCH_S = 0.0002
+_SWITCH_INTERVAL_S = 0.0002
 """How long a thread may keep the interpreter from others that wait for it. The usual 5 ms would
 make the player that late whenever a node computes."""
 
-_END_S = 2.0
+_JOIN_TIMEOUT_S = 2.0
 """How long a part may take to end; one that is blocked ends with the process."""
 
 
-class Together:
+class InProcessHarness:
     """Player and monitor as threads of one process, and the Python nodes beside them."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureHarness) -> None:
@@ -42,7 +42,7 @@ class Together:
 
         What a part cannot do it says on its own channel.
         """
-        sys.setswitchinterval(_SWITCH_S)
+        sys.setswitchinterval(_SWITCH_INTERVAL_S)
         for part in self._parts:
             part.start()
         try:
@@ -51,7 +51,7 @@ class Together:
                 case protocol.ConfigureHost() as nodes:
                     # The parts have switched it off, but nodes may make cycles.
                     gc.enable()
-                    Host(self._channel, nodes).serve()
+                    NodeHost(self._channel, nodes).serve()
                 case _:
                     return
         finally:
@@ -62,4 +62,4 @@ class Together:
         for own in self._channels.values():
             own.close()
         for part in self._parts:
-            part.join(_END_S)
+            part.join(_JOIN_TIMEOUT_S)

@@ -25,29 +25,29 @@ def generate_launch_description() -> Any:
     actions = importlib.import_module("launch.actions")
     sources = importlib.import_module("launch.launch_description_sources")
     ros = importlib.import_module("launch_ros.actions")
-    given = _given(sys.argv)
-    rules = json.loads(given.get("remappings", "{}"))
+    launch_arguments_given = _launch_arguments(sys.argv)
+    rules = json.loads(launch_arguments_given.get("remappings", "{}"))
     included = actions.IncludeLaunchDescription(
-        sources.AnyLaunchDescriptionSource(_path(given)),
-        launch_arguments=json.loads(given.get("arguments", "{}")).items(),
+        sources.AnyLaunchDescriptionSource(_path(launch_arguments_given)),
+        launch_arguments=json.loads(launch_arguments_given.get("arguments", "{}")).items(),
     )
-    group = [ros.PushRosNamespace(given.get("namespace", "/"))]
+    group = [ros.PushRosNamespace(launch_arguments_given.get("namespace", "/"))]
     group += [ros.SetRemap(before, after) for before, after in rules.items()]
     return launch.LaunchDescription([actions.GroupAction([*group, included])])
 
 
-def _given(argv: list[str]) -> dict[str, str]:
+def _launch_arguments(argv: list[str]) -> dict[str, str]:
     """The launch arguments on the command line, ``name:=value`` each."""
     pairs = (each.partition(":=") for each in argv if ":=" in each)
     return {name: value for name, _, value in pairs}
 
 
-def _path(given: dict[str, str]) -> str:
-    file = given["file"]
-    if not given.get("package"):
+def _path(launch_arguments_given: dict[str, str]) -> str:
+    file = launch_arguments_given["file"]
+    if not launch_arguments_given.get("package"):
         return file
     index = importlib.import_module("ament_index_python.packages")
-    share = Path(index.get_package_share_directory(given["package"]))
+    share = Path(index.get_package_share_directory(launch_arguments_given["package"]))
     direct = [share / file, share / "launch" / file]
     found = [each for each in direct if each.is_file()] or sorted(share.rglob(file))
     return str(found[0]) if found else str(direct[0])

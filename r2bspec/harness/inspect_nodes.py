@@ -15,14 +15,14 @@ from typing import Any
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 
-_SETTLED_S = 1.5
+_QUIET_PERIOD_S = 1.5
 """How long nothing new may appear before what is there counts as all."""
 
 _POLL_S = 0.1
 _CALL_S = 10.0
 
-_OF_EVERY_NODE = frozenset({"/rosout", "/parameter_events"})
-_SERVICES_OF_EVERY_NODE = (
+_COMMON_TOPICS = frozenset({"/rosout", "/parameter_events"})
+_COMMON_SERVICES = (
     "describe_parameters",
     "get_parameters",
     "get_parameter_types",
@@ -31,8 +31,8 @@ _SERVICES_OF_EVERY_NODE = (
     "set_parameters_atomically",
     "get_type_description",
 )
-_PARAMETERS_OF_EVERY_NODE = frozenset({"use_sim_time", "start_type_description_service"})
-_TYPES = (
+_COMMON_PARAMETERS = frozenset({"use_sim_time", "start_type_description_service"})
+_PARAMETER_TYPES = (
     "",
     "bool",
     "integer",
@@ -52,19 +52,19 @@ class Inspector:
 
     Args:
         namespace: absolute, without a ``/`` at its end.
-        patience_s: how long to wait for a first node.
+        timeout_s: how long to wait for a first node.
     """
 
-    def __init__(self, namespace: str, patience_s: float) -> None:
+    def __init__(self, namespace: str, timeout_s: float) -> None:
         from r2bspec.harness import rclpy_tools
 
         self._namespace = namespace
-        self._patience_s = patience_s
+        self._timeout_s = timeout_s
         self._node = rclpy_tools.start_node("inspector")
 
     def inspect(self) -> dict[str, Any]:
         """All that is found: names of the nodes, topics, services, profiles and parameters."""
-        nodes = self._settle()
+        nodes = self._wait_for_discovery()
         found: dict[str, Any] = {
             "nodes": [name for name, _ in nodes],
             "subscribes": {},
@@ -79,17 +79,17 @@ class Inspector:
             found["parameters"] |= self._parameters(name, namespace)
         return found
 
-    def _settle(self) -> list[tuple[str, str]]:
+    def _wait_for_discovery(self) -> list[tuple[str, str]]:
         """Wait until there are nodes and, for a while, nothing new of them."""
-        ends_s = time.monotonic() + self._patience_s
+        ends_s = time.monotonic() + self._timeout_s
         seen: Any = None
         since_s = time.monotonic()
         while time.monotonic() < ends_s:
             nodes = self._nodes()
-            now = [(each, self._ends(*each)) for each in nodes]
+            now = [(each, self._endpoints(*each)) for each in nodes]
             if now != seen:
                 seen, since_s = now, time.monotonic()
-            elif nodes and time.monotonic() - since_s > _SETTLED_S:
+            elif nodes and time.monotonic() - since_s > _QUIET_PERIOD_S:
                 return nodes
             time.sleep(_POLL_S)
         return self._nodes()
@@ -102,7 +102,7 @@ class Inspector:
             if f"{namespace}/".startswith(inside) and not name.endswith("_container")
         )
 
-    def _ends(self, name: str, namespace: str) -> Any:
+    def _endpoints(self, name: str, namespace: str) -> Any:
         try:
             return (
                 sorted(self._node.get_publisher_names_and_types_by_node(name, namespace)),
@@ -127,9 +127,9 @@ class Inspector:
             ),
         ):
             for topic, types in topics:
-                if topic in _OF_EVERY_NODE:
+                if topic in _COMMON_TOPICS:
                     continue
-                own = self._own(topic, name)
+                own = self._relative_name(topic, name)
                 found[side][own] = types[0]
                 for info in infos(topic):
                     if (info.node_name, info.node_namespace) == (name, namespace):
@@ -137,10 +137,10 @@ class Inspector:
 
     def _services(self, name: str, namespace: str, found: dict[str, Any]) -> None:
         for service, types in self._node.get_service_names_and_types_by_node(name, namespace):
-            if service.rpartition("/")[2] not in _SERVICES_OF_EVERY_NODE:
-                found["services"][self._own(service, name)] = types[0]
+            if service.rpartition("/")[2] not in _COMMON_SERVICES:
+                found["services"][self._relative_name(service, name)] = types[0]
 
-    def _own(self, full: str, node: str) -> str:
+    def _relative_name(self, full: str, node: str) -> str:
         """The name by which a node itself may have called a topic."""
         inside = f"{self._namespace}/"
         if full.startswith(f"{inside}{node}/"):
@@ -155,7 +155,7 @@ class Inspector:
         names = [
             each
             for each in (listed.result.names if listed is not None else ())
-            if each not in _PARAMETERS_OF_EVERY_NODE and not each.startswith("qos_overrides.")
+            if each not in _COMMON_PARAMETERS and not each.startswith("qos_overrides.")
         ]
         if not names:
             return {}
@@ -167,7 +167,7 @@ class Inspector:
         if described is None or values is None:
             return {}
         return {
-            each.name: {"type": _TYPES[each.type]} | _value(value)
+            each.name: {"type": _PARAMETER_TYPES[each.type]} | _default_value(value)
             for each, value in zip(described.descriptors, values.values, strict=True)
         }
 
@@ -194,23 +194,23 @@ def _profile(qos: Any) -> dict[str, str]:
     }
 
 
-def _value(value: Any) -> dict[str, Any]:
+def _default_value(value: Any) -> dict[str, Any]:
     """The value that a parameter has."""
-    name = _TYPES[value.type]
+    name = _PARAMETER_TYPES[value.type]
     if not name:
         return {}
-    held = getattr(value, f"{name}_value")
+    content = getattr(value, f"{name}_value")
     if name == "byte_array":
         return {}
-    return {"default": list(held) if name.endswith("_array") else held}
+    return {"default": list(content) if name.endswith("_array") else content}
 
 
 def main() -> int:
     """Inspect the namespace that the command line names; returns the exit status."""
-    namespace, patience_s, target = sys.argv[1], float(sys.argv[2]), Path(sys.argv[3])
+    namespace, timeout_s, target = sys.argv[1], float(sys.argv[2]), Path(sys.argv[3])
     channel = Channel.from_environment()
     try:
-        found = Inspector(namespace, patience_s).inspect()
+        found = Inspector(namespace, timeout_s).inspect()
         target.write_text(json.dumps(found, indent=1), encoding="utf-8")
         channel.send(protocol.Ready())
         while not isinstance(channel.receive(), protocol.Shutdown):

@@ -9,7 +9,7 @@ from typing import Any
 
 from r2bspec.plan.plan import NodePlan
 
-LOAD_NODE = "composition_interfaces/srv/LoadNode"
+LOAD_NODE_TYPE = "composition_interfaces/srv/LoadNode"
 
 _SCALARS = {bool: (1, "bool"), int: (2, "integer"), float: (3, "double"), str: (4, "string")}
 """rcl_interfaces/msg/ParameterType: the number of a type, and the field that holds its value."""
@@ -28,7 +28,7 @@ class ComponentError(Exception):
         self.hint = hint
 
 
-def service_of(container: str) -> str:
+def load_service_name(container: str) -> str:
     """The service of a container, from the full name of its node."""
     return f"{container}/_container/load_node"
 
@@ -71,7 +71,7 @@ def _parameter_value(node: NodePlan, name: str, value: Any) -> dict[str, Any]:
     )
 
 
-def refusal(node: NodePlan, container: str, success: bool, said: str) -> str:
+def load_error(node: NodePlan, container: str, success: bool, said: str) -> str:
     """What is wrong with the answer to a request, for the user; empty if the component is there."""
     if success:
         return ""

@@ -16,23 +16,23 @@ from typing import NamedTuple
 import msgspec
 
 from r2bspec.harness import rclpy_tools
-from r2bspec.harness.adaptive_timeout import Patience
+from r2bspec.harness.adaptive_timeout import AdaptiveTimeout
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.monitor import discover, survey
-from r2bspec.harness.preloaded_messages import TF_QOS, publish_static
-from r2bspec.harness.topic_recorder import Recording
+from r2bspec.harness.preloaded_messages import TF_QOS, publish_static_transforms
+from r2bspec.harness.topic_recorder import TopicRecorder
 from r2bspec.ipc import buffers, protocol
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC
 from r2bspec.language.spec import QoS
 
-_IN_FLIGHT = 4
+_MAX_IN_FLIGHT = 4
 """Stamps that may be under way at once: fewer than the ten that a default queue holds."""
 
 _POLL_S = 0.05
 _DEFAULT_QOS = QoS()
 
 
-class _Source(NamedTuple):
+class _SourceMessage(NamedTuple):
     """A buffered message: when it is its turn, its stamp, and when it was recorded."""
 
     turn_ns: int
@@ -52,9 +52,11 @@ class Loader:
         self._node = rclpy_tools.start_node("loader")
         self._loop = rclpy_tools.WaitLoop(self._node)
         # Before anything else, so that whoever is started later finds it.
-        self._static = publish_static(self._node, self._folder) if settings.static else None
-        self._writers = {
-            topic: rclpy_tools.RawWriter(
+        self._static_publisher = (
+            publish_static_transforms(self._node, self._folder) if settings.static else None
+        )
+        self._publishers = {
+            topic: rclpy_tools.RawPublisher(
                 self._node,
                 topic,
                 type_name,
@@ -63,7 +65,7 @@ class Loader:
             for topic, type_name in settings.sources.items()
         }
         self._waiting = dict(settings.recorded)
-        self._recordings: list[Recording] = []
+        self._recorders: list[TopicRecorder] = []
 
     def serve(self) -> None:
         """Answer commands until told to shut down."""
@@ -80,10 +82,10 @@ class Loader:
                     self._channel.send(discover(self._node, topics))
                 case protocol.Survey():
                     self._channel.send(survey(self._node))
-                case protocol.Load(patience_ns=patience_ns, real_time=real_time):
-                    self._channel.send(self._load(patience_ns, real_time=real_time))
+                case protocol.Load(max_output_gap_ns=max_output_gap_ns, real_time=real_time):
+                    self._channel.send(self._load(max_output_gap_ns, real_time=real_time))
                 case protocol.Play(rate_hz=rate_hz, steps=steps):
-                    self._channel.send(protocol.Played(steps=self._again(rate_hz, steps)))
+                    self._channel.send(protocol.Played(steps=self._republish(rate_hz, steps)))
                 case protocol.Shutdown():
                     return
                 case _:
@@ -92,34 +94,34 @@ class Loader:
     def _subscribe(self) -> None:
         """Subscribe to every waiting topic whose QoS is known by now."""
         for topic, type_name in list(self._waiting.items()):
-            qos = rclpy_tools.profile_heard_from(self._node, topic)
+            qos = rclpy_tools.profile_matching_publishers(self._node, topic)
             if qos is None:
                 continue
-            reader = rclpy_tools.RawReader(self._node, topic, type_name, qos)
-            self._recordings.append(Recording(topic, type_name, self._folder, reader))
-            self._loop.add(reader)
+            subscription = rclpy_tools.RawSubscription(self._node, topic, type_name, qos)
+            self._recorders.append(TopicRecorder(topic, type_name, self._folder, subscription))
+            self._loop.add(subscription)
             del self._waiting[topic]
 
     def _matches(self) -> dict[str, int]:
-        counts = {topic: writer.matches() for topic, writer in self._writers.items()}
-        counts |= {TF_STATIC: self._static.matches()} if self._static else {}
+        counts = {topic: publisher.matches() for topic, publisher in self._publishers.items()}
+        counts |= {TF_STATIC: self._static_publisher.matches()} if self._static_publisher else {}
         counts |= dict.fromkeys(self._waiting, 0)
-        counts |= {each.topic: each.reader.matches() for each in self._recordings}
+        counts |= {each.topic: each.subscription.matches() for each in self._recorders}
         return counts
 
-    def _load(self, patience_ns: int, *, real_time: bool) -> protocol.Loaded:
+    def _load(self, max_output_gap_ns: int, *, real_time: bool) -> protocol.Loaded:
         sources = self._sources(real_time=real_time)
         messages = self._messages(sources)
-        answered = (each for each in sources if each.topic in self._writers and each.topic != TF)
+        answered = (each for each in sources if each.topic in self._publishers and each.topic != TF)
         stamps = dict.fromkeys(each.stamp_ns for each in answered)
-        for recording in self._recordings:
-            recording.expect({stamp_ns: number for number, stamp_ns in enumerate(stamps)})
-        published = dict.fromkeys(self._writers, 0)
+        for recorder in self._recorders:
+            recorder.expect({stamp_ns: number for number, stamp_ns in enumerate(stamps)})
+        published = dict.fromkeys(self._publishers, 0)
         turns_ns: dict[str, dict[int, int]] = {each.topic: {} for each in sources}
         in_flight: dict[int, None] = {}
-        if self._static is not None:
-            self._static.wait_until_heard()
-        patience = Patience(patience_ns)
+        if self._static_publisher is not None:
+            self._static_publisher.wait_for_acknowledgements()
+        timeout = AdaptiveTimeout(max_output_gap_ns)
         begin_ns = time.monotonic_ns()
         for each in sources:
             if self._interrupted():
@@ -128,26 +130,26 @@ class Loader:
                 self._record_until(begin_ns + each.time_ns - sources[0].time_ns)
             if each.stamp_ns in stamps and each.stamp_ns not in in_flight:
                 if not real_time:
-                    self._wait_for_room(in_flight, patience)
+                    self._wait_for_free_slot(in_flight, timeout)
                 in_flight[each.stamp_ns] = None
             turns_ns[each.topic][each.position] = time.time_ns()
-            if each.topic in self._writers:
-                self._writers[each.topic].publish(messages[each.topic][each.position])
+            if each.topic in self._publishers:
+                self._publishers[each.topic].publish(messages[each.topic][each.position])
                 published[each.topic] += 1
-        self._collect_rest(in_flight, patience)
+        self._collect_rest(in_flight, timeout)
         if self._settings.retime:
             self._retime(turns_ns)
-        recorded = {each.topic: each.finish() for each in self._recordings}
+        recorded = {each.topic: each.finish() for each in self._recorders}
         return protocol.Loaded(published=published, recorded=recorded)
 
-    def _sources(self, *, real_time: bool) -> list[_Source]:
+    def _sources(self, *, real_time: bool) -> list[_SourceMessage]:
         """Every source message, by time; partners follow each other, when the last one is there.
 
         In real time each message has its own turn.
         """
-        indexes = [self._index(topic) for topic in (*self._writers, *self._settings.passed)]
+        indexes = [self._index(topic) for topic in (*self._publishers, *self._settings.buffer_only)]
         found = [
-            _Source(time_ns, stamp_ns, time_ns, index.topic, position)
+            _SourceMessage(time_ns, stamp_ns, time_ns, index.topic, position)
             for index in indexes
             for position, (stamp_ns, time_ns) in enumerate(
                 zip(index.stamps_ns, index.times_ns, strict=True)
@@ -173,13 +175,13 @@ class Loader:
             buffers.write_index(self._folder, index)
         return index
 
-    def _messages(self, sources: list[_Source]) -> dict[str, dict[int, bytearray]]:
+    def _messages(self, sources: list[_SourceMessage]) -> dict[str, dict[int, bytearray]]:
         """What the writers publish of these, by topic and position."""
         return {
             topic: buffers.read_messages(
                 self._folder, topic, {each.position for each in sources if each.topic == topic}
             )
-            for topic in self._writers
+            for topic in self._publishers
         }
 
     def _retime(self, turns_ns: dict[str, dict[int, int]]) -> None:
@@ -194,36 +196,38 @@ class Loader:
         while (left_ns := end_ns - time.monotonic_ns()) > 0 and not self._interrupted():
             self._record(min(_POLL_S, left_ns / 1e9))
 
-    def _wait_for_room(self, in_flight: dict[int, None], patience: Patience) -> None:
-        """Record outputs until fewer than `_IN_FLIGHT` stamps are under way, or patience ends."""
+    def _wait_for_free_slot(self, in_flight: dict[int, None], timeout: AdaptiveTimeout) -> None:
+        """Record outputs until fewer than `_MAX_IN_FLIGHT` stamps are open, or the time is over."""
         last_ns = time.monotonic_ns()
-        while len(in_flight) >= _IN_FLIGHT and not self._interrupted():
-            found = self._record(min(_POLL_S, patience.limit_ns / 1e9))
+        while len(in_flight) >= _MAX_IN_FLIGHT and not self._interrupted():
+            found = self._record(min(_POLL_S, timeout.limit_ns / 1e9))
             pause_ns = time.monotonic_ns() - last_ns
             if found:
                 last_ns += pause_ns
-                patience.answered(pause_ns)
+                timeout.answered(pause_ns)
                 for stamp_ns in [each for each in in_flight if self._answered(each)]:
                     del in_flight[stamp_ns]
-            elif pause_ns > patience.limit_ns:
+            elif pause_ns > timeout.limit_ns:
                 # Some graphs answer only some messages; what is missing is counted at the end.
-                patience.ended()
+                timeout.expired()
                 in_flight.clear()
 
-    def _collect_rest(self, in_flight: dict[int, None], patience: Patience) -> None:
+    def _collect_rest(self, in_flight: dict[int, None], timeout: AdaptiveTimeout) -> None:
         last_ns = time.monotonic_ns()
         while not (self._interrupted() or all(map(self._answered, in_flight))):
             found = self._record(_POLL_S)
             now_ns = time.monotonic_ns()
             if found:
-                patience.answered(now_ns - last_ns)
+                timeout.answered(now_ns - last_ns)
                 last_ns = now_ns
-            elif now_ns - last_ns > patience.last_ns:
+            elif now_ns - last_ns > timeout.final_ns:
                 return
 
-    def _again(self, rate_hz: float, steps: int) -> int:
+    def _republish(self, rate_hz: float, steps: int) -> int:
         """Publish the first stamps once more, for whoever wants to see where they go."""
-        sources = [each for each in self._sources(real_time=False) if each.topic in self._writers]
+        sources = [
+            each for each in self._sources(real_time=False) if each.topic in self._publishers
+        ]
         messages = self._messages(sources)
         stamps = [*dict.fromkeys(each.stamp_ns for each in sources if each.topic != TF)][:steps]
         for number, stamp_ns in enumerate(stamps):
@@ -231,7 +235,7 @@ class Loader:
                 return number
             for each in sources:
                 if each.stamp_ns == stamp_ns:
-                    self._writers[each.topic].publish(messages[each.topic][each.position])
+                    self._publishers[each.topic].publish(messages[each.topic][each.position])
         return len(stamps)
 
     def _interrupted(self) -> bool:
@@ -239,7 +243,7 @@ class Loader:
         return self._channel.wait(0.0)
 
     def _answered(self, stamp_ns: int) -> bool:
-        return all(each.answered(stamp_ns) for each in self._recordings)
+        return all(each.answered(stamp_ns) for each in self._recorders)
 
     def _record(self, timeout_s: float) -> int:
-        return sum(self._recordings[each].drain() for each in self._loop.wait(timeout_s))
+        return sum(self._recorders[each].drain() for each in self._loop.wait(timeout_s))

@@ -1,8 +1,8 @@
 """The monitor: records when each message of the watched topics arrived, and never looks inside.
 
-The time of arrival is the one that the middleware took when the sample reached the reader, so the
-monitor's own copying is not charged to the graph. It is on the system clock and is brought to the
-monotonic one (`r2bspec.ipc.clocks`).
+The time of arrival is the one that the middleware took when the sample reached the subscription, so
+the monitor's own copying is not charged to the graph. It is on the system clock and is brought to
+the monotonic one (`r2bspec.ipc.clocks`).
 """
 
 from __future__ import annotations
@@ -20,36 +20,38 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
-from r2bspec.ipc.clocks import Clocks
+from r2bspec.ipc.clocks import ClockOffsetTracker
 from r2bspec.ipc.header_stamps import read_stamp
 from r2bspec.ipc.sample_files import RowWriter
-from r2bspec.ipc.stall_log import HeldWriter
+from r2bspec.ipc.stall_log import StallLogWriter
 from r2bspec.plan.plan import MonitorPlan
 
 _IDLE_S = 0.05
 _DISCOVERY_POLL_S = 0.02
 
 
-class _Watch:
-    """One watched topic: its reader and its rows."""
+class _WatchedTopic:
+    """One watched topic: its subscription and its rows."""
 
-    def __init__(self, plan: MonitorPlan, rows: RowWriter, reader: rclpy_tools.RawReader) -> None:
+    def __init__(
+        self, plan: MonitorPlan, rows: RowWriter, subscription: rclpy_tools.RawSubscription
+    ) -> None:
         self.plan = plan
         self._rows = rows
-        self.reader = reader
+        self.subscription = subscription
         self._stamped = rclpy_tools.begins_with_header(plan.type)
 
     def matches(self) -> int:
-        return self.reader.matches()
+        return self.subscription.matches()
 
     def close(self) -> None:
         """Stop reading; the rows stay in their file."""
-        self.reader.destroy()
+        self.subscription.destroy()
         self._rows.close()
 
-    def drain(self, clocks: Clocks) -> None:
+    def drain(self, clocks: ClockOffsetTracker) -> None:
         """Record every message that has arrived."""
-        while (taken := self.reader.take_head()) is not None:
+        while (taken := self.subscription.take_head()) is not None:
             head, size, received_system_ns = taken
             received_ns, taken_ns = clocks.arrival(received_system_ns)
             stamp_ns = read_stamp(head) if self._stamped else 0
@@ -71,27 +73,27 @@ class Monitor:
             for plan in settings.monitors
         }
         self._topics = [plan.topic for plan in settings.monitors]
-        self._held = HeldWriter(Path(settings.rows_dir))
-        self._watches: list[_Watch] = []
-        self._watched: list[_Watch] = []
+        self._stall_log = StallLogWriter(Path(settings.rows_dir))
+        self._watched_topics: list[_WatchedTopic] = []
+        self._temporary_topics: list[_WatchedTopic] = []
         self._rows_dir = Path(settings.rows_dir)
         self._commands: queue.SimpleQueue[protocol.Command] = queue.SimpleQueue()
 
     def serve(self) -> None:
         """Record and answer commands until told to shut down."""
-        self._channel.send(protocol.Ready())
+        self._channel.send(protocol.Ready(rmw=rclpy_tools.loaded_rmw()))
         threading.Thread(target=self._listen, daemon=True).start()
         subscribing = False
-        clocks = Clocks()
+        clocks = ClockOffsetTracker()
         gc.collect()
         gc.disable()
         while True:
             timeout_s = _DISCOVERY_POLL_S if subscribing and self._waiting else _IDLE_S
-            began_ns = clocks.look()
+            began_ns = clocks.update()
             waiting = self._loop.wait(timeout_s)
-            self._held.waited(began_ns, clocks.look(), timeout_s)
+            self._stall_log.record_wait(began_ns, clocks.update(), timeout_s)
             for position in waiting:
-                self._watches[position].drain(clocks)
+                self._watched_topics[position].drain(clocks)
             if subscribing and self._waiting:
                 self._subscribe()
             with contextlib.suppress(queue.Empty):
@@ -134,7 +136,7 @@ class Monitor:
             qos = (
                 rclpy_tools.profile(plan.qos)
                 if plan.qos is not None
-                else rclpy_tools.profile_heard_from(self._node, plan.topic)
+                else rclpy_tools.profile_matching_publishers(self._node, plan.topic)
             )
             if qos is None:
                 still_waiting.append(plan)
@@ -143,9 +145,9 @@ class Monitor:
         self._waiting = still_waiting
 
     def _add(self, plan: MonitorPlan, rows: RowWriter, qos: QoSProfile) -> None:
-        reader = rclpy_tools.RawReader(self._node, plan.topic, plan.type, qos)
-        self._watches.append(_Watch(plan, rows, reader))
-        self._loop.add(reader)
+        subscription = rclpy_tools.RawSubscription(self._node, plan.topic, plan.type, qos)
+        self._watched_topics.append(_WatchedTopic(plan, rows, subscription))
+        self._loop.add(subscription)
 
     def _watch(self, plans: tuple[MonitorPlan, ...]) -> None:
         """Read topics that are no monitors', for a while."""
@@ -155,23 +157,23 @@ class Monitor:
                 qos = (
                     rclpy_tools.profile(plan.qos)
                     if plan.qos is not None
-                    else rclpy_tools.profile_heard_from(self._node, plan.topic)
+                    else rclpy_tools.profile_matching_publishers(self._node, plan.topic)
                 )
                 if qos is not None:
                     rows = RowWriter(self._rows_dir / f"{plan.name}.rows", width=4)
                     self._add(plan, rows, qos)
-                    self._watched.append(self._watches[-1])
+                    self._temporary_topics.append(self._watched_topics[-1])
 
     def _unwatch(self) -> None:
-        for watch in self._watched:
-            self._watches.remove(watch)
-            self._loop.remove(watch.reader)
+        for watch in self._temporary_topics:
+            self._watched_topics.remove(watch)
+            self._loop.remove(watch.subscription)
             watch.close()
-        self._watched.clear()
+        self._temporary_topics.clear()
 
     def _matches(self) -> dict[str, int]:
         counts = dict.fromkeys(self._topics, 0)
-        for watch in self._watches:
+        for watch in self._watched_topics:
             counts[watch.plan.topic] = watch.matches()
         return counts
 
@@ -183,12 +185,14 @@ def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
     return protocol.Discovered(
         writers={topic: tuple(map(_endpoint, infos)) for topic, infos in writers.items()},
         readers={topic: tuple(map(_endpoint, infos)) for topic, infos in readers.items()},
-        refused=tuple(
-            protocol.Refused(_full_name(writer), _full_name(reader), topic, why)
+        qos_mismatches=tuple(
+            protocol.QosMismatch(_full_name(writer), _full_name(subscription), topic, why)
             for topic in topics
             for writer in writers[topic]
-            for reader in readers[topic]
-            if (why := rclpy_tools.why_refused(writer.qos_profile, reader.qos_profile))
+            for subscription in readers[topic]
+            if (
+                why := rclpy_tools.qos_mismatch_reason(writer.qos_profile, subscription.qos_profile)
+            )
         ),
     )
 

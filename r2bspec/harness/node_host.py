@@ -107,7 +107,7 @@ def make_node(plan: NodePlan, base_dir: Path) -> Node:
     return node
 
 
-def describe(plan: NodePlan, node: Node) -> protocol.Ready:
+def describe_node(plan: NodePlan, node: Node) -> protocol.Ready:
     """What the node turned out to be: its endpoints, and what it did not take of the plan."""
     endpoints = [
         (plan.name, each.topic_name, _type_name(each.msg_type), direction)
@@ -161,7 +161,7 @@ def _executor(settings: protocol.ConfigureHost) -> Executor:
     return SingleThreadedExecutor()
 
 
-class Host:
+class NodeHost:
     """Makes the nodes and spins them until told to shut down."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureHost) -> None:
@@ -169,24 +169,26 @@ class Host:
         rclpy_tools.init()
         self._executor = _executor(settings)
         base_dir = Path(settings.base_dir)
-        self._found: list[protocol.Ready] = []
+        self._reports: list[protocol.Ready] = []
         self._nodes: list[Node] = []
         for plan in settings.nodes:
             node = make_node(plan, base_dir)
-            rclpy_tools.destroy_at_the_end(node)
+            rclpy_tools.destroy_on_shutdown(node)
             self._executor.add_node(node)
             self._nodes.append(node)
-            self._found.append(describe(plan, node))
+            self._reports.append(describe_node(plan, node))
 
     def serve(self) -> None:
         """Spin. A callback that raises ends the process with a message; that is no benchmark."""
         self._channel.send(
             protocol.Ready(
-                endpoints=tuple(each for found in self._found for each in found.endpoints),
-                undeclared=tuple(each for found in self._found for each in found.undeclared),
-                unmatched=tuple(each for found in self._found for each in found.unmatched),
+                endpoints=tuple(each for found in self._reports for each in found.endpoints),
+                undeclared=tuple(each for found in self._reports for each in found.undeclared),
+                unmatched=tuple(each for found in self._reports for each in found.unmatched),
                 parameters={
-                    name: names for found in self._found for name, names in found.parameters.items()
+                    name: names
+                    for found in self._reports
+                    for name, names in found.parameters.items()
                 },
             )
         )
@@ -206,12 +208,15 @@ class Host:
             while not isinstance(command := self._channel.receive(), protocol.Shutdown):
                 if isinstance(command, protocol.CountMatches):
                     self._channel.send(
-                        protocol.Matched(counts=self._matches(), heard=self._heard())
+                        protocol.Matched(
+                            counts=self._subscription_counts(),
+                            publisher_counts=self._publisher_counts(),
+                        )
                     )
         # Not the context: a callback that is under way may still want to publish.
         self._executor.shutdown()
 
-    def _matches(self) -> dict[str, int]:
+    def _subscription_counts(self) -> dict[str, int]:
         """How many readers the writers of each topic have, the least where there are several."""
         counts: dict[str, int] = {}
         for node in self._nodes:
@@ -220,7 +225,7 @@ class Host:
                 counts[publisher.topic_name] = min(counts.get(publisher.topic_name, count), count)
         return counts
 
-    def _heard(self) -> dict[str, int]:
+    def _publisher_counts(self) -> dict[str, int]:
         """How many writers the readers of each topic have, the least where there are several."""
         counts: dict[str, int] = {}
         for node in self._nodes:

@@ -13,14 +13,14 @@ import ctypes
 import time
 from collections.abc import Callable
 
-SPIN_NS = 150_000
+INITIAL_SPIN_NS = 150_000
 """How much of a wait is spun until more is known: more than most sleeps end late."""
 
-_SPIN_LEAST_NS = 30_000
-_SPIN_MOST_NS = 300_000
+_MIN_SPIN_NS = 30_000
+_MAX_SPIN_NS = 300_000
 """Beyond that it is no longer the timer but other work that holds a core, which no spin helps."""
 
-_LATE_SHARE = 0.04
+_MAX_LATE_SHARE = 0.04
 """Of all sleeps, those that may end after the due time."""
 
 _STEP_NS = 4_000
@@ -31,14 +31,14 @@ _PR_SET_TIMERSLACK = 29
 class Pacer:
     """Waits again and again, and learns how late sleeps end.
 
-    `spin_ns` follows the (1 - `_LATE_SHARE`) quantile of how late they do: a step up when one
+    `spin_ns` follows the (1 - `_MAX_LATE_SHARE`) quantile of how late they do: a step up when one
     ended after its due time, a small one down when it did not, in the ratio that balances there.
     Belongs to the thread that makes it.
     """
 
     def __init__(self) -> None:
-        self.spin_ns = SPIN_NS
-        _ask_for_exact_timers()
+        self.spin_ns = INITIAL_SPIN_NS
+        _minimise_timer_slack()
 
     def wait_until(self, due_ns: int, sleep: Callable[[float], bool]) -> bool:
         """Return at `due_ns` (CLOCK_MONOTONIC), or earlier if `sleep` was woken.
@@ -62,11 +62,11 @@ class Pacer:
         return False
 
     def _learn(self, *, late: bool) -> None:
-        change_ns = round(_STEP_NS * ((1 - _LATE_SHARE) if late else -_LATE_SHARE))
-        self.spin_ns = min(max(self.spin_ns + change_ns, _SPIN_LEAST_NS), _SPIN_MOST_NS)
+        change_ns = round(_STEP_NS * ((1 - _MAX_LATE_SHARE) if late else -_MAX_LATE_SHARE))
+        self.spin_ns = min(max(self.spin_ns + change_ns, _MIN_SPIN_NS), _MAX_SPIN_NS)
 
 
-def _ask_for_exact_timers() -> None:
+def _minimise_timer_slack() -> None:
     """Let the kernel end this thread's sleeps on time: by default it may be 50 us late."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)

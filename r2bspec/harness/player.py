@@ -14,14 +14,14 @@ from pathlib import Path
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.pacing import Pacer
-from r2bspec.harness.preloaded_messages import TF_QOS, Repertoire, publish_static
+from r2bspec.harness.preloaded_messages import TF_QOS, PreloadedMessages, publish_static_transforms
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import RowWriter
-from r2bspec.ipc.schedule import NO_STEP, Cyclic, Event, Timeline
+from r2bspec.ipc.schedule import NO_STEP, CyclicSchedule, PlaybackEvent, TimelineSchedule
 from r2bspec.ipc.step_samples import StepRows
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
 
-_LEAD_NS = 20_000_000
+_START_DELAY_NS = 20_000_000
 """Time between the command to play and the first due time, so that the first step is not late."""
 
 
@@ -41,20 +41,24 @@ class Player:
             for each, header in zip(settings.inputs, headers, strict=True)
         ]
         # Before anything else, so that whoever is started later finds it.
-        self._static = (
-            publish_static(self._node, self._folder) if TF_STATIC in settings.transforms else None
+        self._static_publisher = (
+            publish_static_transforms(self._node, self._folder)
+            if TF_STATIC in settings.transforms
+            else None
         )
-        self._writers = [
-            rclpy_tools.RawWriter(self._node, each.topic, each.type, rclpy_tools.profile(each.qos))
+        self._publishers = [
+            rclpy_tools.RawPublisher(
+                self._node, each.topic, each.type, rclpy_tools.profile(each.qos)
+            )
             for each in settings.inputs
         ]
         self._transforms = (
-            [rclpy_tools.RawWriter(self._node, TF, TF_TYPE, rclpy_tools.profile(TF_QOS))]
+            [rclpy_tools.RawPublisher(self._node, TF, TF_TYPE, rclpy_tools.profile(TF_QOS))]
             if TF in settings.transforms
             else []
         )
-        self._schedule: Cyclic | Timeline = Cyclic(steps=())
-        self._repertoire: Repertoire | None = None
+        self._schedule: CyclicSchedule | TimelineSchedule = CyclicSchedule(steps=())
+        self._preloaded: PreloadedMessages | None = None
         self._pacer = Pacer()
         self._rows = RowWriter(Path(settings.rows), width=5)
         self._next = 0
@@ -66,7 +70,7 @@ class Player:
         while True:
             match self._channel.receive():
                 case protocol.Follow(schedule=schedule):
-                    self._follow(schedule)
+                    self._load_schedule(schedule)
                     self._channel.send(protocol.Ready())
                 case protocol.CountMatches():
                     self._channel.send(protocol.Matched(counts=self._matches()))
@@ -80,17 +84,21 @@ class Player:
 
     def _matches(self) -> dict[str, int]:
         topics = [*self._topics, *(TF for _ in self._transforms)]
-        writers = [*self._writers, *self._transforms]
-        counts = {topic: writer.matches() for topic, writer in zip(topics, writers, strict=True)}
-        return counts | ({TF_STATIC: self._static.matches()} if self._static else {})
+        publishers = [*self._publishers, *self._transforms]
+        counts = {
+            topic: publisher.matches() for topic, publisher in zip(topics, publishers, strict=True)
+        }
+        return counts | (
+            {TF_STATIC: self._static_publisher.matches()} if self._static_publisher else {}
+        )
 
-    def _follow(self, schedule: Cyclic | Timeline) -> None:
+    def _load_schedule(self, schedule: CyclicSchedule | TimelineSchedule) -> None:
         self._schedule = schedule
-        self._repertoire = Repertoire(
+        self._preloaded = PreloadedMessages(
             schedule,
             self._settings.inputs,
             self._stamped,
-            [*self._writers, *self._transforms],
+            [*self._publishers, *self._transforms],
             self._folder,
         )
         self._next = 0
@@ -100,27 +108,27 @@ class Player:
 
     def _play(self, rate_hz: float, steps: int) -> int:
         """Publish `steps` steps; fewer if a command arrives. Returns how many were published."""
-        if self._repertoire is None:
+        if self._preloaded is None:
             return 0
-        if self._static is not None:
-            self._static.wait_until_heard()
-        begin_ns = time.monotonic_ns() + _LEAD_NS
+        if self._static_publisher is not None:
+            self._static_publisher.wait_for_acknowledgements()
+        begin_ns = time.monotonic_ns() + _START_DELAY_NS
         epoch_ns = self._epoch(begin_ns)
         rows = StepRows(self._rows)
         events = self._schedule.events(rate_hz, steps, self._next)
         for number, event in enumerate(events):
             # From the first due time, not from the last: rounding must not add up.
             due_ns = begin_ns + event.offset_ns
-            stamp_ns = self._stamp(self._repertoire, event, due_ns, epoch_ns)
+            stamp_ns = self._stamp(self._preloaded, event, due_ns, epoch_ns)
             if self._pacer.wait_until(due_ns, self._channel.wait):
                 break
             if number % 64 == 0 and self._channel.wait(0.0):
                 # A player that is late never sleeps, and would not hear a command otherwise.
                 break
-            published_ns, done_ns = self._publish(self._repertoire, event)
+            published_ns, done_ns = self._publish(self._preloaded, event)
             if event.step != NO_STEP:
-                rows.played(event, stamp_ns, due_ns, published_ns, done_ns)
-        if isinstance(self._schedule, Cyclic):
+                rows.add_event(event, stamp_ns, due_ns, published_ns, done_ns)
+        if isinstance(self._schedule, CyclicSchedule):
             self._next = (self._next + rows.count) % len(self._schedule.steps)
         return rows.count
 
@@ -130,11 +138,13 @@ class Player:
         Later, where a stamp would else be played again: stamps may run ahead of the clock.
         """
         epoch_ns = time.time_ns() + begin_ns - time.monotonic_ns()
-        if isinstance(self._schedule, Cyclic):
+        if isinstance(self._schedule, CyclicSchedule):
             return epoch_ns
         return max(epoch_ns, self._last_stamp_ns + 1 - self._schedule.earliest_stamp_ns())
 
-    def _stamp(self, held: Repertoire, event: Event, due_ns: int, epoch_ns: int) -> int:
+    def _stamp(
+        self, preloaded: PreloadedMessages, event: PlaybackEvent, due_ns: int, epoch_ns: int
+    ) -> int:
         """Write its stamp into what will be published next; returns the stamp.
 
         Done before waiting: touching messages that are no longer in the cache takes its time, and
@@ -148,12 +158,12 @@ class Player:
             if event.stamp_ns is None:
                 stamp_ns = max(stamp_ns, self._last_stamp_ns + 1)
             self._last_stamp_ns = max(stamp_ns, self._last_stamp_ns)
-        held.stamp(event, stamp_ns)
+        preloaded.stamp(event, stamp_ns)
         return stamp_ns
 
-    def _publish(self, held: Repertoire, event: Event) -> tuple[int, int]:
+    def _publish(self, preloaded: PreloadedMessages, event: PlaybackEvent) -> tuple[int, int]:
         """Publish the messages of an event; when that began, and when all were handed over."""
-        publications = held.publications(event)
+        publications = preloaded.publications(event)
         published_ns = time.monotonic_ns()
         for publish in publications:
             publish()

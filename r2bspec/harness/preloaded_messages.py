@@ -13,23 +13,23 @@ from rclpy.node import Node
 from r2bspec.harness import rclpy_tools
 from r2bspec.ipc import buffers
 from r2bspec.ipc.header_stamps import write_stamp
-from r2bspec.ipc.schedule import NO_STEP, Event, Schedule, Timeline
+from r2bspec.ipc.schedule import NO_STEP, PlaybackEvent, Schedule, TimelineSchedule
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE, StampedTransforms
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan
 
 TF_QOS = QoS(depth=100)
-STATIC_QOS = QoS(durability="transient_local", depth=1)
+TF_STATIC_QOS = QoS(durability="transient_local", depth=1)
 
 
-class Repertoire:
+class PreloadedMessages:
     """The messages of one schedule.
 
     Args:
         schedule: what is played.
         inputs: the inputs of the plan.
         stamped: of each input, whether a stamp is to be written into its messages.
-        writers: of the inputs and, where transforms are played along, of /tf.
+        publishers: of the inputs and, where transforms are played along, of /tf.
         folder: where the buffers are.
     """
 
@@ -38,31 +38,31 @@ class Repertoire:
         schedule: Schedule,
         inputs: Sequence[InputPlan],
         stamped: Sequence[bool],
-        writers: Sequence[rclpy_tools.RawWriter],
+        publishers: Sequence[rclpy_tools.RawPublisher],
         folder: Path,
     ) -> None:
         sources = [each.source for each in inputs] + [TF]
         self._stamped = stamped
-        self._memory = [
+        self._messages = [
             buffers.read_messages(folder, source, positions) if positions else {}
-            for source, positions in zip(sources, schedule.wanted(), strict=True)
+            for source, positions in zip(sources, schedule.positions_used(), strict=True)
         ]
         self._publications = [
-            {position: writer.publication(message) for position, message in messages.items()}
-            for writer, messages in zip(writers, self._memory, strict=False)
+            {position: publisher.publication(message) for position, message in messages.items()}
+            for publisher, messages in zip(publishers, self._messages, strict=False)
         ]
-        shifts = schedule.shift_transforms if isinstance(schedule, Timeline) else True
-        transforms = self._memory[-1] if shifts else {}
+        shifts = schedule.shift_transforms if isinstance(schedule, TimelineSchedule) else True
+        transforms = self._messages[-1] if shifts else {}
         self._transforms = {
             position: StampedTransforms(message) for position, message in transforms.items()
         }
 
-    def stamp(self, event: Event, stamp_ns: int) -> None:
+    def stamp(self, event: PlaybackEvent, stamp_ns: int) -> None:
         """Write a stamp into the messages of an event that take one.
 
         Args:
             event: with the messages.
-            stamp_ns: of a step; of transforms, what their `Event.origin_ns` becomes.
+            stamp_ns: of a step; of transforms, what their `PlaybackEvent.origin_ns` becomes.
         """
         if event.step == NO_STEP:
             for _, position in event.messages:
@@ -71,19 +71,21 @@ class Repertoire:
             return
         for column, position in event.messages:
             if self._stamped[column]:
-                write_stamp(self._memory[column][position], stamp_ns)
+                write_stamp(self._messages[column][position], stamp_ns)
 
-    def publications(self, event: Event) -> list[Callable[[], None]]:
+    def publications(self, event: PlaybackEvent) -> list[Callable[[], None]]:
         """What publishes the messages of an event."""
         return [self._publications[column][position] for column, position in event.messages]
 
 
-def publish_static(node: Node, folder: Path) -> rclpy_tools.RawWriter:
+def publish_static_transforms(node: Node, folder: Path) -> rclpy_tools.RawPublisher:
     """Publish the buffered /tf_static, latched: who comes later gets it, too.
 
     Returns:
-        The writer, which must live for as long as the transforms are to be had.
+        The publisher, which must live for as long as the transforms are to be had.
     """
-    writer = rclpy_tools.RawWriter(node, TF_STATIC, TF_TYPE, rclpy_tools.profile(STATIC_QOS))
-    writer.publish(buffers.read_messages(folder, TF_STATIC, {0})[0])
-    return writer
+    publisher = rclpy_tools.RawPublisher(
+        node, TF_STATIC, TF_TYPE, rclpy_tools.profile(TF_STATIC_QOS)
+    )
+    publisher.publish(buffers.read_messages(folder, TF_STATIC, {0})[0])
+    return publisher

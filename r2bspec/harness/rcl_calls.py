@@ -15,7 +15,7 @@ from collections.abc import Callable
 HEAD_BYTES = 16
 """How much of a taken message is kept: the encapsulation and a header's stamp."""
 
-_NOTHING_THERE = 401
+_TAKE_FAILED = 401
 """RCL_RET_SUBSCRIPTION_TAKE_FAILED: no message was waiting."""
 
 
@@ -25,7 +25,7 @@ class _Allocator(ctypes.Structure):
     _fields_ = [(name, ctypes.c_void_p) for name in ("allocate", "free", "move", "zero", "state")]
 
 
-class _Serialised(ctypes.Structure):
+class _SerializedMessage(ctypes.Structure):
     """rcl_serialized_message_t."""
 
     _fields_ = [
@@ -36,7 +36,7 @@ class _Serialised(ctypes.Structure):
     ]
 
 
-class _Info(ctypes.Structure):
+class _MessageInfo(ctypes.Structure):
     """rmw_message_info_t: what it begins with, and room for what releases of ROS add to it."""
 
     _fields_ = [
@@ -97,7 +97,7 @@ class _Publication:
         self._pointer = pointer
         # The view holds the bytes; rcl is given their bare address.
         self._view = (ctypes.c_char * len(message)).from_buffer(message)
-        self._message = _Serialised(
+        self._message = _SerializedMessage(
             ctypes.addressof(self._view), len(message), len(message), library.allocator
         )
         self._reference = ctypes.byref(self._message)
@@ -108,7 +108,7 @@ class _Publication:
             raise RclError(f"a message could not be published (rcl status {status})")
 
 
-class Taker:
+class MessageTaker:
     """Takes messages into one buffer that is used again and again, and keeps their heads.
 
     Args:
@@ -126,8 +126,8 @@ class Taker:
         self._call = library.take
         self._pointer = pointer
         # Grown by rcl to the largest message; freed with the process.
-        self._message = _Serialised(None, 0, 0, library.allocator)
-        self._info = _Info()
+        self._message = _SerializedMessage(None, 0, 0, library.allocator)
+        self._info = _MessageInfo()
         self._references = ctypes.byref(self._message), ctypes.byref(self._info)
 
     def take(self) -> tuple[bytes, int, int] | None:
@@ -141,7 +141,7 @@ class Taker:
         """
         status = self._call(self._pointer, *self._references, None)
         if status:
-            if status == _NOTHING_THERE:
+            if status == _TAKE_FAILED:
                 return None
             self._library.reset_error()
             raise RclError(f"a message could not be taken (rcl status {status})")

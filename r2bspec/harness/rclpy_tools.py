@@ -22,15 +22,15 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import ok, try_shutdown
+from rclpy.utilities import get_rmw_implementation_identifier, ok, try_shutdown
 
 from r2bspec.harness import rcl_calls
 from r2bspec.language.spec import QoS
 
 _to_destroy: list[Node] = []
-_initialising = threading.Lock()
+_init_lock = threading.Lock()
 
-READER_DEPTH = 1000
+SUBSCRIPTION_DEPTH = 1000
 """History depth of what the harness reads: a second at 1 kHz, so that a monitor that was not
 scheduled for a while loses nothing. Memory is taken only for messages that wait; with 100 a busy
 machine was seen to lose some."""
@@ -73,34 +73,35 @@ def profile(qos: QoS) -> QoSProfile:
     )
 
 
-def profile_heard_from(node: Node, topic: str) -> QoSProfile | None:
-    """A profile that hears every writer of a topic, or None while there is no writer.
+def profile_matching_publishers(node: Node, topic: str) -> QoSProfile | None:
+    """A profile that hears every publisher of a topic, or None while there is no publisher.
 
-    A reader that asks for less than a writer offers still hears it, so the weakest offer decides.
+    A subscription that asks for less than a publisher offers still hears it, so the weakest offer
+    decides.
     """
-    writers = node.get_publishers_info_by_topic(topic)
-    if not writers:
+    publishers = node.get_publishers_info_by_topic(topic)
+    if not publishers:
         return None
-    offers = [writer.qos_profile for writer in writers]
+    offers = [publisher.qos_profile for publisher in publishers]
     reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
     transient = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
     return QoSProfile(
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if transient else DurabilityPolicy.VOLATILE,
         history=HistoryPolicy.KEEP_LAST,
-        depth=READER_DEPTH,
+        depth=SUBSCRIPTION_DEPTH,
     )
 
 
-def why_refused(offered: QoSProfile, asked: QoSProfile) -> str:
-    """Why a reader never matches a writer, in the middleware's words; empty if it may."""
+def qos_mismatch_reason(offered: QoSProfile, asked: QoSProfile) -> str:
+    """Why a subscription never matches a publisher, in the middleware's words; empty if it may."""
     found, why = qos_check_compatible(offered, asked)
     if found != QoSCompatibility.ERROR:
         return ""
     return str(why).replace("ERROR: ", "").strip("; ").lower()
 
 
-class RawReader:
+class RawSubscription:
     """A subscription that is read by `take`, as serialised bytes, without an executor."""
 
     def __init__(self, node: Node, topic: str, type_name: str, qos: QoSProfile) -> None:
@@ -111,9 +112,9 @@ class RawReader:
             self._class, topic, lambda _message: None, qos, raw=True
         )
         self.handle = self._subscription.handle
-        self._taker: rcl_calls.Taker | None = None
+        self._taker: rcl_calls.MessageTaker | None = None
         with contextlib.suppress(rcl_calls.RclError):
-            self._taker = rcl_calls.Taker(self.handle)
+            self._taker = rcl_calls.MessageTaker(self.handle)
 
     def take(self) -> tuple[bytes, int] | None:
         """The next message and its time of arrival (system clock, ns), or None if there is none."""
@@ -136,7 +137,7 @@ class RawReader:
         )
 
     def matches(self) -> int:
-        """How many writers this reader is matched with."""
+        """How many publishers this subscription is matched with."""
         return int(self.handle.get_publisher_count())
 
     def destroy(self) -> None:
@@ -145,7 +146,7 @@ class RawReader:
         self._node.destroy_subscription(self._subscription)
 
 
-class RawWriter:
+class RawPublisher:
     """A publisher of serialised bytes."""
 
     def __init__(self, node: Node, topic: str, type_name: str, qos: QoSProfile) -> None:
@@ -168,12 +169,12 @@ class RawWriter:
         made = rcl_calls.publication(self._handle, message)
         return made or functools.partial(self._handle.publish_raw, message)
 
-    def wait_until_heard(self, timeout_s: float = 2.0) -> None:
+    def wait_for_acknowledgements(self, timeout_s: float = 2.0) -> None:
         """Wait until all readers that are matched have got everything, but not for ever."""
         self._publisher.wait_for_all_acked(Duration(seconds=timeout_s))
 
     def matches(self) -> int:
-        """How many readers this writer is matched with."""
+        """How many readers this publisher is matched with."""
         return int(self._handle.get_subscription_count())
 
 
@@ -187,17 +188,17 @@ class WaitLoop:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._guard = _implementation.GuardCondition(node.context.handle)
-        self._readers: list[RawReader] = []
+        self._subscriptions: list[RawSubscription] = []
         self._set: Any = None
 
-    def add(self, reader: RawReader) -> None:
-        """Wait on one more reader, from the next `wait` on."""
-        self._readers.append(reader)
+    def add(self, subscription: RawSubscription) -> None:
+        """Wait on one more subscription, from the next `wait` on."""
+        self._subscriptions.append(subscription)
         self._set = None
 
-    def remove(self, reader: RawReader) -> None:
-        """Wait on a reader no more; the positions of those after it move up."""
-        self._readers.remove(reader)
+    def remove(self, subscription: RawSubscription) -> None:
+        """Wait on a subscription no more; the positions of those after it move up."""
+        self._subscriptions.remove(subscription)
         self._set = None
 
     def wake(self) -> None:
@@ -208,16 +209,18 @@ class WaitLoop:
         """Wait at most `timeout_s` seconds; returns the positions of readers with messages."""
         if self._set is None:
             self._set = _implementation.WaitSet(
-                len(self._readers), 1, 0, 0, 0, 0, self._node.context.handle
+                len(self._subscriptions), 1, 0, 0, 0, 0, self._node.context.handle
             )
         ready = self._set
         ready.clear_entities()
         ready.add_guard_condition(self._guard)
-        for reader in self._readers:
-            ready.add_subscription(reader.handle)
+        for subscription in self._subscriptions:
+            ready.add_subscription(subscription.handle)
         ready.wait(int(timeout_s * 1e9))
         return [
-            index for index in range(len(self._readers)) if ready.is_ready("subscription", index)
+            index
+            for index in range(len(self._subscriptions))
+            if ready.is_ready("subscription", index)
         ]
 
 
@@ -235,7 +238,7 @@ def start_node(name: str) -> Node:
         enable_rosout=False,
         start_parameter_services=False,
     )
-    destroy_at_the_end(node)
+    destroy_on_shutdown(node)
     return node
 
 
@@ -245,12 +248,17 @@ def init() -> None:
     What it logs goes to the log of the process and into no file of its own.
     """
     arguments = ["--ros-args", "--disable-external-lib-logs"]
-    with _initialising:
+    with _init_lock:
         if not ok():
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
 
 
-def destroy_at_the_end(node: Node) -> None:
+def loaded_rmw() -> str:
+    """The middleware (RMW implementation) that this process has loaded."""
+    return str(get_rmw_implementation_identifier())
+
+
+def destroy_on_shutdown(node: Node) -> None:
     """Have `finish` destroy a node."""
     _to_destroy.append(node)
 

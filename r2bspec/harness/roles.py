@@ -28,7 +28,7 @@ def play_role(channel: Channel) -> int:
         The exit status: 1 after it has been said why the role cannot go on.
     """
     try:
-        _take_role(channel, channel.receive()).serve()
+        _make_role(channel, channel.receive()).serve()
     except ChannelClosedError:
         return 0
     except Exception as error:
@@ -39,7 +39,7 @@ def play_role(channel: Channel) -> int:
     return 0
 
 
-def _take_role(channel: Channel, command: protocol.Command) -> Role:
+def _make_role(channel: Channel, command: protocol.Command) -> Role:
     match command:
         case protocol.ConfigureLoader():
             from r2bspec.harness.loader import Loader
@@ -54,21 +54,21 @@ def _take_role(channel: Channel, command: protocol.Command) -> Role:
 
             return Monitor(channel, command)
         case protocol.ConfigureHost():
-            from r2bspec.harness.node_host import Host
+            from r2bspec.harness.node_host import NodeHost
 
-            return Host(channel, command)
+            return NodeHost(channel, command)
         case protocol.ConfigureHarness():
-            from r2bspec.harness.in_process import Together
+            from r2bspec.harness.in_process import InProcessHarness
 
-            return Together(channel, command)
+            return InProcessHarness(channel, command)
         case protocol.ConfigureCaller():
-            from r2bspec.harness.service_client import Caller
+            from r2bspec.harness.service_client import ServiceCaller
 
-            return Caller(channel, command)
+            return ServiceCaller(channel, command)
         case protocol.ConfigureComponents():
-            from r2bspec.harness.component_loader import Components
+            from r2bspec.harness.component_loader import ComponentLoader
 
-            return Components(channel, command)
+            return ComponentLoader(channel, command)
     raise RuntimeError(f"a process is configured first, not told to {type(command).__name__}")
 
 

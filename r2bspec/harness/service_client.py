@@ -14,7 +14,7 @@ from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import protocol
 
 
-class CallError(Exception):
+class ServiceCallError(Exception):
     """A call that cannot be made, or is not answered; in words for the user."""
 
     code = "R2B647"
@@ -24,49 +24,51 @@ def service_class(type_name: str) -> Any:
     """The class of a service type such as ``std_srvs/srv/Trigger``.
 
     Raises:
-        CallError: the package is not installed or has no such service.
+        ServiceCallError: the package is not installed or has no such service.
     """
     package, _, name = type_name.partition("/srv/")
     try:
         return getattr(importlib.import_module(f"{package}.srv"), name)
     except (ImportError, AttributeError, ValueError) as error:
-        raise CallError(f"service type {type_name} is not installed here") from error
+        raise ServiceCallError(f"service type {type_name} is not installed here") from error
 
 
-def fill(message: Any, values: dict[str, Any], path: str = "") -> Any:
+def fill_message(message: Any, values: dict[str, Any], path: str = "") -> Any:
     """Set the fields of a message from a mapping, nested messages from nested mappings.
 
     Raises:
-        CallError: there is no such field, or the value does not fit it.
+        ServiceCallError: there is no such field, or the value does not fit it.
     """
     fields = message.get_fields_and_field_types()
     for name, value in values.items():
         where = f"{path}.{name}" if path else name
         if name not in fields:
-            raise CallError(f"the request has no field {where!r}; it has {', '.join(fields)}")
-        fitting = _fitting(getattr(message, name), fields[name], value, where)
+            raise ServiceCallError(
+                f"the request has no field {where!r}; it has {', '.join(fields)}"
+            )
+        fitting = _field_value(getattr(message, name), fields[name], value, where)
         try:
             setattr(message, name, fitting)
         except (AssertionError, TypeError, ValueError) as error:
-            raise CallError(f"{where} cannot be {value!r}: it is {fields[name]}") from error
+            raise ServiceCallError(f"{where} cannot be {value!r}: it is {fields[name]}") from error
     return message
 
 
-def _fitting(current: Any, type_name: str, value: Any, where: str) -> Any:
+def _field_value(current: Any, type_name: str, value: Any, where: str) -> Any:
     """The value of a field: as given, or messages made from mappings."""
     if isinstance(value, dict):
-        return fill(current, value, where)
+        return fill_message(current, value, where)
     if isinstance(value, list) and value and isinstance(value[0], dict):
         element = type_name.removeprefix("sequence<").split("<")[-1].rstrip(">").split(",")[0]
         package, _, name = element.partition("/")
         made = rclpy_tools.message_class(f"{package}/msg/{name}")
-        return [fill(made(), each, f"{where}[{index}]") for index, each in enumerate(value)]
+        return [fill_message(made(), each, f"{where}[{index}]") for index, each in enumerate(value)]
     if type(current) is float and type(value) is int:
         return float(value)
     # Messages check the types of their fields only on demand, and would fail when they are sent.
     scalar = isinstance(current, bool | int | float | str)
     if type(value) is not (type(current) if scalar else list):
-        raise CallError(f"{where} cannot be {value!r}: it is {type_name}")
+        raise ServiceCallError(f"{where} cannot be {value!r}: it is {type_name}")
     return value
 
 
@@ -83,26 +85,27 @@ def call_service(
         deadline: on the monotonic clock, in seconds.
 
     Raises:
-        CallError: there is no such service in time, it refuses the request, or does not answer.
+        ServiceCallError: there is no such service in time, it refuses the request, or does not
+            answer.
     """
     kind = service_class(type_name)
-    message = fill(kind.Request(), request)
+    message = fill_message(kind.Request(), request)
     client = node.create_client(kind, service)
     try:
         if not client.wait_for_service(max(0.0, deadline - time.monotonic())):
-            raise CallError(f"there is no service {service}")
+            raise ServiceCallError(f"there is no service {service}")
         future = client.call_async(message)
         rclpy.spin_until_future_complete(
             node, future, timeout_sec=max(0.0, deadline - time.monotonic())
         )
         if not future.done():
-            raise CallError(f"service {service} did not answer in time")
+            raise ServiceCallError(f"service {service} did not answer in time")
         return future.result()
     finally:
         node.destroy_client(client)
 
 
-class Caller:
+class ServiceCaller:
     """Waits for a service, calls it once, and says what came back."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureCaller) -> None:
@@ -114,7 +117,7 @@ class Caller:
         """Make the call; the answer follows the readiness.
 
         Raises:
-            CallError: there is no such service in time, or it does not answer.
+            ServiceCallError: there is no such service in time, or it does not answer.
         """
         self._channel.send(protocol.Ready())
         settings = self._settings

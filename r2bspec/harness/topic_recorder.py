@@ -9,7 +9,7 @@ from r2bspec.ipc import buffers
 from r2bspec.ipc.header_stamps import read_stamp
 
 
-class Recording:
+class TopicRecorder:
     """One recorded topic.
 
     An output answers the source message of the same stamp. Outputs that carry no stamp, or one of
@@ -17,15 +17,15 @@ class Recording:
     """
 
     def __init__(
-        self, topic: str, type_name: str, folder: Path, reader: rclpy_tools.RawReader
+        self, topic: str, type_name: str, folder: Path, subscription: rclpy_tools.RawSubscription
     ) -> None:
         self.topic = topic
-        self.reader = reader
+        self.subscription = subscription
         self._stamped = rclpy_tools.begins_with_header(type_name)
         self._buffer = buffers.BufferWriter(folder, topic, type_name, has_header=self._stamped)
         self._sources: dict[int, int] = {}
         self._answers: set[int] = set()
-        self._others = 0
+        self._unmatched_count = 0
 
     def expect(self, sources: dict[int, int]) -> None:
         """Take note of the stamps of the source messages, each with its number."""
@@ -33,19 +33,19 @@ class Recording:
 
     def answered(self, stamp_ns: int) -> bool:
         """Whether the answer to a source message has come."""
-        return stamp_ns in self._answers or self._others > self._sources[stamp_ns]
+        return stamp_ns in self._answers or self._unmatched_count > self._sources[stamp_ns]
 
     def drain(self) -> int:
         """Record every message that has arrived; how many there were."""
         count = 0
-        while (taken := self.reader.take()) is not None:
+        while (taken := self.subscription.take()) is not None:
             data, received_ns = taken
             stamp_ns = read_stamp(data) if self._stamped else received_ns
             self._buffer.append(stamp_ns, data, received_ns)
             if stamp_ns in self._sources:
                 self._answers.add(stamp_ns)
             else:
-                self._others += 1
+                self._unmatched_count += 1
             count += 1
         return count
 

@@ -22,7 +22,7 @@ from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.signals import Interrupts
-from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.language.spec import Spec
 from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
@@ -34,16 +34,16 @@ from r2bspec.wiring.wiring import NodeWiring
 
 NAMESPACE = "/r2bspec_interfaces"
 
-_NAME = "r2bspec_inspected"
+_INSPECTED_NAME = "r2bspec_inspected"
 """What the node is called meanwhile: a name that none of its topics begins with, so that ``~/x``
 and ``x`` can be told apart."""
 
-_MADE_S = 60.0
-_SLACK_S = 60.0
+_CREATE_TIMEOUT_S = 60.0
+_REPLY_SLACK_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class InterfaceResult:
     """The outcome for one node: its interface as the file holds it, or why there is none."""
 
     node: str
@@ -57,17 +57,17 @@ def record_interfaces(
     base_dir: Path,
     *,
     only: tuple[str, ...] = (),
-    patience_s: float = 20.0,
-    told: Callable[[str], None] = lambda _: None,
-) -> Iterator[Recorded]:
+    timeout_s: float = 20.0,
+    on_node: Callable[[str], None] = lambda _: None,
+) -> Iterator[InterfaceResult]:
     """Start each node once and look at it.
 
     Args:
         spec: the spec that has the nodes.
         base_dir: its folder.
         only: the keys of the nodes that are meant; all that can be started if empty.
-        patience_s: how long a node may take to appear.
-        told: is called with the key of each node before it is started.
+        timeout_s: how long a node may take to appear.
+        on_node: is called with the key of each node before it is started.
 
     Yields:
         One outcome for each node, preprocessors first.
@@ -83,23 +83,23 @@ def record_interfaces(
     for node in nodes:
         if node.node.kind in {"launch", "external"} or (only and node.key not in only):
             continue
-        told(node.key)
+        on_node(node.key)
         with Interrupts() as interrupts, tempfile.TemporaryDirectory() as scratch:
             try:
                 found = _inspect(
-                    plan, node, base_dir.absolute(), Path(scratch), patience_s, interrupts.check
+                    plan, node, base_dir.absolute(), Path(scratch), timeout_s, interrupts.check
                 )
-                yield Recorded(node.key, _row(found, node))
+                yield InterfaceResult(node.key, _interface_entry(found, node))
             except R2bspecError as error:
                 if error.exit_code == 130:
                     raise
                 yield _failed(node.key, error, scratch)
 
 
-def _failed(node: str, error: R2bspecError, scratch: str) -> Recorded:
+def _failed(node: str, error: R2bspecError, scratch: str) -> InterfaceResult:
     """Why there is nothing, by the node's own name; files that are gone are not mentioned."""
-    said = str(error).removeprefix(f"{node}: ").replace(f"{NAMESPACE}/{_NAME}", node)
-    return Recorded(node, problem=said, hint="" if scratch in error.hint else error.hint)
+    said = str(error).removeprefix(f"{node}: ").replace(f"{NAMESPACE}/{_INSPECTED_NAME}", node)
+    return InterfaceResult(node, problem=said, hint="" if scratch in error.hint else error.hint)
 
 
 def _inspect(
@@ -107,58 +107,60 @@ def _inspect(
     node: NodeWiring,
     base_dir: Path,
     scratch: Path,
-    patience_s: float,
+    timeout_s: float,
     check: Callable[[], None],
 ) -> dict[str, Any]:
     """Run one node and an inspector beside it, and end both."""
     run_id = secrets.token_hex(8)
-    children = Children(run_id, scratch, check)
+    supervisor = ProcessSupervisor(run_id, scratch, check)
     try:
         with reserved_domain() as domain:
             environment = RunEnvironment(
                 plan, run_id=run_id, domain=domain, scratch=scratch, largest_message_bytes=1 << 20
             )
-            process = _alone(node)
+            process = _isolated_process(node)
             host = process.role == "host"
-            running = children.start(
+            running = supervisor.start(
                 process.name,
                 process.role,
                 resolve_argv(process),
-                environment.of_node(process.env),
+                environment.for_node(process.env),
                 cwd=base_dir,
                 log=scratch / "node.log",
             )
             if host:
-                _make(children, running, process, base_dir)
+                _create_nodes(supervisor, running, process, base_dir)
             target = scratch / "interface.json"
             argv = ("$(python)", "-P", "-m", "r2bspec.harness.inspect_nodes")
-            inspector = children.start(
+            inspector = supervisor.start(
                 "inspector",
                 "monitor",
                 [
                     *resolve_argv(_process("inspector", argv)),
-                    *(NAMESPACE, f"{patience_s}", str(target)),
+                    *(NAMESPACE, f"{timeout_s}", str(target)),
                 ],
-                environment.of_node({}),
+                environment.for_node({}),
                 cwd=base_dir,
                 log=scratch / "inspector.log",
             )
-            children.answer(inspector, protocol.Ready, patience_s + _SLACK_S)
+            supervisor.answer(inspector, protocol.Ready, timeout_s + _REPLY_SLACK_S)
             found: dict[str, Any] = json.loads(target.read_text(encoding="utf-8"))
             if not found["nodes"]:
                 raise NotReadyError(
-                    f"{node.key} did not appear within {patience_s:g} s",
+                    f"{node.key} did not appear within {timeout_s:g} s",
                     hint="It may be no ROS node, or wait for something; --timeout allows more.",
                 )
-            children.end(list(children))
+            supervisor.end(list(supervisor))
             return found
     finally:
-        children.close()
+        supervisor.close()
 
 
-def _make(children: Children, child: Child, process: ProcessPlan, base_dir: Path) -> None:
+def _create_nodes(
+    supervisor: ProcessSupervisor, child: ManagedProcess, process: ProcessPlan, base_dir: Path
+) -> None:
     child.send(protocol.ConfigureHost(nodes=process.nodes, base_dir=str(base_dir)))
-    children.answer(child, protocol.Ready, _MADE_S)
+    supervisor.answer(child, protocol.Ready, _CREATE_TIMEOUT_S)
 
 
 def _process(name: str, argv: tuple[str, ...], **more: Any) -> ProcessPlan:
@@ -167,21 +169,21 @@ def _process(name: str, argv: tuple[str, ...], **more: Any) -> ProcessPlan:
     )
 
 
-def _alone(wired: NodeWiring) -> ProcessPlan:
+def _isolated_process(wired: NodeWiring) -> ProcessPlan:
     """The process of a node as it is when nobody else is there."""
     node = wired.node
     bare = replace(
         wired,
-        key=_NAME,
+        key=_INSPECTED_NAME,
         namespace=NAMESPACE,
-        name=f"{NAMESPACE}/{_NAME}",
+        name=f"{NAMESPACE}/{_INSPECTED_NAME}",
         node=msgspec.structs.replace(node, remappings={}, container="", namespace=NAMESPACE),
         is_ros_process=True,
     )
     if node.kind == "python":
         plan = NodePlan(
             name=bare.name,
-            node=_NAME,
+            node=_INSPECTED_NAME,
             namespace=NAMESPACE,
             target=node.python,
             parameters=dict(wired.parameters),
@@ -196,13 +198,13 @@ def _standalone(wired: NodeWiring) -> tuple[str, ...]:
     """A component in a container of its own, as ``ros2 component`` starts it."""
     node = wired.node
     words = ["ros2", "component", "standalone", node.package, node.plugin]
-    words += ["--node-name", _NAME, "--node-namespace", NAMESPACE]
+    words += ["--node-name", _INSPECTED_NAME, "--node-namespace", NAMESPACE]
     for name, value in wired.parameters.items():
         words += ["-p", f"{name}:={json.dumps(value)}"]
     return tuple(words)
 
 
-def _row(found: dict[str, Any], node: NodeWiring) -> dict[str, Any]:
+def _interface_entry(found: dict[str, Any], node: NodeWiring) -> dict[str, Any]:
     """What the file of a node holds: what was found, without what the spec itself decided."""
     parameters = {
         name: {key: value for key, value in each.items() if key == "type"}

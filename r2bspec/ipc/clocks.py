@@ -10,20 +10,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-_TIGHT_NS = 20_000
-_TRIES = 5
+_MAX_READ_NS = 20_000
+_MAX_READS = 5
 """The two clocks are read one after the other, and again if something came between."""
 
-_STEP_NS = 2_000_000
-_SLEW = 0.1
+_MIN_STEP_NS = 2_000_000
+_MAX_SLEW = 0.1
 """What is no step: the jitter of reading, and a clock that is being slewed, by at most a tenth."""
 
 
-class Clocks:
+class ClockOffsetTracker:
     """The difference of the two clocks, followed through steps.
 
     Attributes:
-        stepped_ns: by how much the system clock has been set forward since the start, in all.
+        total_step_ns: by how much the system clock has been set forward since the start, in all.
         steps: how often it has been set.
     """
 
@@ -34,22 +34,22 @@ class Clocks:
     ) -> None:
         self._monotonic_ns = monotonic_ns
         self._system_ns = system_ns
-        self.stepped_ns = 0
+        self.total_step_ns = 0
         self.steps = 0
-        self._looked_ns, self._difference_ns = self._read()
+        self._last_read_ns, self._difference_ns = self._read()
         self._difference_before_ns = self._difference_ns
-        self._no_step_until_ns = self._looked_ns
+        self._no_step_until_ns = self._last_read_ns
 
-    def look(self) -> int:
+    def update(self) -> int:
         """Look whether the system clock has been set; returns the time, monotonic, in ns."""
         now_ns, difference_ns = self._read()
         moved_ns = difference_ns - self._difference_ns
-        if abs(moved_ns) > _STEP_NS + _SLEW * (now_ns - self._looked_ns):
+        if abs(moved_ns) > _MIN_STEP_NS + _MAX_SLEW * (now_ns - self._last_read_ns):
             self.steps += 1
-            self.stepped_ns += moved_ns
+            self.total_step_ns += moved_ns
             self._difference_before_ns = self._difference_ns
-            self._no_step_until_ns = self._looked_ns
-        self._looked_ns, self._difference_ns = now_ns, difference_ns
+            self._no_step_until_ns = self._last_read_ns
+        self._last_read_ns, self._difference_ns = now_ns, difference_ns
         return now_ns
 
     def arrival(self, arrived_system_ns: int) -> tuple[int, int]:
@@ -61,7 +61,7 @@ class Clocks:
         Args:
             arrived_system_ns: the time of arrival by the system clock as it was then.
         """
-        taken_ns = self.look()
+        taken_ns = self.update()
         arrived_ns = arrived_system_ns - self._difference_ns
         if not self._no_step_until_ns <= arrived_ns <= taken_ns:
             arrived_ns = arrived_system_ns - self._difference_before_ns
@@ -70,13 +70,13 @@ class Clocks:
     def _read(self) -> tuple[int, int]:
         """The monotonic time, and by how much the system clock is ahead of it."""
         closest_ns, found = -1, (0, 0)
-        for _ in range(_TRIES):
+        for _ in range(_MAX_READS):
             before_ns = self._monotonic_ns()
             system_ns = self._system_ns()
             took_ns = self._monotonic_ns() - before_ns
             if closest_ns < 0 or took_ns < closest_ns:
                 closest_ns = took_ns
                 found = before_ns + took_ns, system_ns - before_ns - took_ns // 2
-            if closest_ns <= _TIGHT_NS:
+            if closest_ns <= _MAX_READ_NS:
                 break
         return found

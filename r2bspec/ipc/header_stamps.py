@@ -11,8 +11,8 @@ import struct
 
 _LITTLE = struct.Struct("<iI")
 _BIG = struct.Struct(">iI")
-_OFFSET = 4
-STAMP_BYTES = _OFFSET + _LITTLE.size
+_ENCAPSULATION_BYTES = 4
+STAMP_BYTES = _ENCAPSULATION_BYTES + _LITTLE.size
 """How many bytes of a message show its stamp."""
 
 _SECOND_NS = 1_000_000_000
@@ -25,11 +25,11 @@ def read_stamp(message: bytes | bytearray) -> int:
         struct.error: the message is too short to hold one.
     """
     layout = _LITTLE if message[1] & 1 else _BIG
-    seconds, nanoseconds = layout.unpack_from(message, _OFFSET)
+    seconds, nanoseconds = layout.unpack_from(message, _ENCAPSULATION_BYTES)
     return int(seconds) * _SECOND_NS + int(nanoseconds)
 
 
 def write_stamp(message: bytearray, stamp_ns: int) -> None:
     """Replace the header stamp, in place."""
     layout = _LITTLE if message[1] & 1 else _BIG
-    layout.pack_into(message, _OFFSET, *divmod(stamp_ns, _SECOND_NS))
+    layout.pack_into(message, _ENCAPSULATION_BYTES, *divmod(stamp_ns, _SECOND_NS))

@@ -15,14 +15,14 @@ from collections.abc import Iterable
 import psutil
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.middleware.shm_files import remove_dead_segments
+from r2bspec.middleware.registry import middleware_of
 
-_SEGMENTS_S = 2.0
-_IDLE_LOOKS = 3
+_MAX_CLEANUP_S = 2.0
+_EMPTY_SCANS = 3
 """For how long segments are removed at most, and how often none may be found in a row before."""
 
 
-def members(run_id: str, sessions: Iterable[int]) -> list[psutil.Process]:
+def run_processes(run_id: str, sessions: Iterable[int]) -> list[psutil.Process]:
     """Every living process of a run, the calling process excepted."""
     wanted = set(sessions)
     found = []
@@ -30,28 +30,28 @@ def members(run_id: str, sessions: Iterable[int]) -> list[psutil.Process]:
         if process.pid == os.getpid():
             continue
         with contextlib.suppress(psutil.Error, OSError):
-            if not _runs(process):
+            if not _is_running(process):
                 continue
-            if os.getsid(process.pid) in wanted or _carries(process, run_id):
+            if os.getsid(process.pid) in wanted or _has_run_id(process, run_id):
                 found.append(process)
     return found
 
 
-def _carries(process: psutil.Process, run_id: str) -> bool:
+def _has_run_id(process: psutil.Process, run_id: str) -> bool:
     try:
         return process.environ().get(RUN_ID_VARIABLE) == run_id
     except psutil.AccessDenied:
         return False
 
 
-def end_all(run_id: str, sessions: Iterable[int], grace_s: float) -> list[str]:
+def end_run_processes(run_id: str, sessions: Iterable[int], grace_s: float) -> list[str]:
     """End every process of a run: SIGTERM, `grace_s` seconds, then SIGKILL until none is left.
 
     Returns:
         The names of the processes that had to be killed.
     """
     wanted = set(sessions)
-    remaining = members(run_id, wanted)
+    remaining = run_processes(run_id, wanted)
     for process in remaining:
         with contextlib.suppress(psutil.Error):
             process.terminate()
@@ -59,7 +59,7 @@ def end_all(run_id: str, sessions: Iterable[int], grace_s: float) -> list[str]:
     killed: list[str] = []
     # A process may fork while it is being killed, so look again until none is found.
     for _ in range(20):
-        remaining = members(run_id, wanted)
+        remaining = run_processes(run_id, wanted)
         if not remaining:
             break
         for process in remaining:
@@ -70,18 +70,18 @@ def end_all(run_id: str, sessions: Iterable[int], grace_s: float) -> list[str]:
     return killed
 
 
-def _wait_for(processes: list[psutil.Process], patience_s: float) -> None:
+def _wait_for(processes: list[psutil.Process], timeout_s: float) -> None:
     """Wait until none of these processes runs.
 
     A zombie runs no more: who is to collect it may take its time, or never do it, as the first
     process of many containers.
     """
-    deadline = time.monotonic() + patience_s
-    while any(map(_runs, processes)) and time.monotonic() < deadline:
+    deadline = time.monotonic() + timeout_s
+    while any(map(_is_running, processes)) and time.monotonic() < deadline:
         time.sleep(0.01)
 
 
-def _runs(process: psutil.Process) -> bool:
+def _is_running(process: psutil.Process) -> bool:
     try:
         # The first thread can be a zombie while others still end, and with them their locks.
         return process.is_running() and (
@@ -92,13 +92,20 @@ def _runs(process: psutil.Process) -> bool:
 
 
 def clean_up(run_id: str, sessions: Iterable[int], *, grace_s: float, since_s: float) -> list[str]:
-    """End the processes of a run, then remove the segments that they leave. Returns the killed."""
-    killed = end_all(run_id, sessions, grace_s)
+    """End the processes of a run, then remove what they leave in shared memory.
+
+    Returns:
+        The names of the processes that had to be killed.
+    """
+    killed = end_run_processes(run_id, sessions, grace_s)
+    middleware = middleware_of(os.environ)
+    if not middleware.uses_shared_memory:
+        return killed
     # The kernel frees the locks of a killed process a moment after the process is gone, and other
     # runs that clean up at the same time hold some for a moment.
     idle = 0
-    deadline = time.monotonic() + _SEGMENTS_S
-    while idle < _IDLE_LOOKS and time.monotonic() < deadline:
-        idle = 0 if remove_dead_segments(since_s=since_s) else idle + 1
+    deadline = time.monotonic() + _MAX_CLEANUP_S
+    while idle < _EMPTY_SCANS and time.monotonic() < deadline:
+        idle = 0 if middleware.remove_dead_shm_files(since_s=since_s) else idle + 1
         time.sleep(0.03)
     return killed

@@ -31,7 +31,8 @@ class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
     `buffer_dir` holds one buffer per source and receives one per recorded topic.
 
     Attributes:
-        passed: topics that are buffered and not published. With `retime`, the times of these and of
+        buffer_only: topics that are buffered and not published. With `retime`, the times of these
+            and of
             the sources become those at which it was their turn.
         static: whether the buffered /tf_static is published, latched, before anything else.
     """
@@ -39,7 +40,7 @@ class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
     sources: dict[str, str]
     recorded: dict[str, str]
     buffer_dir: str
-    passed: tuple[str, ...] = ()
+    buffer_only: tuple[str, ...] = ()
     retime: bool = False
     static: bool = False
 
@@ -96,7 +97,7 @@ class ConfigureCaller(_Message, frozen=True, kw_only=True, tag=True):
     timeout_ns: int
 
 
-class Composition(msgspec.Struct, frozen=True, kw_only=True):
+class ContainerComponents(msgspec.Struct, frozen=True, kw_only=True):
     """The full name of a container's node, and the components to be loaded into it, in order."""
 
     container: str
@@ -106,7 +107,7 @@ class Composition(msgspec.Struct, frozen=True, kw_only=True):
 class ConfigureComponents(_Message, frozen=True, kw_only=True, tag=True):
     """Load components into containers that run; `Composed` follows `Ready`."""
 
-    containers: tuple[Composition, ...]
+    containers: tuple[ContainerComponents, ...]
     timeout_ns: int
 
 
@@ -148,11 +149,11 @@ class Survey(_Message, frozen=True, kw_only=True, tag=True):
 class Load(_Message, frozen=True, kw_only=True, tag=True):
     """Publish every source message once and record what comes out.
 
-    `patience_ns` is how long no output may come before the loader stops waiting for more. In
+    `max_output_gap_ns` is how long no output may come before the loader stops waiting for more. In
     `real_time` messages go out when they were recorded, whatever has come out by then.
     """
 
-    patience_ns: int
+    max_output_gap_ns: int
     real_time: bool = False
 
 
@@ -198,9 +199,10 @@ Command = (
 
 
 class Ready(_Message, frozen=True, kw_only=True, tag=True):
-    """The child is configured. What it tells is what a host found of its nodes, but for `headers`.
+    """The child is configured. What it says is what a host found of its nodes, but for two fields.
 
-    `headers` says of each topic of a player whether its type begins with a header. `endpoints`
+    `headers` says of each topic of a player whether its type begins with a header, `rmw` which
+    middleware a monitor has loaded. `endpoints`
     lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the parameters given
     that the node does not declare, as (node, parameter), `parameters` what each node does declare,
     and `unmatched` the remappings that changed no name of the node's, as (node, name before as
@@ -212,17 +214,18 @@ class Ready(_Message, frozen=True, kw_only=True, tag=True):
     parameters: dict[str, tuple[str, ...]] = {}
     unmatched: tuple[tuple[str, str, str], ...] = ()
     headers: dict[str, bool] = {}
+    rmw: str = ""
 
 
 class Matched(_Message, frozen=True, kw_only=True, tag=True):
     """How many endpoints of others each topic is matched with.
 
-    Of a host, `counts` are the readers of what its nodes write, and `heard` the writers of what
-    they read.
+    Of a host, `counts` are the readers of what its nodes write, and `publisher_counts` the writers
+    of what they read.
     """
 
     counts: dict[str, int]
-    heard: dict[str, int] = {}
+    publisher_counts: dict[str, int] = {}
 
 
 class Endpoint(msgspec.Struct, frozen=True, kw_only=True):
@@ -234,7 +237,7 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True):
     durability: str
 
 
-class Refused(msgspec.Struct, frozen=True):
+class QosMismatch(msgspec.Struct, frozen=True):
     """A writer and a reader of a topic whose QoS never match; `why` is what the middleware says."""
 
     writer: str
@@ -248,7 +251,7 @@ class Discovered(_Message, frozen=True, kw_only=True, tag=True):
 
     writers: dict[str, tuple[Endpoint, ...]]
     readers: dict[str, tuple[Endpoint, ...]]
-    refused: tuple[Refused, ...] = ()
+    qos_mismatches: tuple[QosMismatch, ...] = ()
 
 
 class Surveyed(_Message, frozen=True, kw_only=True, tag=True):

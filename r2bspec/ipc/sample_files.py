@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-_HEAD = 64
+_HEADER_BYTES = 64
 _COUNT = struct.Struct("<q")
 
 
@@ -30,10 +30,10 @@ class RowWriter:
         self._capacity = capacity
         self._count = 0
         self._file = path.open("xb+")
-        self._map = self._grown(capacity)
+        self._map = self._map_file(capacity)
 
-    def _grown(self, capacity: int) -> mmap.mmap:
-        size = _HEAD + capacity * self._row.size
+    def _map_file(self, capacity: int) -> mmap.mmap:
+        size = _HEADER_BYTES + capacity * self._row.size
         # Without the allocation a full disk would show as SIGBUS at some later row.
         os.posix_fallocate(self._file.fileno(), 0, size)
         return mmap.mmap(self._file.fileno(), size)
@@ -47,9 +47,9 @@ class RowWriter:
         if self._count == self._capacity:
             self._capacity *= 2
             old = self._map
-            self._map = self._grown(self._capacity)
+            self._map = self._map_file(self._capacity)
             old.close()
-        self._row.pack_into(self._map, _HEAD + self._count * self._row.size, *values)
+        self._row.pack_into(self._map, _HEADER_BYTES + self._count * self._row.size, *values)
         self._count += 1
         _COUNT.pack_into(self._map, 0, self._count)
 
@@ -88,5 +88,5 @@ class RowReader:
             self._path,
             self._dtype,
             count=last - start,
-            offset=_HEAD + start * self._dtype.itemsize,
+            offset=_HEADER_BYTES + start * self._dtype.itemsize,
         )

@@ -3,11 +3,11 @@
 A schedule is one round of steps, repeated for as long as it takes. A step is what is played under
 one header stamp. There are two kinds:
 
-`Cyclic` has no times of its own: all messages of a step are due together, one step after the
-other, at whatever rate is asked for, and a step is stamped with the time of its publication.
+`CyclicSchedule` has no times of its own: all messages of a step are due together, one step after
+the other, at whatever rate is asked for, and a step is stamped with the time of its publication.
 
-`Timeline` has those of a recording: each message is due at its own time. A step is due when the
-first of its messages is. All stamps of a round are those of the recording, shifted by one
+`TimelineSchedule` has those of a recording: each message is due at its own time. A step is due when
+the first of its messages is. All stamps of a round are those of the recording, shifted by one
 constant, so that they stay consistent with each other; the next round shifts them on by the
 recorded length of a round, so that no stamp is played twice.
 
@@ -31,7 +31,7 @@ ALL_INPUTS = -1
 """The set of inputs, as bits, that contains every one."""
 
 
-class Event(NamedTuple):
+class PlaybackEvent(NamedTuple):
     """Something to be published at one time.
 
     Attributes:
@@ -44,8 +44,8 @@ class Event(NamedTuple):
             stamp it with the time of its publication.
         origin_ns: of transforms, the recorded time that becomes `stamp_ns`: what their stamps are
             after the one, they are to be after the other.
-        opens: whether the step begins with it.
-        closes: whether the step ends with it.
+        starts_step: whether the step begins with it.
+        ends_step: whether the step ends with it.
     """
 
     offset_ns: int
@@ -54,8 +54,8 @@ class Event(NamedTuple):
     inputs: int = ALL_INPUTS
     stamp_ns: int | None = None
     origin_ns: int = 0
-    opens: bool = True
-    closes: bool = True
+    starts_step: bool = True
+    ends_step: bool = True
 
 
 class CyclicTransform(msgspec.Struct, frozen=True, array_like=True):
@@ -72,7 +72,7 @@ class CyclicTransform(msgspec.Struct, frozen=True, array_like=True):
     origin_ns: int
 
 
-class Cyclic(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
+class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
     """Steps without times: ``steps[i][k]`` is the position in input k of the message of step i."""
 
     steps: tuple[tuple[int, ...], ...]
@@ -86,12 +86,12 @@ class Cyclic(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
         """How many steps are due within a time."""
         return round(duration_ns / 1e9 * rate_hz)
 
-    def wanted(self) -> list[set[int]]:
+    def positions_used(self) -> list[set[int]]:
         """The positions that are played, for each input and then for the transforms."""
         columns = [set(column) for column in zip(*self.steps, strict=True)]
         return [*columns, {each.position for each in self.transforms}]
 
-    def events(self, rate_hz: float, steps: int, first: int = 0) -> Iterator[Event]:
+    def events(self, rate_hz: float, steps: int, first: int = 0) -> Iterator[PlaybackEvent]:
         """What to publish, in the order in which it is due.
 
         Args:
@@ -106,7 +106,7 @@ class Cyclic(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
         for step in range(steps):
             place = (first + step) % length
             # From the first due time, not from the last: rounding must not add up.
-            yield Event(
+            yield PlaybackEvent(
                 round(step * period_ns), step, tuple(zip(columns, self.steps[place], strict=True))
             )
             for each in self.transforms[
@@ -114,7 +114,7 @@ class Cyclic(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
             ]:
                 offset_ns = round((step + each.at - place) * period_ns)
                 messages = ((len(columns), each.position),)
-                yield Event(offset_ns, NO_STEP, messages, origin_ns=each.origin_ns)
+                yield PlaybackEvent(offset_ns, NO_STEP, messages, origin_ns=each.origin_ns)
 
 
 class TimelineStep(msgspec.Struct, frozen=True, array_like=True):
@@ -136,7 +136,7 @@ class TimelineMessage(msgspec.Struct, frozen=True, array_like=True):
     position: int
 
 
-class Timeline(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"):
+class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"):
     """Steps with the times of a recording.
 
     Attributes:
@@ -177,7 +177,7 @@ class Timeline(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"):
         rounds, rest_ns = divmod(duration_ns, self.period_ns)
         return rounds * len(self.steps) + bisect.bisect_left(self.due_offsets_ns(), rest_ns)
 
-    def wanted(self) -> list[set[int]]:
+    def positions_used(self) -> list[set[int]]:
         """The positions that are played, for each input and then for the transforms."""
         columns: list[set[int]] = [set() for _ in range(self.inputs + 1)]
         for each in self.messages:
@@ -188,7 +188,7 @@ class Timeline(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"):
         """The first stamp of a play, after the time at which it begins; usually negative or 0."""
         return min(each.stamp_ns for each in self.steps) - self.origin_ns
 
-    def events(self, rate_hz: float, steps: int, first: int = 0) -> Iterator[Event]:
+    def events(self, rate_hz: float, steps: int, first: int = 0) -> Iterator[PlaybackEvent]:
         """What to publish, in the order in which it is due.
 
         A play begins where the recording does, so that each is like every other.
@@ -214,21 +214,23 @@ class Timeline(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"):
                 played = ((each.input, each.position),)
                 offset_ns = begin_ns + each.offset_ns
                 if each.step == NO_STEP:
-                    yield Event(offset_ns, NO_STEP, played, stamp_ns=stamps_ns)
+                    yield PlaybackEvent(offset_ns, NO_STEP, played, stamp_ns=stamps_ns)
                     continue
                 number = base + each.step
                 if number >= steps:
                     continue
-                opens = number not in left
+                starts_step = number not in left
                 left[number] = left.get(number, sizes[each.step]) - 1
-                closes = left[number] == 0
-                closed += closes
+                ends_step = left[number] == 0
+                closed += ends_step
                 step = self.steps[each.step]
                 stamp_ns = step.stamp_ns + stamps_ns
-                yield Event(offset_ns, number, played, step.inputs, stamp_ns, 0, opens, closes)
+                yield PlaybackEvent(
+                    offset_ns, number, played, step.inputs, stamp_ns, 0, starts_step, ends_step
+                )
 
 
-Schedule = Cyclic | Timeline
+Schedule = CyclicSchedule | TimelineSchedule
 
 
 def bits(inputs: int) -> int:

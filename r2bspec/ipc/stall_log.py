@@ -11,7 +11,7 @@ from pathlib import Path
 
 from r2bspec.ipc.sample_files import RowReader, RowWriter
 
-LEAST_NS = 100_000_000
+MIN_STALL_NS = 100_000_000
 """A wait that ends so much too late was no wait. A busy machine wakes a process within some
 milliseconds."""
 
@@ -19,15 +19,15 @@ _FILE = "monitor.held"
 _FIELDS = (("began_ns", "<i8"), ("ended_ns", "<i8"))
 
 
-class HeldWriter:
+class StallLogWriter:
     """Takes note of waits that took much longer than they should have."""
 
     def __init__(self, rows_dir: Path) -> None:
         self._rows = RowWriter(rows_dir / _FILE, width=2, capacity=64)
 
-    def waited(self, began_ns: int, ended_ns: int, timeout_s: float) -> None:
+    def record_wait(self, began_ns: int, ended_ns: int, timeout_s: float) -> None:
         """A wait that was to last for at most `timeout_s` began and ended at these times."""
-        if ended_ns - began_ns > timeout_s * 1e9 + LEAST_NS:
+        if ended_ns - began_ns > timeout_s * 1e9 + MIN_STALL_NS:
             self._rows.append(began_ns, ended_ns)
 
     def close(self) -> None:
@@ -35,7 +35,7 @@ class HeldWriter:
         self._rows.close()
 
 
-class HeldReader:
+class StallLogReader:
     """Tells how long the monitor was held up, by its own account."""
 
     def __init__(self, rows_dir: Path) -> None:

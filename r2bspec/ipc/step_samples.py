@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.ipc.sample_files import RowWriter
-from r2bspec.ipc.schedule import Event
+from r2bspec.ipc.schedule import PlaybackEvent
 
 
 class StepRows:
@@ -18,16 +18,16 @@ class StepRows:
         self._done: dict[int, tuple[int, int, int, int, int]] = {}
         self.count = 0
 
-    def played(
-        self, event: Event, stamp_ns: int, due_ns: int, published_ns: int, done_ns: int
+    def add_event(
+        self, event: PlaybackEvent, stamp_ns: int, due_ns: int, published_ns: int, done_ns: int
     ) -> None:
         """Take note of what was published of a step."""
-        if event.opens and event.closes and event.step == self.count:
+        if event.starts_step and event.ends_step and event.step == self.count:
             self._append(stamp_ns, due_ns, published_ns, done_ns, event.inputs)
             return
-        if event.opens:
+        if event.starts_step:
             self._open[event.step] = (stamp_ns, due_ns, published_ns)
-        if event.closes:
+        if event.ends_step:
             self._done[event.step] = (*self._open.pop(event.step), done_ns, event.inputs)
         while self.count in self._done:
             self._append(*self._done.pop(self.count))

@@ -17,8 +17,8 @@ TF = "/tf"
 TF_STATIC = "/tf_static"
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 
-_HEAD = 4
-_FLOATS = 7 * 8
+_ENCAPSULATION_BYTES = 4
+_TRANSFORM_BYTES = 7 * 8
 _SECOND_NS = 1_000_000_000
 
 
@@ -51,22 +51,22 @@ class StampedTransforms:
 
 def _stamp_offsets(message: bytearray, length: struct.Struct) -> list[int]:
     """Where the stamp of each transform begins."""
-    (count,) = length.unpack_from(message, _HEAD)
+    (count,) = length.unpack_from(message, _ENCAPSULATION_BYTES)
     place = length.size
     offsets = []
     for _ in range(count):
-        place = _aligned(place, 4)
-        offsets.append(_HEAD + place)
+        place = _align_up(place, 4)
+        offsets.append(_ENCAPSULATION_BYTES + place)
         place += 8
         for _frame in range(2):
-            place = _aligned(place, 4)
-            (size,) = length.unpack_from(message, _HEAD + place)
+            place = _align_up(place, 4)
+            (size,) = length.unpack_from(message, _ENCAPSULATION_BYTES + place)
             place += length.size + size
-        place = _aligned(place, 8) + _FLOATS
-        if _HEAD + place > len(message):
+        place = _align_up(place, 8) + _TRANSFORM_BYTES
+        if _ENCAPSULATION_BYTES + place > len(message):
             raise ValueError("a message on /tf is cut short")
     return offsets
 
 
-def _aligned(place: int, size: int) -> int:
+def _align_up(place: int, size: int) -> int:
     return -(-place // size) * size

@@ -43,39 +43,39 @@ from dataclasses import replace
 
 import msgspec
 
-from r2bspec.judge.best_case import in_best_light
-from r2bspec.judge.playback_validity import off_schedule
+from r2bspec.judge.best_case import best_case_iteration
+from r2bspec.judge.playback_validity import schedule_problem
 from r2bspec.judge.verdict import DisturbedIteration, Method, RequirementVerdict
 from r2bspec.measure.interference import Surroundings
 from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
 
-_STEAL = 0.01
-_FOREIGN_SHARE = 0.1
-_FOREIGN_CORES = 0.5
-_PRESSURE = 0.1
-_PRESSURE_RATIO = 2.0
-_THROTTLED = 0.01
-_CALIBRATION = 1.5
+_MAX_STEAL_SHARE = 0.01
+_MAX_FOREIGN_SHARE = 0.1
+_MAX_FOREIGN_CORES = 0.5
+_MAX_PRESSURE = 0.1
+_MAX_PRESSURE_RATIO = 2.0
+_MAX_THROTTLED_SHARE = 0.01
+_MAX_SLOWDOWN = 1.5
 
-_BY_PROBES: frozenset[Method] = frozenset({"search bracket", "sequential probe"})
+_PROBE_METHODS: frozenset[Method] = frozenset({"search bracket", "sequential probe"})
 
 _SETTLE = "Run again on a machine that does nothing else."
 
 
-def find_disturbed(samples: RunSamples) -> dict[str, DisturbedIteration]:
+def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteration]:
     """The disturbed iterations of a run, by the id of their segment, in the order of playing.
 
     A rerun that was disturbed as well is among them.
     """
     found: dict[str, DisturbedIteration] = {}
     for rate, iterations in samples.iterations.items():
-        usual = usual_pressure([one.surroundings for one in iterations])
+        usual = median_pressure([one.surroundings for one in iterations])
         for one in iterations:
             again = samples.reruns.get(one.segment.id)
             for each in (one, *([again] if again is not None else [])):
-                reasons = what_disturbed(each.surroundings, usual)
-                if each is again and (late := off_schedule(rate, [each])):
+                reasons = interference_reasons(each.surroundings, usual)
+                if each is again and (late := schedule_problem(rate, [each])):
                     reasons = (*reasons, late)
                 if reasons:
                     found[each.segment.id] = DisturbedIteration(
@@ -88,58 +88,65 @@ def find_disturbed(samples: RunSamples) -> dict[str, DisturbedIteration]:
     return found
 
 
-def usual_pressure(surroundings: Sequence[Surroundings | None]) -> float:
+def median_pressure(surroundings: Sequence[Surroundings | None]) -> float:
     """The pressure in the median iteration, to which the others are compared."""
     known = [one.pressure for one in surroundings if one and one.pressure is not None]
     return statistics.median(known) if known else 0.0
 
 
-def what_disturbed(one: Surroundings | None, usual: float) -> tuple[str, ...]:
+def interference_reasons(one: Surroundings | None, usual: float) -> tuple[str, ...]:
     """What disturbed an iteration, in words; nothing where nothing is known to.
 
     Args:
         one: its surroundings.
-        usual: the `usual_pressure` at its rate.
+        usual: the `median_pressure` at its rate.
     """
     if one is None:
         return ()
     found: list[str] = []
-    if one.steal is not None and one.steal > _STEAL:
+    if one.steal is not None and one.steal > _MAX_STEAL_SHARE:
         found.append(f"{show(one.steal, 'share')} of the processor time was stolen")
     if one.foreign_cores is not None:
-        least = max(_FOREIGN_CORES, _FOREIGN_SHARE * (one.cores or 0))
+        least = max(_MAX_FOREIGN_CORES, _MAX_FOREIGN_SHARE * (one.cores or 0))
         if one.foreign_cores > least:
             found.append(f"other processes used {one.foreign_cores:.2g} cores")
-    if one.pressure is not None and one.pressure > max(_PRESSURE, _PRESSURE_RATIO * usual):
+    if one.pressure is not None and one.pressure > max(_MAX_PRESSURE, _MAX_PRESSURE_RATIO * usual):
         found.append(f"tasks waited for a processor {show(one.pressure, 'share')} of the time")
-    if one.throttled_s is not None and one.throttled_s > _THROTTLED * one.seconds:
+    if one.throttled_s is not None and one.throttled_s > _MAX_THROTTLED_SHARE * one.seconds:
         found.append(f"processors were throttled for {show(one.throttled_s, 's')}")
-    if one.calibration is not None and one.calibration > _CALIBRATION:
+    if one.calibration is not None and one.calibration > _MAX_SLOWDOWN:
         found.append(f"the harness alone took {one.calibration:.2g} times as long as before")
     return tuple(found)
 
 
-def undisturbed(samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]) -> RunSamples:
+def without_affected(
+    samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]
+) -> RunSamples:
     """The run without its disturbed iterations, undisturbed reruns in their places."""
     kept = {
         rate: tuple(
-            calm for one in iterations if (calm := _calm(one, samples, disturbed)) is not None
+            unaffected
+            for one in iterations
+            if (unaffected := _unaffected_or_rerun(one, samples, disturbed)) is not None
         )
         for rate, iterations in samples.iterations.items()
     }
     return replace(samples, iterations=kept)
 
 
-def favoured(samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]) -> RunSamples:
+def best_case_run(samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]) -> RunSamples:
     """The run with each disturbed iteration in its best light, or an undisturbed rerun."""
     kept = {
-        rate: tuple(_calm(one, samples, disturbed) or in_best_light(one) for one in iterations)
+        rate: tuple(
+            _unaffected_or_rerun(one, samples, disturbed) or best_case_iteration(one)
+            for one in iterations
+        )
         for rate, iterations in samples.iterations.items()
     }
     return replace(samples, iterations=kept)
 
 
-def _calm(
+def _unaffected_or_rerun(
     one: SegmentSamples, samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]
 ) -> SegmentSamples | None:
     """An iteration if it is undisturbed, or its rerun if that is, or None."""
@@ -149,28 +156,37 @@ def _calm(
     return again if again is not None and again.segment.id not in disturbed else None
 
 
-def weaken(
+def weaken_failure(
     played: RequirementVerdict,
-    calm: RequirementVerdict,
-    told: str,
-    best: RequirementVerdict | None = None,
+    unaffected: RequirementVerdict,
+    disturbance_text: str,
+    best_case: RequirementVerdict | None = None,
 ) -> RequirementVerdict:
     """A requirement on everything that was played, in the light of what was disturbed of it.
 
     Args:
         played: the verdict on everything as it was first played.
-        calm: the verdict without what was disturbed.
-        told: what that was, as a sentence without its full stop; empty for nothing.
-        best: the verdict with it in its best light, where there is one.
+        unaffected: the verdict without what was disturbed.
+        disturbance_text: what that was, as a sentence without its full stop; empty for nothing.
+        best_case: the verdict with it in its best light, where there is one.
     """
-    if played.outcome != "fail" or not told or not _of_iterations(played, calm):
+    if (
+        played.outcome != "fail"
+        or not disturbance_text
+        or not _rests_on_iterations(played, unaffected)
+    ):
         return played
-    if calm.outcome == "fail":
-        note = f"{told}. What was not disturbed fails, too."
-    elif best is not None and best.outcome == "fail":
-        note = f"{told}. That does not explain the failure: it fails in the best light, too."
+    if unaffected.outcome == "fail":
+        note = f"{disturbance_text}. What was not disturbed fails, too."
+    elif best_case is not None and best_case.outcome == "fail":
+        note = (
+            f"{disturbance_text}. That does not explain the failure: "
+            "it fails in the best light, too."
+        )
     else:
-        note = f"{told}. Without that it might hold, so that it does not count as failed."
+        note = (
+            f"{disturbance_text}. Without that it might hold, so that it does not count as failed."
+        )
         return msgspec.structs.replace(
             played,
             outcome="inconclusive",
@@ -181,12 +197,16 @@ def weaken(
     return msgspec.structs.replace(played, notes=(*played.notes, note))
 
 
-def _of_iterations(played: RequirementVerdict, calm: RequirementVerdict) -> bool:
+def _rests_on_iterations(played: RequirementVerdict, unaffected: RequirementVerdict) -> bool:
     """Whether iterations had a part in a verdict: not in one by a probe, or without a metric."""
-    return played.method not in _BY_PROBES and not (played.method == "none" and played == calm)
+    return played.method not in _PROBE_METHODS and not (
+        played.method == "none" and played == unaffected
+    )
 
 
-def told_of(played: RequirementVerdict, disturbed: Mapping[str, DisturbedIteration]) -> str:
+def affected_iterations_text(
+    played: RequirementVerdict, disturbed: Mapping[str, DisturbedIteration]
+) -> str:
     """How many iterations at the rate of a requirement were disturbed; empty for none."""
     first = [
         one
@@ -197,8 +217,8 @@ def told_of(played: RequirementVerdict, disturbed: Mapping[str, DisturbedIterati
         return ""
     number = f"{len(first)} iterations" if len(first) > 1 else "1 iteration"
     again = sum(bool(one.rerun) for one in first)
-    calm = sum(bool(one.rerun) and one.rerun not in disturbed for one in first)
+    unaffected = sum(bool(one.rerun) and one.rerun not in disturbed for one in first)
     said = f"The machine disturbed {number}"
     if again:
-        said += f"; {again} of them played again, {calm} without disturbance"
+        said += f"; {again} of them played again, {unaffected} without disturbance"
     return said

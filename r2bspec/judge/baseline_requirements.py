@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import msgspec
 
-from r2bspec.judge.baseline_ratio import Comparison
-from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.baseline_ratio import BaselineComparison
+from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_requirement import iterations_at
 from r2bspec.judge.methods.mean_bound import resolution
 from r2bspec.judge.outcome import outcome_of
@@ -22,28 +22,28 @@ from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.measure.errors import MetricError
 from r2bspec.measure.metric_catalogue import MetricInfo, resolve
-from r2bspec.measure.metric_values import value
+from r2bspec.measure.metric_values import metric_value
 from r2bspec.measure.samples import RunSamples
 
 
 @dataclass(frozen=True)
-class Asked:
+class BaselineQuestion:
     """A requirement of the baseline that can be answered: what it asks, and its metric."""
 
-    comparison: Comparison
+    comparison: BaselineComparison
     info: MetricInfo
 
 
-Answer = Callable[[Asked], RequirementVerdict]
+JudgeBaseline = Callable[[BaselineQuestion], RequirementVerdict]
 """The verdict on one requirement of the baseline."""
 
 
-def answer_baseline(
+def judge_baseline_requirements(
     verdict: Verdict,
     objectives: Mapping[str, Objective],
     samples: RunSamples,
-    terms: Terms,
-    answer: Answer,
+    policy: DecisionPolicy,
+    answer: JudgeBaseline,
 ) -> Verdict:
     """A verdict whose requirements of the baseline are answered.
 
@@ -54,24 +54,26 @@ def answer_baseline(
         verdict: of the run by itself.
         objectives: that were judged.
         samples: the run.
-        terms: by which it was judged.
+        policy: by which it was judged.
         answer: decides one requirement.
     """
     unusable = {one.reason for one in verdict.unusable}
     requirements = tuple(
-        one if one.reason in unusable else _answered(one, objectives, samples, terms, answer)
+        one
+        if one.reason in unusable
+        else _judge_requirement(one, objectives, samples, policy, answer)
         for one in verdict.requirements
     )
     if verdict.outcome in {"invalid", "incomplete"}:
         return msgspec.structs.replace(verdict, requirements=requirements)
-    return decided(verdict, requirements, terms)
+    return with_requirement_verdicts(verdict, requirements, policy)
 
 
-def decided(
-    verdict: Verdict, requirements: tuple[RequirementVerdict, ...], terms: Terms
+def with_requirement_verdicts(
+    verdict: Verdict, requirements: tuple[RequirementVerdict, ...], policy: DecisionPolicy
 ) -> Verdict:
     """A verdict on a usable run with other verdicts on its requirements."""
-    outcome, reason = outcome_of(requirements, terms.inconclusive)
+    outcome, reason = outcome_of(requirements, policy.inconclusive)
     return msgspec.structs.replace(
         verdict,
         outcome=outcome,
@@ -81,17 +83,17 @@ def decided(
     )
 
 
-def _answered(
+def _judge_requirement(
     one: RequirementVerdict,
     objectives: Mapping[str, Objective],
     samples: RunSamples,
-    terms: Terms,
-    answer: Answer,
+    policy: DecisionPolicy,
+    answer: JudgeBaseline,
 ) -> RequirementVerdict:
-    requirement = _requirement_of(one, objectives)
+    requirement = _baseline_requirement(one, objectives)
     if requirement is None or (one.outcome, one.method) != ("inconclusive", "none"):
         return one
-    if (problem := _unanswerable(requirement)) is not None:
+    if (problem := _undecidable_reason(requirement)) is not None:
         reason, settle = problem
         return msgspec.structs.replace(one, reason=reason, settle=settle)
     try:
@@ -103,8 +105,8 @@ def _answered(
         return msgspec.structs.replace(one, reason=reason, settle="State it with 'at'.")
     own = objectives[one.objective].confidence
     found = answer(
-        Asked(
-            comparison=Comparison(
+        BaselineQuestion(
+            comparison=BaselineComparison(
                 objective=one.objective,
                 requirement=requirement,
                 at_hz=one.at_hz,
@@ -114,8 +116,8 @@ def _answered(
                 unit=info.unit,
                 resolution=_resolution(info, one, samples),
                 sampled=info.scope in {"process", "machine"},
-                zeros=info.dimension == "share" or info.family == "jitter",
-                confidence=own.fraction if own is not None else terms.confidence,
+                zero_allowed=info.dimension == "share" or info.family == "jitter",
+                confidence=own.fraction if own is not None else policy.confidence,
             ),
             info=info,
         )
@@ -123,7 +125,7 @@ def _answered(
     return msgspec.structs.replace(found, level=one.level, notes=(*found.notes, *one.notes))
 
 
-def _requirement_of(
+def _baseline_requirement(
     one: RequirementVerdict, objectives: Mapping[str, Objective]
 ) -> Requirement | None:
     """The requirement of the baseline that a verdict is on; None if it is on another."""
@@ -134,7 +136,7 @@ def _requirement_of(
     return None
 
 
-def _unanswerable(requirement: Requirement) -> tuple[str, str] | None:
+def _undecidable_reason(requirement: Requirement) -> tuple[str, str] | None:
     """Why a requirement of the baseline can never be answered, and what to do; or None."""
     if requirement.windows_share is not None:
         reason = "A baseline is compared with whole iterations, and not with windows."
@@ -151,12 +153,12 @@ def _resolution(info: MetricInfo, one: RequirementVerdict, samples: RunSamples) 
         return 0.0
     segment = iterations[0].segment
     window_s = max((segment.ended_ns - segment.began_ns) / 1e9, 1e-6)
-    found = values_of(info, one.monitor, one.at_hz, samples)
+    found = iteration_values(info, one.monitor, one.at_hz, samples)
     known = [each for each in found if each is not None and math.isfinite(each)]
     return resolution(info, max(known, default=0.0), window_s)
 
 
-def values_of(
+def iteration_values(
     info: MetricInfo, monitor: str | None, at_hz: float | None, samples: RunSamples
 ) -> list[float | None]:
     """A metric in each iteration of a run; what the run does not know has no value.
@@ -176,15 +178,17 @@ def values_of(
         return []
     return [
         # Silence has no drop rate worth a ratio: both sides would drop everything.
-        value(info, monitor, one) if monitor is None or one.monitors[monitor].answered else None
+        metric_value(info, monitor, one)
+        if monitor is None or one.monitors[monitor].answered
+        else None
         for one in iterations_at(samples.iterations, at_hz)
     ]
 
 
-def value_of(
+def run_value(
     info: MetricInfo, monitor: str | None, at_hz: float | None, samples: RunSamples
 ) -> float | None:
     """A metric of a whole run: the mean of its iterations; None if one of them has no value."""
-    found = values_of(info, monitor, at_hz, samples)
+    found = iteration_values(info, monitor, at_hz, samples)
     known = [each for each in found if each is not None and math.isfinite(each)]
     return math.fsum(known) / len(known) if known and len(known) == len(found) else None

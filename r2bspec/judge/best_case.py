@@ -31,7 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.interference import Surroundings
-from r2bspec.measure.resource_usage import Use
+from r2bspec.measure.matched_monitor import match_monitor
+from r2bspec.measure.resource_usage import ResourceUse
 from r2bspec.measure.samples import (
     MonitorSamples,
     PlaybackSamples,
@@ -40,24 +41,24 @@ from r2bspec.measure.samples import (
 )
 from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_record import Segment
-from r2bspec.record.sample_arrays import MONITOR, PLAYBACK
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 
-_MOST = 0.75
+_MAX_WAITING_SHARE = 0.75
 
-_BY_STAMP = MonitorPlan(name="", topic="", type="", match="stamp", qos=None)
+_STAMP_MONITOR = MonitorPlan(name="", topic="", type="", match="stamp", qos=None)
 """Every step that asks for an answer is given a stamp of its own."""
 
 
-def in_best_light(one: SegmentSamples) -> SegmentSamples:
+def best_case_iteration(one: SegmentSamples) -> SegmentSamples:
     """An iteration without everything that a disturbance can have done to it."""
     waited = waiting_share(one.surroundings)
     return replace(
         one,
         monitors={
-            name: _favoured(one.segment, one.playback, seen, waited)
+            name: _best_case_samples(one.segment, one.playback, seen, waited)
             for name, seen in one.monitors.items()
         },
-        machine=_own(one),
+        machine=_use_by_run(one),
     )
 
 
@@ -70,22 +71,22 @@ def waiting_share(known: Surroundings | None) -> float:
     taken = known.foreign_cores or 0.0
     waited = known.pressure if known.pressure is not None else taken
     slower = 1 - 1 / known.calibration if known.calibration else 0.0
-    return min(_MOST, max(waited + stolen + throttled, slower))
+    return min(_MAX_WAITING_SHARE, max(waited + stolen + throttled, slower))
 
 
-def _favoured(
+def _best_case_samples(
     segment: Segment, playback: PlaybackSamples, seen: MonitorSamples, waited: float
 ) -> MonitorSamples:
-    latency = favoured_latencies(seen, waited)
-    played = np.zeros(latency.size, PLAYBACK)
+    latency = best_case_latencies(seen, waited)
+    played = np.zeros(latency.size, PLAYBACK_DTYPE)
     played["stamp_ns"] = np.arange(1, latency.size + 1)
     played["due_ns"], played["published_ns"] = seen.steps.due_ns, seen.steps.published_ns
     came = np.flatnonzero(np.isfinite(latency))
-    rows = np.zeros(came.size, MONITOR)
+    rows = np.zeros(came.size, MONITOR_DTYPE)
     rows["stamp_ns"] = played["stamp_ns"][came]
     rows["received_ns"] = played["published_ns"][came] + np.round(latency[came]).astype(np.int64)
     ordered = rows[np.argsort(rows["received_ns"], kind="stable")]
-    found = monitor_samples(segment, played, ordered, _BY_STAMP)
+    found = monitor_samples(segment, match_monitor(played, ordered, _STAMP_MONITOR))
     more = seen.duplicates + seen.unmatched
     most_hz = playback.rate_hz * seen.per_step
     return replace(
@@ -103,7 +104,7 @@ def _favoured(
     )
 
 
-def favoured_latencies(seen: MonitorSamples, waited: float) -> NDArray[np.float64]:
+def best_case_latencies(seen: MonitorSamples, waited: float) -> NDArray[np.float64]:
     """The latency of every step in the best light, in ns; infinite where it stays lost.
 
     Args:
@@ -120,7 +121,7 @@ def favoured_latencies(seen: MonitorSamples, waited: float) -> NDArray[np.float6
     return np.asarray(latency * (1 - waited))
 
 
-def _own(one: SegmentSamples) -> Use | None:
+def _use_by_run(one: SegmentSamples) -> ResourceUse | None:
     """What the run itself used of the machine."""
     machine = one.machine
     if machine is None:
@@ -129,10 +130,10 @@ def _own(one: SegmentSamples) -> Use | None:
     busiest = [used.cpu_max for used in one.processes.values() if used.cpu_max is not None]
     return replace(
         machine,
-        cpu_mean=_least(machine.cpu_mean, means),
-        cpu_max=_least(machine.cpu_max, busiest),
+        cpu_mean=_at_most_sum(machine.cpu_mean, means),
+        cpu_max=_at_most_sum(machine.cpu_max, busiest),
     )
 
 
-def _least(of_all: float | None, own: list[float]) -> float | None:
+def _at_most_sum(of_all: float | None, own: list[float]) -> float | None:
     return of_all if of_all is None or not own else min(of_all, math.fsum(own))

@@ -1,9 +1,10 @@
 """A FAIL is confirmed by a fresh batch in fresh processes before it counts.
 
-A gate of ten requirements that are each wrong once in twenty runs cries wolf every other day. So
-a failed run is played once more, as long as it was when it failed, and its failed requirements
-are judged on the new samples alone at `CONFIRMING`. With alpha the error of the first batch and
-beta = 1 - CONFIRMING that of the second, a requirement that holds fails in at most
+A gate of ten requirements that are each wrong once in twenty runs cries wolf every other day. So a
+failed run is played once more, as long as it was when it failed, and its failed requirements are
+judged on the new samples alone at `CONFIRMATION_CONFIDENCE`. With alpha the error of the first
+batch and beta = 1 - CONFIRMATION_CONFIDENCE that of the second, a requirement that holds fails in
+at most
 
     alpha x beta = 5 % x 10 % = 0.5 %
 
@@ -26,32 +27,32 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.outcome import Policy, outcome_of
+from r2bspec.judge.outcome import InconclusivePolicy, outcome_of
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
 
-CONFIRMING: Final = 0.9
+CONFIRMATION_CONFIDENCE: Final = 0.9
 """The confidence at which a second batch is judged."""
 
 _CONFIRMED = "A fresh batch in fresh processes confirmed it."
 _NOT_CONFIRMED = "It had failed, and a fresh batch in fresh processes did not confirm that."
-_NO_BATCH = "No fresh batch was played to confirm it."
+_NOT_PLAYED_AGAIN = "No fresh batch was played to confirm it."
 
 _SETTLE = "Run again; if it comes and goes, look for what differs between the runs."
 
 
-def wants_confirmation(verdict: Verdict) -> bool:
+def needs_confirmation(verdict: Verdict) -> bool:
     """Whether a verdict is a FAIL that a fresh batch has to confirm."""
     return verdict.outcome == "fail" and any(
         one.outcome == "fail" and one.level == "error" for one in verdict.requirements
     )
 
 
-def judge_batches(
-    objectives: Mapping[str, Objective], samples: RunSamples, terms: Terms
+def judge_with_confirmation(
+    objectives: Mapping[str, Objective], samples: RunSamples, policy: DecisionPolicy
 ) -> Verdict:
     """Judge a run and, if it fails, the fresh batch that was played after it.
 
@@ -61,16 +62,16 @@ def judge_batches(
     Args:
         objectives: by name.
         samples: the run.
-        terms: of the first batch.
+        policy: of the first batch.
     """
-    first = judge(objectives, samples, terms)
-    if not wants_confirmation(first):
+    first = judge(objectives, samples, policy)
+    if not needs_confirmation(first):
         return first
     if samples.confirmation is None:
-        return msgspec.structs.replace(first, reason=f"{first.reason} {_NO_BATCH}")
-    second = judge_fresh(objectives, samples.confirmation, first)
-    found = confirm_run(first, second, terms.inconclusive)
-    said = _CONFIRMED if wants_confirmation(found) else _NOT_CONFIRMED
+        return msgspec.structs.replace(first, reason=f"{first.reason} {_NOT_PLAYED_AGAIN}")
+    second = judge_confirmation(objectives, samples.confirmation, first)
+    found = confirm_run(first, second, policy.inconclusive)
+    said = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
     return msgspec.structs.replace(
         found,
         reason=f"{found.reason} {said}",
@@ -78,12 +79,14 @@ def judge_batches(
     )
 
 
-def judge_fresh(objectives: Mapping[str, Objective], batch: RunSamples, first: Verdict) -> Verdict:
-    """Judge the batch that confirms, on its own and at `CONFIRMING`.
+def judge_confirmation(
+    objectives: Mapping[str, Objective], confirmation: RunSamples, first: Verdict
+) -> Verdict:
+    """Judge the batch that confirms, on its own and at `CONFIRMATION_CONFIDENCE`.
 
     Args:
         objectives: by name.
-        batch: the fresh batch.
+        confirmation: the fresh batch.
         first: the verdict on the first batch; what did not fail there is not asked again.
     """
     failed = {_key(one) for one in first.requirements if one.outcome == "fail"}
@@ -91,17 +94,19 @@ def judge_fresh(objectives: Mapping[str, Objective], batch: RunSamples, first: V
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()
     }
-    found = judge(again, batch, Terms(confidence=CONFIRMING))
+    found = judge(again, confirmation, DecisionPolicy(confidence=CONFIRMATION_CONFIDENCE))
     asked = tuple(one for one in found.requirements if _key(one) in failed)
     return msgspec.structs.replace(found, requirements=asked)
 
 
-def confirm(first: RequirementVerdict, second: RequirementVerdict | None) -> RequirementVerdict:
+def confirm_requirement(
+    first: RequirementVerdict, second: RequirementVerdict | None
+) -> RequirementVerdict:
     """One requirement after both batches.
 
     Args:
         first: its verdict on the first batch.
-        second: its verdict on the second batch at `CONFIRMING`; None if that had none.
+        second: its verdict on the second batch at `CONFIRMATION_CONFIDENCE`; None if that had none.
     """
     if first.outcome != "fail":
         return first
@@ -118,23 +123,25 @@ def confirm(first: RequirementVerdict, second: RequirementVerdict | None) -> Req
     )
 
 
-def confirm_run(first: Verdict, second: Verdict, policy: Policy = "report") -> Verdict:
+def confirm_run(first: Verdict, second: Verdict, policy: InconclusivePolicy = "report") -> Verdict:
     """A run after both batches.
 
     A second batch that is invalid or incomplete confirms nothing: its failures count as not
     judged.
 
     Args:
-        first: the verdict on the first batch, for which `wants_confirmation`.
+        first: the verdict on the first batch, for which `needs_confirmation`.
         second: the verdict on the second, by the same objectives, with the confidence
-            `CONFIRMING` and no looks.
+            `CONFIRMATION_CONFIDENCE` and no looks.
         policy: what an inconclusive requirement does to the run.
     """
     usable: Iterable[RequirementVerdict] = second.requirements
     if second.outcome in {"invalid", "incomplete"}:
         usable = ()
     found = {_key(one): one for one in usable}
-    requirements = tuple(confirm(one, found.get(_key(one))) for one in first.requirements)
+    requirements = tuple(
+        confirm_requirement(one, found.get(_key(one))) for one in first.requirements
+    )
     outcome, reason = outcome_of(requirements, policy)
     return msgspec.structs.replace(
         first,

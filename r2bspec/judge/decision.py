@@ -13,18 +13,18 @@ from r2bspec.measure.units import show
 
 
 @dataclass(frozen=True)
-class Windows:
+class WindowCondition:
     """``in SHARE of LENGTH windows``: the share of windows, as a fraction, and their length."""
 
     share: float
     window_ns: int
 
 
-def windows_of(requirement: Requirement) -> Windows | None:
+def window_condition(requirement: Requirement) -> WindowCondition | None:
     """The windows that a requirement speaks of, or None if it speaks of the whole run."""
     if requirement.windows_share is None:
         return None
-    return Windows(share=requirement.windows_share, window_ns=requirement.window_ns)
+    return WindowCondition(share=requirement.windows_share, window_ns=requirement.window_ns)
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,10 @@ class Question:
     limit: float
     iterations: tuple[SegmentSamples, ...] = ()
     confidence: float = CONFIDENCE
-    windows: Windows | None = None
+    windows: WindowCondition | None = None
 
     @property
-    def wants_less(self) -> bool:
+    def is_upper_bound(self) -> bool:
         """Whether the requirement is a ceiling (``<``, ``<=``) and not a floor."""
         return self.requirement.op in {"<", "<="}
 
@@ -101,7 +101,7 @@ def decide(*, passes: bool, fails: bool) -> Outcome:
     return "fail" if fails else "inconclusive"
 
 
-def verdict(question: Question, answer: Answer) -> RequirementVerdict:
+def requirement_verdict(question: Question, answer: Answer) -> RequirementVerdict:
     """Put question and answer together; infinite values become None, for JSON has none."""
     return RequirementVerdict(
         objective=question.objective,

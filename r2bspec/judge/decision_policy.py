@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from r2bspec.judge.interim_looks import Looks
-from r2bspec.judge.outcome import Policy
+from r2bspec.judge.interim_looks import InterimLooks
+from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.judge.verdict import CONFIDENCE
 from r2bspec.plan.plan import Plan
 
 
 @dataclass(frozen=True)
-class Terms:
+class DecisionPolicy:
     """Everything that a verdict depends on besides objectives and samples.
 
     Attributes:
@@ -22,16 +22,18 @@ class Terms:
     """
 
     confidence: float = CONFIDENCE
-    looks: Looks | None = None
-    inconclusive: Policy = "report"
+    looks: InterimLooks | None = None
+    inconclusive: InconclusivePolicy = "report"
 
 
-def terms_of(plan: Plan) -> Terms:
+def decision_policy(plan: Plan) -> DecisionPolicy:
     """The terms that a plan states."""
     plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
     growing = [one for one in plays if one.max_iterations > one.iterations]
-    looks = Looks.planned(growing[0].iterations, growing[0].max_iterations) if growing else None
-    return Terms(
+    looks = (
+        InterimLooks.planned(growing[0].iterations, growing[0].max_iterations) if growing else None
+    )
+    return DecisionPolicy(
         confidence=plan.gate.confidence,
         looks=looks,
         inconclusive=plan.gate.inconclusive,

@@ -20,10 +20,16 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.judge.baseline_ratio import advise, judge_history
-from r2bspec.judge.baseline_requirements import Asked, answer_baseline, decided, value_of, values_of
-from r2bspec.judge.confirmation import confirm
-from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.baseline_ratio import advise_by_stored_run, judge_history
+from r2bspec.judge.baseline_requirements import (
+    BaselineQuestion,
+    iteration_values,
+    judge_baseline_requirements,
+    run_value,
+    with_requirement_verdicts,
+)
+from r2bspec.judge.confirmation import confirm_requirement
+from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import CONFIDENCE, RequirementVerdict, Verdict
 from r2bspec.language.spec import Objective
@@ -32,17 +38,17 @@ from r2bspec.record.baseline_file import BaselineRecord
 
 Objectives = Mapping[str, Objective]
 
-CONFIRMING_BY_HISTORY: Final = CONFIDENCE
+HISTORY_CONFIRMATION_CONFIDENCE: Final = CONFIDENCE
 """The confidence at which a fresh run is judged by the history that the first one failed by."""
 
 
-def judge_by_earlier(
+def judge_with_baseline(
     verdict: Verdict,
     objectives: Objectives,
     samples: RunSamples,
     fresh: RunSamples | None,
-    terms: Terms,
-    earlier: BaselineRecord,
+    policy: DecisionPolicy,
+    baseline: BaselineRecord,
 ) -> Verdict:
     """A verdict whose requirements of the baseline are answered by earlier runs.
 
@@ -51,10 +57,10 @@ def judge_by_earlier(
         objectives: that were judged.
         samples: the run.
         fresh: a fresh run that was made because it fails by the history, if one was.
-        terms: by which it was judged.
-        earlier: the earlier runs.
+        policy: by which it was judged.
+        baseline: the baseline runs.
     """
-    found = answer_earlier(verdict, objectives, samples, terms, earlier)
+    found = compare_with_baseline(verdict, objectives, samples, policy, baseline)
     if not fails_by_history(found) or found.outcome in {"invalid", "incomplete"}:
         return found
     if fresh is None:
@@ -65,32 +71,34 @@ def judge_by_earlier(
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()
     }
-    alike = replace(terms, confidence=CONFIRMING_BY_HISTORY, looks=None)
-    again = answer_earlier(judge(asked, fresh, alike), asked, fresh, alike, earlier)
+    alike = replace(policy, confidence=HISTORY_CONFIRMATION_CONFIDENCE, looks=None)
+    again = compare_with_baseline(judge(asked, fresh, alike), asked, fresh, alike, baseline)
     usable = () if again.outcome in {"invalid", "incomplete"} else again.requirements
     second = {_key(one): one for one in usable}
     # What failed by the run itself has been confirmed, or not, by a batch of that run.
     requirements = tuple(
-        confirm(one, second.get(_key(one))) if one.method == "prediction interval" else one
+        confirm_requirement(one, second.get(_key(one)))
+        if one.method == "prediction interval"
+        else one
         for one in found.requirements
     )
-    confirmed = decided(found, requirements, terms)
+    confirmed = with_requirement_verdicts(found, requirements, policy)
     said = "confirmed" if fails_by_history(confirmed) else "did not confirm"
     return msgspec.structs.replace(
         confirmed, reason=f"{confirmed.reason} A fresh run {said} what the history shows."
     )
 
 
-def answer_earlier(
+def compare_with_baseline(
     verdict: Verdict,
     objectives: Objectives,
     samples: RunSamples,
-    terms: Terms,
-    earlier: BaselineRecord,
+    policy: DecisionPolicy,
+    baseline: BaselineRecord,
 ) -> Verdict:
     """The same without a thought of confirming it."""
-    return answer_baseline(
-        verdict, objectives, samples, terms, lambda asked: _answer(asked, samples, earlier)
+    return judge_baseline_requirements(
+        verdict, objectives, samples, policy, lambda asked: _answer(asked, samples, baseline)
     )
 
 
@@ -102,12 +110,16 @@ def fails_by_history(verdict: Verdict) -> bool:
     )
 
 
-def _answer(asked: Asked, samples: RunSamples, earlier: BaselineRecord) -> RequirementVerdict:
+def _answer(
+    asked: BaselineQuestion, samples: RunSamples, baseline: BaselineRecord
+) -> RequirementVerdict:
     one = asked.comparison
-    before = earlier.find(one.at_hz, one.monitor, one.metric)
-    if earlier.kind == "history":
-        return judge_history(one, before, value_of(asked.info, one.monitor, one.at_hz, samples))
-    return advise(one, before, values_of(asked.info, one.monitor, one.at_hz, samples))
+    before = baseline.find(one.at_hz, one.monitor, one.metric)
+    if baseline.kind == "history":
+        return judge_history(one, before, run_value(asked.info, one.monitor, one.at_hz, samples))
+    return advise_by_stored_run(
+        one, before, iteration_values(asked.info, one.monitor, one.at_hz, samples)
+    )
 
 
 def _key(one: RequirementVerdict) -> tuple[str, str, str | None, float | None]:

@@ -29,21 +29,21 @@ import msgspec
 from r2bspec.judge.verdict import CONFIDENCE, Method, RequirementVerdict
 from r2bspec.measure.units import show
 
-FACTORS = (1, 2, 4)
+LOOK_FACTORS = (1, 2, 4)
 """Of the declared number of iterations."""
 
-Step = Literal["pass", "fail", "go on", "inconclusive"]
+LookDecision = Literal["pass", "fail", "go on", "inconclusive"]
 """What to do after a look: stop because everything is decided, or play the next iterations; stop
 without a decision because no look is left, or because more iterations would settle nothing."""
 
-GROWING: frozenset[Method] = frozenset(
+EXTENDABLE_METHODS: frozenset[Method] = frozenset(
     {"exact binomial", "binomial over windows", "t over iterations", "paired t on logs"}
 )
 """The methods that more iterations can bring to a decision."""
 
 
 @dataclass(frozen=True)
-class Looks:
+class InterimLooks:
     """When a run is looked at: after so many iterations in all, ascending; at least one look."""
 
     iterations: tuple[int, ...]
@@ -54,35 +54,39 @@ class Looks:
             raise ValueError("looks are planned at one or more ascending numbers of iterations")
 
     @classmethod
-    def planned(cls, iterations: int, most: int) -> Looks:
-        """Looks at 1, 2 and 4 times the declared iterations, as far as `most`, and there.
+    def planned(cls, iterations: int, max_iterations: int) -> InterimLooks:
+        """Looks at 1, 2 and 4 times the declared iterations, as far as `max_iterations`, and there.
 
         Args:
             iterations: the declared number.
-            most: the largest number of iterations.
+            max_iterations: the largest number of iterations.
         """
-        most = max(iterations, most)
-        ends = {min(iterations * factor, most) for factor in FACTORS} | {most}
+        max_iterations = max(iterations, max_iterations)
+        ends = {min(iterations * factor, max_iterations) for factor in LOOK_FACTORS} | {
+            max_iterations
+        }
         return cls(tuple(sorted(ends)))
 
     def __len__(self) -> int:
         return len(self.iterations)
 
-    def share(self, look: int) -> float:
+    def error_share(self, look: int) -> float:
         """The part of the error that a look may make; looks are counted from 1."""
         before = self.iterations[look - 2] if look > 1 else 0
         return (self.iterations[look - 1] - before) / self.iterations[-1]
 
     def confidence_at(self, look: int, confidence: float = CONFIDENCE) -> float:
         """The confidence at which a look decides, for decisions of a given confidence."""
-        return 1 - (1 - confidence) * self.share(look)
+        return 1 - (1 - confidence) * self.error_share(look)
 
-    def reached(self, iterations: int) -> int:
+    def completed_looks(self, iterations: int) -> int:
         """How many looks so many complete iterations allow; 0 before the first."""
         return sum(end <= iterations for end in self.iterations)
 
 
-def decide_at(looks: Looks, look: int, requirements: Sequence[RequirementVerdict]) -> Step:
+def decide_after_look(
+    looks: InterimLooks, look: int, requirements: Sequence[RequirementVerdict]
+) -> LookDecision:
     """What to do after a look.
 
     A requirement that fails stops the run: what follows is a fresh batch that confirms it or
@@ -98,11 +102,13 @@ def decide_at(looks: Looks, look: int, requirements: Sequence[RequirementVerdict
         return "fail"
     if "inconclusive" not in outcomes:
         return "pass"
-    can_grow = any(one.outcome == "inconclusive" and one.method in GROWING for one in requirements)
+    can_grow = any(
+        one.outcome == "inconclusive" and one.method in EXTENDABLE_METHODS for one in requirements
+    )
     return "go on" if can_grow and look < len(looks) else "inconclusive"
 
 
-def combine(looks: Looks, judged: Sequence[RequirementVerdict]) -> RequirementVerdict:
+def combine_looks(looks: InterimLooks, judged: Sequence[RequirementVerdict]) -> RequirementVerdict:
     """One requirement at each look so far, as one verdict.
 
     Args:
@@ -115,11 +121,16 @@ def combine(looks: Looks, judged: Sequence[RequirementVerdict]) -> RequirementVe
         for number, one in enumerate(judged, start=1)
     ]
     last = numbered[-1]
-    if last.method not in GROWING:
+    if last.method not in EXTENDABLE_METHODS:
         return last
     # Anything that was seen, and was not a test, can be overtaken by what was seen later.
     first = next(
-        (one for one in numbered if one.outcome != "inconclusive" and one.method in GROWING), last
+        (
+            one
+            for one in numbered
+            if one.outcome != "inconclusive" and one.method in EXTENDABLE_METHODS
+        ),
+        last,
     )
     chosen = last if last.outcome == "fail" else first
     note = _note(looks, chosen, latest)
@@ -129,7 +140,7 @@ def combine(looks: Looks, judged: Sequence[RequirementVerdict]) -> RequirementVe
     return msgspec.structs.replace(chosen, settle=settle, notes=(*chosen.notes, note))
 
 
-def _note(looks: Looks, chosen: RequirementVerdict, latest: int) -> str:
+def _note(looks: InterimLooks, chosen: RequirementVerdict, latest: int) -> str:
     if len(looks) == 1:
         return f"One look was planned, after {looks.iterations[0]} iterations."
     when = f"look {chosen.look} of {len(looks)}, after {looks.iterations[chosen.look - 1]}"

@@ -8,7 +8,7 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.judge.decision import Answer, Question, verdict, windows_of
+from r2bspec.judge.decision import Answer, Question, requirement_verdict, window_condition
 from r2bspec.judge.methods.mean_bound import judge_mean
 from r2bspec.judge.methods.observation import judge_observation
 from r2bspec.judge.methods.peak_bracket import judge_peak
@@ -16,12 +16,12 @@ from r2bspec.judge.methods.percentile_bound import judge_percentile
 from r2bspec.judge.methods.share_bound import judge_share
 from r2bspec.judge.methods.sustained import judge_sustained
 from r2bspec.judge.methods.window_share import judge_windows
-from r2bspec.judge.playback_validity import REMEDY, REMEDY_OF_TIMELINE, Schedule
+from r2bspec.judge.playback_validity import REMEDY, TIMELINE_REMEDY, PlaybackValidity
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.measure.errors import MetricError
-from r2bspec.measure.metric_catalogue import MetricInfo, known_live, resolve
+from r2bspec.measure.metric_catalogue import MetricInfo, available_live, resolve
 from r2bspec.measure.samples import MonitorSamples, RunSamples, SegmentSamples
 from r2bspec.measure.units import show
 
@@ -34,7 +34,7 @@ def judge_requirement(
     objective: Objective,
     requirement: Requirement,
     samples: RunSamples,
-    schedule: Schedule,
+    playback_validity: PlaybackValidity,
     confidence: float,
 ) -> Iterator[RequirementVerdict]:
     """The verdicts on one requirement: one, or one for each monitor.
@@ -44,10 +44,10 @@ def judge_requirement(
         objective: that the requirement belongs to.
         requirement: what is asked.
         samples: the run.
-        schedule: the rates at which the playback missed its schedule.
+        playback_validity: the rates at which the playback missed its schedule.
         confidence: of the decision, one-sided each way.
     """
-    at_hz = rate_of(objective, samples)
+    at_hz = objective_rate(objective, samples)
     try:
         monitor, info = resolve(requirement.metric, samples.monitors, samples.processes)
     except MetricError as error:
@@ -61,30 +61,30 @@ def judge_requirement(
         yield _no_such_metric(name, requirement, at_hz, message, "")
         return
     everywhere = info.scope == "monitor" and monitor is None
-    for asked in samples.monitors if everywhere else (monitor,):
+    for monitor_name in samples.monitors if everywhere else (monitor,):
         question = Question(
             objective=name,
             requirement=requirement,
             at_hz=at_hz,
             info=info,
-            monitor=asked,
-            limit=limit_of(requirement, at_hz, info, _per_step(samples, at_hz, asked)),
+            monitor=monitor_name,
+            limit=limit_of(requirement, at_hz, info, _per_step(samples, at_hz, monitor_name)),
             iterations=iterations_at(samples.iterations, at_hz),
             confidence=confidence,
-            windows=windows_of(requirement),
+            windows=window_condition(requirement),
         )
-        judged = verdict(question, _answer(question, samples))
-        if missed := schedule.missed(info.statistic, at_hz):
+        judged = requirement_verdict(question, _answer(question, samples))
+        if missed := playback_validity.problem(info.statistic, at_hz):
             judged = msgspec.structs.replace(
                 judged,
                 outcome="inconclusive",
                 reason=missed,
-                settle=REMEDY if at_hz else REMEDY_OF_TIMELINE,
+                settle=REMEDY if at_hz else TIMELINE_REMEDY,
             )
         yield judged
 
 
-def rate_of(objective: Objective, samples: RunSamples) -> float | None:
+def objective_rate(objective: Objective, samples: RunSamples) -> float | None:
     """The offered rate that an objective speaks of.
 
     Returns:
@@ -136,14 +136,14 @@ def iterations_at(
 
 def _answer(question: Question, samples: RunSamples) -> Answer:
     bound = question.requirement.bound
-    if samples.mode == "live" and not known_live(question.info):
-        return _nothing(
+    if samples.mode == "live" and not available_live(question.info):
+        return _inconclusive(
             f"Nobody knows {question.info.name} of a live run: what its source sent is not seen."
         )
     if bound is not None and bound.of_offered and not question.at_hz:
-        return _nothing("The objective names no rate that 'of offered' could mean.")
+        return _inconclusive("The objective names no rate that 'of offered' could mean.")
     if bound is not None and bound.of_baseline:
-        return _nothing(
+        return _inconclusive(
             "This run has nothing to be compared with.",
             "Run with --against, or keep a history of runs.",
         )
@@ -153,18 +153,20 @@ def _answer(question: Question, samples: RunSamples) -> Answer:
         case "sequential":
             return judge_sustained(question, samples.record.sustained)
     if question.at_hz is None:
-        return _nothing(f"The objective does not say at which rate {question.info.name} is meant.")
+        return _inconclusive(
+            f"The objective does not say at which rate {question.info.name} is meant."
+        )
     if not question.iterations:
         at = f" at {show(question.at_hz, 'Hz')}" if question.at_hz else ""
-        return _nothing(
+        return _inconclusive(
             f"No complete iteration was played{at}.",
             "Run the spec that states this objective, to its end.",
         )
-    silent = _silence(question)
-    return silent if silent is not None else _measured(question)
+    silent = _no_output(question)
+    return silent if silent is not None else _judge_samples(question)
 
 
-def _measured(question: Question) -> Answer:
+def _judge_samples(question: Question) -> Answer:
     if question.windows is not None:
         return judge_windows(question, question.windows)
     if question.requirement.op in {"==", "!="}:
@@ -180,13 +182,13 @@ def _measured(question: Question) -> Answer:
             return judge_observation(question)
 
 
-def _silence(question: Question) -> Answer | None:
+def _no_output(question: Question) -> Answer | None:
     """A failure, if the monitor that is asked saw no output at all: it can't be good."""
     if question.monitor is None:
         return None
     seen = [one.monitors[question.monitor] for one in question.iterations]
     if any(one.answered for one in seen):
-        return _unstamped(question, seen)
+        return _unknown_latency(question, seen)
     if seen[0].live:
         count = len(seen)
         reason = f"Monitor '{question.monitor}' received nothing in {show(count, 'count')} "
@@ -203,18 +205,18 @@ def _silence(question: Question) -> Answer | None:
     return Answer(outcome="fail", method="none", reason=reason, n=sent)
 
 
-def _unstamped(question: Question, seen: Sequence[MonitorSamples]) -> Answer | None:
+def _unknown_latency(question: Question, seen: Sequence[MonitorSamples]) -> Answer | None:
     """That a live latency is unknown, if in an iteration it is."""
     wanted = question.info.family == "latency" and seen[0].live
     if wanted and any(one.received and not one.times["latency"].size for one in seen):
-        return _nothing(
+        return _inconclusive(
             f"What monitor '{question.monitor}' received carries no time of this machine's clock.",
             "Let the source stamp its messages with the system time.",
         )
     return None
 
 
-def _nothing(reason: str, settle: str = "") -> Answer:
+def _inconclusive(reason: str, settle: str = "") -> Answer:
     return Answer(outcome="inconclusive", method="none", reason=reason, settle=settle)
 
 
@@ -226,4 +228,4 @@ def _no_such_metric(
     info = MetricInfo(requirement.metric, "probe", "none", "", "observation", "")
     question = Question(name, requirement, at_hz, info, None, math.nan)
     reason = f"{problem[:1].upper()}{problem[1:]}{hint}"
-    return verdict(question, Answer(outcome="fail", method="none", reason=reason))
+    return requirement_verdict(question, Answer(outcome="fail", method="none", reason=reason))

@@ -10,15 +10,15 @@ from collections.abc import Mapping
 
 import msgspec
 
-from r2bspec.judge.confirmation import judge_batches
-from r2bspec.judge.decision_policy import terms_of
-from r2bspec.judge.history_comparison import judge_by_earlier
+from r2bspec.judge.confirmation import judge_with_confirmation
+from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.history_comparison import judge_with_baseline
 from r2bspec.judge.result import BaselineResult, ObjectiveText, PairsResult, Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.spec import Objective
 from r2bspec.measure.compute_metrics import summarise
 from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.baseline_file import BaselineRecord, read_baseline, read_confirmation
 from r2bspec.record.run_folder import Run
 
@@ -38,24 +38,26 @@ def result_of(
     """
     samples = read_samples(run)
     asked = run.plan.objectives if objectives is None else objectives
-    terms = terms_of(run.plan)
-    verdict = judge_batches(asked, samples, terms)
+    policy = decision_policy(run.plan)
+    verdict = judge_with_confirmation(asked, samples, policy)
     baseline = read_baseline(run.folder)
     if baseline is not None:
         again = read_confirmation(run.folder)
         fresh = read_samples(again) if again is not None else None
-        verdict = judge_by_earlier(verdict, asked, samples, fresh, terms, baseline)
-    return result_with(
+        verdict = judge_with_baseline(verdict, asked, samples, fresh, policy, baseline)
+    return build_result(
         run,
         asked,
         judged_by,
         metrics=summarise(samples),
         verdict=verdict,
-        baseline=_told(baseline, confirmed=again is not None) if baseline is not None else None,
+        baseline=_baseline_result(baseline, confirmed=again is not None)
+        if baseline is not None
+        else None,
     )
 
 
-def result_with(
+def build_result(
     run: Run,
     asked: Mapping[str, Objective],
     judged_by: str,
@@ -71,6 +73,7 @@ def result_with(
         name=plan.name,
         title=plan.title,
         labels=plan.labels,
+        monitor_labels={each.name: each.label for each in plan.monitors if each.label},
         run_id=record.run_id,
         status=record.status,
         reason=record.reason,
@@ -95,7 +98,7 @@ def result_with(
     )
 
 
-def _told(baseline: BaselineRecord, *, confirmed: bool) -> BaselineResult:
+def _baseline_result(baseline: BaselineRecord, *, confirmed: bool) -> BaselineResult:
     return BaselineResult(
         kind=baseline.kind,
         source=baseline.source,

@@ -7,12 +7,18 @@ from dataclasses import replace
 
 import msgspec
 
-from r2bspec.judge.affected_iterations import favoured, find_disturbed, told_of, undisturbed, weaken
-from r2bspec.judge.decision_policy import Terms
-from r2bspec.judge.interim_looks import Looks, combine
-from r2bspec.judge.judge_requirement import iterations_at, judge_requirement, rate_of
+from r2bspec.judge.affected_iterations import (
+    affected_iterations_text,
+    best_case_run,
+    find_affected_iterations,
+    weaken_failure,
+    without_affected,
+)
+from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.interim_looks import InterimLooks, combine_looks
+from r2bspec.judge.judge_requirement import iterations_at, judge_requirement, objective_rate
 from r2bspec.judge.outcome import outcome_of
-from r2bspec.judge.playback_validity import Schedule
+from r2bspec.judge.playback_validity import PlaybackValidity
 from r2bspec.judge.verdict import (
     EXIT_CODES,
     DisturbedIteration,
@@ -25,11 +31,13 @@ from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
 from r2bspec.measure.units import show
 
-_AS_AGREED = Terms()
+_DEFAULT_POLICY = DecisionPolicy()
 
 
 def judge(
-    objectives: Mapping[str, Objective], samples: RunSamples, terms: Terms = _AS_AGREED
+    objectives: Mapping[str, Objective],
+    samples: RunSamples,
+    policy: DecisionPolicy = _DEFAULT_POLICY,
 ) -> Verdict:
     """Judge every requirement of every objective, and the run as a whole.
 
@@ -43,67 +51,82 @@ def judge(
     Args:
         objectives: by name.
         samples: the run.
-        terms: what was agreed on before the run.
+        policy: what was agreed on before the run.
     """
-    schedule = Schedule.of(samples)
+    playback_validity = PlaybackValidity.of(samples)
     asked = {name: objective for name, objective in objectives.items() if objective.level != "off"}
-    disturbed = find_disturbed(samples)
-    requirements = _looked(asked, samples, terms, schedule)
+    disturbed = find_affected_iterations(samples)
+    requirements = _judge_looks(asked, samples, policy, playback_validity)
     if disturbed and any(one.outcome == "fail" for one in requirements):
-        requirements = _in_light_of(disturbed, requirements, asked, samples, terms, schedule)
-    spoiled = tuple(
+        requirements = _weaken_affected(
+            disturbed, requirements, asked, samples, policy, playback_validity
+        )
+    unusable = tuple(
         Unusable(offered_hz=rate, reason=reason)
-        for rate, reason in sorted({**schedule.probes, **schedule.iterations}.items())
+        for rate, reason in sorted(
+            {**playback_validity.probes, **playback_validity.iterations}.items()
+        )
         # Where nothing is required, the figures themselves are what the run was for.
         if not requirements or any(one.reason == reason for one in requirements)
     )
-    outcome, reason = _overall(samples, requirements, spoiled, terms)
+    outcome, reason = _overall_outcome(samples, requirements, unusable, policy)
     return Verdict(
         outcome=outcome,
         exit_code=EXIT_CODES[outcome],
         reason=reason,
         requirements=requirements,
-        unusable=spoiled,
+        unusable=unusable,
         disturbed=tuple(disturbed.values()),
     )
 
 
-def _in_light_of(
+def _weaken_affected(
     disturbed: Mapping[str, DisturbedIteration],
     requirements: tuple[RequirementVerdict, ...],
     objectives: Mapping[str, Objective],
     samples: RunSamples,
-    terms: Terms,
-    schedule: Schedule,
+    policy: DecisionPolicy,
+    playback_validity: PlaybackValidity,
 ) -> tuple[RequirementVerdict, ...]:
     """Verdicts on all iterations as they were played, after a look at the disturbed ones."""
-    calm = _looked(objectives, undisturbed(samples, disturbed), terms, schedule)
-    best = _looked(objectives, favoured(samples, disturbed), terms, schedule)
+    unaffected = _judge_looks(
+        objectives, without_affected(samples, disturbed), policy, playback_validity
+    )
+    best_case = _judge_looks(
+        objectives, best_case_run(samples, disturbed), policy, playback_validity
+    )
     return tuple(
-        weaken(one, without, told_of(one, disturbed), favoured_one)
-        for one, without, favoured_one in zip(requirements, calm, best, strict=True)
+        weaken_failure(one, without, affected_iterations_text(one, disturbed), best_case_one)
+        for one, without, best_case_one in zip(requirements, unaffected, best_case, strict=True)
     )
 
 
-def _looked(
-    objectives: Mapping[str, Objective], samples: RunSamples, terms: Terms, schedule: Schedule
+def _judge_looks(
+    objectives: Mapping[str, Objective],
+    samples: RunSamples,
+    policy: DecisionPolicy,
+    playback_validity: PlaybackValidity,
 ) -> tuple[RequirementVerdict, ...]:
     """The verdicts after all looks that the run allows, or of its one fixed length."""
-    looks = terms.looks
+    looks = policy.looks
     if looks is None:
-        return tuple(_judged(objectives, samples, terms, schedule))
-    rates = {rate_of(objective, samples) for objective in objectives.values()} - {None}
+        return tuple(_judge_requirements(objectives, samples, policy, playback_validity))
+    rates = {objective_rate(objective, samples) for objective in objectives.values()} - {None}
     fewest = min((len(iterations_at(samples.iterations, rate)) for rate in rates), default=0)
     columns = [
-        _judged(
-            objectives, _first(samples, looks.iterations[look - 1]), terms, schedule, (looks, look)
+        _judge_requirements(
+            objectives,
+            _truncated(samples, looks.iterations[look - 1]),
+            policy,
+            playback_validity,
+            (looks, look),
         )
-        for look in range(1, max(1, looks.reached(fewest)) + 1)
+        for look in range(1, max(1, looks.completed_looks(fewest)) + 1)
     ]
-    return tuple(combine(looks, judged) for judged in zip(*columns, strict=True))
+    return tuple(combine_looks(looks, judged) for judged in zip(*columns, strict=True))
 
 
-def _first(samples: RunSamples, number: int) -> RunSamples:
+def _truncated(samples: RunSamples, number: int) -> RunSamples:
     """The run as it was when `number` iterations had been played at each rate."""
     return replace(
         samples,
@@ -111,33 +134,33 @@ def _first(samples: RunSamples, number: int) -> RunSamples:
     )
 
 
-def _judged(
+def _judge_requirements(
     objectives: Mapping[str, Objective],
     samples: RunSamples,
-    terms: Terms,
-    schedule: Schedule,
-    at: tuple[Looks, int] | None = None,
+    policy: DecisionPolicy,
+    playback_validity: PlaybackValidity,
+    at: tuple[InterimLooks, int] | None = None,
 ) -> Iterator[RequirementVerdict]:
     """The verdicts on all requirements, at the confidence of a look where there are any."""
     for name, objective in objectives.items():
         confidence = (
-            objective.confidence.fraction if objective.confidence is not None else terms.confidence
+            objective.confidence.fraction if objective.confidence is not None else policy.confidence
         )
         if at is not None:
             looks, look = at
             confidence = looks.confidence_at(look, confidence)
         for requirement in objective.require:
             for found in judge_requirement(
-                name, objective, requirement, samples, schedule, confidence
+                name, objective, requirement, samples, playback_validity, confidence
             ):
                 yield msgspec.structs.replace(found, level=objective.level)
 
 
-def _overall(
+def _overall_outcome(
     samples: RunSamples,
     requirements: tuple[RequirementVerdict, ...],
-    spoiled: tuple[Unusable, ...],
-    terms: Terms,
+    unusable: tuple[Unusable, ...],
+    policy: DecisionPolicy,
 ) -> tuple[OverallOutcome, str]:
     """The outcome of the run, worst first, and one sentence for it."""
     record = samples.record
@@ -145,7 +168,7 @@ def _overall(
         return "invalid", record.reason or "The run is invalid."
     if record.status == "incomplete":
         return "incomplete", record.reason or "The run was cut short."
-    if spoiled:
-        rate_hz, why = spoiled[0].offered_hz, spoiled[0].reason
+    if unusable:
+        rate_hz, why = unusable[0].offered_hz, unusable[0].reason
         return "invalid", f"At {show(rate_hz, 'Hz')}: {why}" if rate_hz else why
-    return outcome_of(requirements, terms.inconclusive)
+    return outcome_of(requirements, policy.inconclusive)

@@ -17,19 +17,19 @@ from typing import Literal
 
 from r2bspec.judge.verdict import Outcome, OverallOutcome, RequirementVerdict
 
-Policy = Literal["report", "fail", "pass"]
+InconclusivePolicy = Literal["report", "fail", "pass"]
 
 
 def outcome_of(
-    requirements: Sequence[RequirementVerdict], policy: Policy = "report"
+    requirements: Sequence[RequirementVerdict], policy: InconclusivePolicy = "report"
 ) -> tuple[OverallOutcome, str]:
     """The outcome of a run that is usable, and one sentence for it."""
     counted = [one for one in requirements if one.level == "error"]
-    outcome = worst([one.outcome for one in counted], policy)
+    outcome = worst_outcome([one.outcome for one in counted], policy)
     return outcome, f"{_sentence(counted, outcome)}{_warnings(requirements, policy)}"
 
 
-def worst(outcomes: Sequence[Outcome], policy: Policy = "report") -> Outcome:
+def worst_outcome(outcomes: Sequence[Outcome], policy: InconclusivePolicy = "report") -> Outcome:
     """The worst of some outcomes, the inconclusive taken as the policy says."""
     if "fail" in outcomes:
         return "fail"
@@ -64,7 +64,7 @@ def _policy(outcome: Outcome) -> str:
     return f", which counts as a {outcome} here"
 
 
-def _warnings(requirements: Sequence[RequirementVerdict], policy: Policy) -> str:
+def _warnings(requirements: Sequence[RequirementVerdict], policy: InconclusivePolicy) -> str:
     number = sum(one.level == "warn" and one.outcome != "pass" for one in requirements)
     if not any(one.level == "error" for one in requirements) and not number:
         return ""

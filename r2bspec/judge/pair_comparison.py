@@ -23,13 +23,22 @@ from dataclasses import dataclass, replace
 
 import msgspec
 
-from r2bspec.judge.affected_iterations import favoured, find_disturbed, weaken
+from r2bspec.judge.affected_iterations import (
+    best_case_run,
+    find_affected_iterations,
+    weaken_failure,
+)
 from r2bspec.judge.baseline_ratio import judge_pairs
-from r2bspec.judge.baseline_requirements import Asked, answer_baseline, decided, value_of
-from r2bspec.judge.confirmation import CONFIRMING, confirm_run, wants_confirmation
-from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.baseline_requirements import (
+    BaselineQuestion,
+    judge_baseline_requirements,
+    run_value,
+    with_requirement_verdicts,
+)
+from r2bspec.judge.confirmation import CONFIRMATION_CONFIDENCE, confirm_run, needs_confirmation
+from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.playback_validity import Schedule
+from r2bspec.judge.playback_validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
@@ -38,7 +47,7 @@ Objectives = Mapping[str, Objective]
 
 
 @dataclass(frozen=True)
-class Interleaved:
+class InterleavedRuns:
     """Some pairs, each a run of the base and one of the head, and the head's runs as one."""
 
     base: Sequence[RunSamples]
@@ -47,26 +56,26 @@ class Interleaved:
 
 
 @dataclass(frozen=True)
-class Batch:
+class PairSet:
     """The pairs that were played to reach one verdict.
 
     Attributes:
         played: each as it was first played in a way that can be judged.
-        calm: those that nothing disturbed; None if nothing disturbed any.
-        best: all of them, the head's disturbed iterations in their best light; likewise.
-        told: what disturbed which, for a reader.
+        unaffected: those that nothing disturbed; None if nothing disturbed any.
+        best_case: all of them, the head's disturbed iterations in their best light; likewise.
+        disturbance_text: what disturbed which, for a reader.
         planned: how many pairs there were to be.
     """
 
-    played: Interleaved
+    played: InterleavedRuns
     planned: int
-    calm: Interleaved | None = None
-    best: Interleaved | None = None
-    told: str = ""
+    unaffected: InterleavedRuns | None = None
+    best_case: InterleavedRuns | None = None
+    disturbance_text: str = ""
 
 
 def judge_comparison(
-    objectives: Objectives, first: Batch, again: Batch | None, terms: Terms
+    objectives: Objectives, first: PairSet, again: PairSet | None, policy: DecisionPolicy
 ) -> Verdict:
     """Judge a comparison. A pure function of its arguments.
 
@@ -74,10 +83,10 @@ def judge_comparison(
         objectives: of the head, by name.
         first: the pairs.
         again: the fresh pairs that were played after a failure, if there were any.
-        terms: that the head's plan states.
+        policy: that the head's plan states.
     """
-    verdict = judge_batch(objectives, first, terms)
-    if not wants_confirmation(verdict):
+    verdict = judge_pair_set(objectives, first, policy)
+    if not needs_confirmation(verdict):
         return verdict
     if again is None:
         return msgspec.structs.replace(
@@ -89,72 +98,76 @@ def judge_comparison(
     }
     found = confirm_run(
         verdict,
-        judge_batch(asked, again, replace(terms, confidence=CONFIRMING)),
-        terms.inconclusive,
+        judge_pair_set(asked, again, replace(policy, confidence=CONFIRMATION_CONFIDENCE)),
+        policy.inconclusive,
     )
-    did = "confirmed it" if wants_confirmation(found) else "did not confirm that"
-    failed = "" if wants_confirmation(found) else "It had failed, and "
+    did = "confirmed it" if needs_confirmation(found) else "did not confirm that"
+    failed = "" if needs_confirmation(found) else "It had failed, and "
     said = f"{failed}{'f' if failed else 'F'}resh pairs {did}."
     return msgspec.structs.replace(found, reason=f"{found.reason} {said}")
 
 
-def judge_batch(objectives: Objectives, batch: Batch, terms: Terms) -> Verdict:
+def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPolicy) -> Verdict:
     """Judge the pairs of one batch, without a thought of confirming it.
 
     The number of pairs is fixed beforehand: there are no looks.
     """
-    terms = replace(terms, looks=None)
-    verdict = _judge(objectives, batch.played, terms)
-    if batch.calm is not None and batch.best is not None:
-        calm = _judge(objectives, batch.calm, terms).requirements
-        best = _judge(objectives, batch.best, terms).requirements
+    policy = replace(policy, looks=None)
+    verdict = _judge(objectives, pair_set.played, policy)
+    if pair_set.unaffected is not None and pair_set.best_case is not None:
+        unaffected = _judge(objectives, pair_set.unaffected, policy).requirements
+        best_case = _judge(objectives, pair_set.best_case, policy).requirements
         requirements = tuple(
             # All else rests on the iterations of the head, of which `judge` knows the same.
-            weaken(one, other, batch.told, most) if one.method == "paired t on logs" else one
-            for one, other, most in zip(verdict.requirements, calm, best, strict=True)
+            weaken_failure(one, other, pair_set.disturbance_text, most)
+            if one.method == "paired t on logs"
+            else one
+            for one, other, most in zip(verdict.requirements, unaffected, best_case, strict=True)
         )
         if verdict.outcome in {"invalid", "incomplete"}:
             verdict = msgspec.structs.replace(verdict, requirements=requirements)
         else:
-            verdict = decided(verdict, requirements, terms)
-    usable = len(batch.played.head)
-    if verdict.outcome != "incomplete" and 2 * usable < batch.planned:
+            verdict = with_requirement_verdicts(verdict, requirements, policy)
+    usable = len(pair_set.played.head)
+    if verdict.outcome != "incomplete" and 2 * usable < pair_set.planned:
         return msgspec.structs.replace(
             verdict,
             outcome="invalid",
             exit_code=EXIT_CODES["invalid"],
-            reason=f"Of {batch.planned} pairs only {usable} can be judged.",
+            reason=f"Of {pair_set.planned} pairs only {usable} can be judged.",
         )
     return verdict
 
 
-def _judge(objectives: Objectives, pairs: Interleaved, terms: Terms) -> Verdict:
-    verdict = judge(objectives, pairs.merged, terms)
-    verdict = answer_baseline(
-        verdict, objectives, pairs.merged, terms, lambda asked: _of_pairs(asked, pairs)
+def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolicy) -> Verdict:
+    verdict = judge(objectives, pairs.merged, policy)
+    verdict = judge_baseline_requirements(
+        verdict, objectives, pairs.merged, policy, lambda asked: _judge_by_pairs(asked, pairs)
     )
     if not any(one.metric == "sustained" for one in verdict.requirements):
         return verdict
-    each = [judge(objectives, run, terms).requirements for run in pairs.head]
+    each = [judge(objectives, run, policy).requirements for run in pairs.head]
     requirements = tuple(
-        _sustained([found[place] for found in each]) if one.metric == "sustained" and each else one
+        _combine_sustained([found[place] for found in each])
+        if one.metric == "sustained" and each
+        else one
         for place, one in enumerate(verdict.requirements)
     )
     if verdict.outcome in {"invalid", "incomplete"}:
         return msgspec.structs.replace(verdict, requirements=requirements)
-    return decided(verdict, requirements, terms)
+    return with_requirement_verdicts(verdict, requirements, policy)
 
 
-def _of_pairs(asked: Asked, pairs: Interleaved) -> RequirementVerdict:
+def _judge_by_pairs(asked: BaselineQuestion, pairs: InterleavedRuns) -> RequirementVerdict:
     one = asked.comparison
     base, head = (
-        [value_of(asked.info, one.monitor, one.at_hz, run) for run in side]
+        [run_value(asked.info, one.monitor, one.at_hz, run) for run in side]
         for side in (pairs.base, pairs.head)
     )
     return judge_pairs(one, base, head)
 
 
-def _sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:
+def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:
     """What the probes of all runs of the head come to."""
     outcomes = [one.outcome for one in found]
     outcome: Outcome = outcomes[0] if len(set(outcomes)) == 1 else "inconclusive"
@@ -173,18 +186,20 @@ def _sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:
     )
 
 
-def in_best_light(pairs: Interleaved) -> Interleaved:
+def best_case_runs(pairs: InterleavedRuns) -> InterleavedRuns:
     """Pairs of which the head has all the benefit of the doubt; the base is as it was."""
-    return replace(pairs, head=[favoured(run, find_disturbed(run)) for run in pairs.head])
+    return replace(
+        pairs, head=[best_case_run(run, find_affected_iterations(run)) for run in pairs.head]
+    )
 
 
 def why_unusable(samples: RunSamples) -> str:
     """Why nothing can be judged by a run of a pair, in a sentence; empty if it can."""
-    missed = Schedule.of(samples).iterations
+    missed = PlaybackValidity.of(samples).iterations
     return next(iter(missed.values()), "")
 
 
-def what_disturbed(samples: RunSamples) -> str:
+def interference_text(samples: RunSamples) -> str:
     """What the machine did during the iterations of a run, in words; empty if nothing."""
-    found = [reason for one in find_disturbed(samples).values() for reason in one.reasons]
+    found = [reason for one in find_affected_iterations(samples).values() for reason in one.reasons]
     return "; ".join(dict.fromkeys(found))

@@ -30,17 +30,17 @@ from r2bspec.measure.pooling import pool_playback
 from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
 
-LEAST_RATE = 0.98
+MIN_RATE_SHARE = 0.98
 LATE_QUANTILE = 0.99
-LATE_PERIODS = 0.5
-LATE_FLOOR_S = 0.005
-UNWATCHED = 0.01
+MAX_LATE_PERIODS = 0.5
+MIN_LATENESS_LIMIT_S = 0.005
+MAX_UNWATCHED_SHARE = 0.01
 
 REMEDY = "Run again on a quieter or faster machine, or offer a lower rate."
-REMEDY_OF_TIMELINE = "Run again on a quieter or faster machine, or play the recording slower."
+TIMELINE_REMEDY = "Run again on a quieter or faster machine, or play the recording slower."
 
 
-def off_schedule(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str:
+def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str:
     """Why the iterations at a rate are unusable, in one sentence; empty if they are not.
 
     Args:
@@ -52,30 +52,35 @@ def off_schedule(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str
         return ""
     planned_hz = offered_hz or played.planned_hz
     # One publication has no rate: it is neither early nor late.
-    if played.sent > len(iterations) and played.rate_hz < LEAST_RATE * planned_hz:
+    if played.sent > len(iterations) and played.rate_hz < MIN_RATE_SHARE * planned_hz:
         return (
             f"The playback reached only {show(played.rate_hz, 'Hz')} of the "
             f"{'offered' if offered_hz else 'recorded'} {show(planned_hz, 'Hz')}."
         )
     late_s = percentile(played.lateness, LATE_QUANTILE)
-    allowed_s = max(LATE_PERIODS / planned_hz, LATE_FLOOR_S) if planned_hz else LATE_FLOOR_S
+    allowed_s = (
+        max(MAX_LATE_PERIODS / planned_hz, MIN_LATENESS_LIMIT_S)
+        if planned_hz
+        else MIN_LATENESS_LIMIT_S
+    )
     if late_s is not None and late_s > allowed_s:
         return (
             f"More than 1 % of the publications began over {show(allowed_s, 's')} after they "
             f"were due (p99 {show(late_s, 's')})."
         )
-    held_s = sum(one.segment.monitor_held_ns for one in iterations) / 1e9
+    stalled_s = sum(one.segment.monitor_held_ns for one in iterations) / 1e9
     played_s = sum(one.segment.ended_ns - one.segment.began_ns for one in iterations) / 1e9
-    if held_s > UNWATCHED * played_s:
+    if stalled_s > MAX_UNWATCHED_SHARE * played_s:
         return (
-            f"The monitor had no processor for {show(held_s, 's')}, so that it is not known when "
+            f"The monitor had no processor for {show(stalled_s, 's')}, so that it is not "
+            "known when "
             "messages arrived."
         )
     return ""
 
 
 @dataclass(frozen=True)
-class Schedule:
+class PlaybackValidity:
     """The offered rates at which the playback missed its schedule, and how.
 
     A sequential probe ends when its player cannot go on; one that held proves its rate.
@@ -85,13 +90,15 @@ class Schedule:
     probes: Mapping[float, str]
 
     @classmethod
-    def of(cls, samples: RunSamples) -> Schedule:
+    def of(cls, samples: RunSamples) -> PlaybackValidity:
         """Look at the playback of all complete iterations and of the probes that did not hold."""
         played = {
-            rate: off_schedule(rate, found) for rate, found in samples.iterations.items() if found
+            rate: schedule_problem(rate, found)
+            for rate, found in samples.iterations.items()
+            if found
         }
         probed = {
-            probe.rate_hz: off_schedule(probe.rate_hz, [samples.sustained[probe.rate_hz]])
+            probe.rate_hz: schedule_problem(probe.rate_hz, [samples.sustained[probe.rate_hz]])
             for probe in samples.record.sustained
             if not probe.holds and probe.rate_hz in samples.sustained
         }
@@ -100,7 +107,7 @@ class Schedule:
             {rate: reason for rate, reason in probed.items() if reason},
         )
 
-    def missed(self, statistic: Statistic, at_hz: float | None) -> str:
+    def problem(self, statistic: Statistic, at_hz: float | None) -> str:
         """Why what was measured for such a metric at a rate is unusable, or empty."""
         if statistic == "search" or at_hz is None:
             return ""

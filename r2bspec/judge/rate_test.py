@@ -1,8 +1,8 @@
 """Whether a probed rate holds: a sequential test with a stated error, and a third answer.
 
 A rate holds if the graph's backlog does not grow at it and little enough is lost. A probe is looked
-at when it has been played for 1 s, 1.5 s, 2.25 s and so on, and at its end (`planned_looks`). At
-each look two tests are made, of which the second is made only if the first does not reject:
+at when it has been played for 1 s, 1.5 s, 2.25 s and so on, and at its end (`plan_interim_looks`).
+At each look two tests are made, of which the second is made only if the first does not reject:
 
     does not hold   settled + t x error < (1 - precision / 10) x offered        the backlog grows
                     or the share dropped is clearly above  loss + precision / 2
@@ -35,34 +35,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.statistics.trend import trend
-from r2bspec.measure.completion_rate import Delivery, delivery
+from r2bspec.measure.completion_rate import DeliveryEstimate, delivery
 from r2bspec.measure.matching import Matching
 from r2bspec.record.sample_arrays import Rows
 
-_FIRST_LOOK_S = 1.0
-_LOOKS_RATIO = 1.5
-_LEAST_MESSAGES = 20
+_FIRST_INTERIM_S = 1.0
+_INTERIM_RATIO = 1.5
+_MIN_MESSAGES = 20
 """Before that nothing is judged, unless the probe is over."""
 
-_SILENT_S = 2.0
+_MAX_NO_OUTPUT_S = 2.0
 """A graph that has answered nothing for so long will not have kept up when it does: it answered
 during the warm-up. To wait for the end of the probe would only make a search for nothing long."""
 
-_RUN_IN = 3
+_TRANSIENT_DIVISOR = 3
 """One of so many steps is left out at the start."""
 
 _BATCHES = 10
-_LEAST_BATCHES = 3
+_MIN_BATCHES = 3
 
-_WRONG = 1 / 4
+_PROBE_ERROR_SHARE = 1 / 4
 """Of the error that a search may make in all, the part of one probe, either way: a search makes
 several probes near the peak, and residuals that wander pass for scatter more often than a t
 distribution says. With this part the brackets of simulated searches hold what they promise."""
 
-_PLAYER_SHARE = 0.98
+_MIN_PLAYER_SHARE = 0.98
 """Below this share of the asked rate it is the player that did not keep up."""
 
-_NAMED_SHARE = 1 / 4
+_MIN_NAMED_SHARE = 1 / 4
 """What makes up less than this share of what is missing is not named."""
 
 
@@ -76,20 +76,20 @@ class Criterion:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class ProbeJudgement:
     """Whether a rate holds, or None while that is open; and why, in words.
 
-    `unclear` is the relative half-width within which the rate of the graph is known.
+    `relative_half_width` is the relative half-width within which the rate of the graph is known.
     """
 
     holds: bool | None
     reason: str
-    by_player: bool = False
-    unclear: float = math.inf
+    limited_by_player: bool = False
+    relative_half_width: float = math.inf
 
 
 @dataclass(frozen=True)
-class Look:
+class InterimLook:
     """A time at which a probe is judged, and its part of the probe's error."""
 
     at_s: float
@@ -97,169 +97,185 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Seen:
+class ProbeEstimate:
     """What one monitor has seen of a probe so far.
 
     Attributes:
-        whole: the delivery of all steps.
-        later: the delivery without the run-in.
+        overall: the delivery of all steps.
+        steady: the delivery without the run-in.
         dropped: of the later answers that the graph has done with, whether each was passed over.
         sent_s: when what was answered was published, seconds from the first step, shape (n,).
         latency_s: how long each answer took, shape (n,).
     """
 
-    whole: Delivery
-    later: Delivery
+    overall: DeliveryEstimate
+    steady: DeliveryEstimate
     dropped: NDArray[np.bool_]
     sent_s: NDArray[np.float64]
     latency_s: NDArray[np.float64]
 
 
-def planned_looks(limit_s: float) -> tuple[Look, ...]:
+def plan_interim_looks(limit_s: float) -> tuple[InterimLook, ...]:
     """When a probe that lasts at most `limit_s` seconds is judged; the last time is its end."""
     times: list[float] = []
-    at_s = _FIRST_LOOK_S
+    at_s = _FIRST_INTERIM_S
     # Two looks that are closer to one another than that show the same.
-    while at_s * math.sqrt(_LOOKS_RATIO) < limit_s:
+    while at_s * math.sqrt(_INTERIM_RATIO) < limit_s:
         times.append(at_s)
-        at_s *= _LOOKS_RATIO
+        at_s *= _INTERIM_RATIO
     times.append(limit_s)
-    return tuple(Look(each, each / sum(times)) for each in times)
+    return tuple(InterimLook(each, each / sum(times)) for each in times)
 
 
-def see(rate_hz: float, playback: Rows, monitor: Rows, matching: Matching, now_ns: int) -> Seen:
+def estimate_probe(
+    rate_hz: float, playback: Rows, monitor: Rows, matching: Matching, now_ns: int
+) -> ProbeEstimate:
     """Estimate from the samples of one monitor what there is to know about a probe.
 
     Args:
         rate_hz: the rate that was asked for.
-        playback: rows of type `PLAYBACK` of the steps published so far.
-        monitor: rows of type `MONITOR` of the messages received so far.
+        playback: rows of type `PLAYBACK_DTYPE` of the steps published so far.
+        monitor: rows of type `MONITOR_DTYPE` of the messages received so far.
         matching: how these match.
         now_ns: the time at which `monitor` was read; CLOCK_MONOTONIC.
     """
     answered = matching.answered
     answers = np.flatnonzero(answered)
     done_with = int(answers[-1]) + 1 if answers.size else 0
-    run_in = done_with // _RUN_IN
+    transient = done_with // _TRANSIENT_DIVISOR
     published_ns = playback["published_ns"]
-    sent_ns = published_ns[matching.asked[answers]]
+    sent_ns = published_ns[matching.trigger_steps[answers]]
     received_ns = monitor["received_ns"][matching.first_row[answers]]
-    later = replace(matching, asked=matching.asked[run_in:], first_row=matching.first_row[run_in:])
-    return Seen(
-        whole=delivery(rate_hz, playback, monitor, matching, now_ns),
-        later=delivery(rate_hz, playback, monitor, later, now_ns),
-        dropped=~answered[run_in:done_with],
+    steady = replace(
+        matching,
+        trigger_steps=matching.trigger_steps[transient:],
+        first_row=matching.first_row[transient:],
+    )
+    return ProbeEstimate(
+        overall=delivery(rate_hz, playback, monitor, matching, now_ns),
+        steady=delivery(rate_hz, playback, monitor, steady, now_ns),
+        dropped=~answered[transient:done_with],
         sent_s=(sent_ns - published_ns[:1]) / 1e9,
         latency_s=(received_ns - sent_ns) / 1e9,
     )
 
 
-def judge_look(seen: Seen, criterion: Criterion, look: Look) -> Judgement:
+def judge_interim(
+    estimate: ProbeEstimate, criterion: Criterion, look: InterimLook
+) -> ProbeJudgement:
     """Judge a probe that is still being played, from what it has shown so far."""
-    whole = seen.whole
-    if look.at_s >= _SILENT_S and whole.published >= _LEAST_MESSAGES and not whole.answered:
-        return Judgement(False, _shortfall(whole))
-    if whole.answered < _LEAST_MESSAGES or seen.later.batches < _LEAST_BATCHES:
-        return Judgement(None, "too early to tell")
-    return _judge(seen, criterion, look)
+    overall = estimate.overall
+    if (
+        look.at_s >= _MAX_NO_OUTPUT_S
+        and overall.published >= _MIN_MESSAGES
+        and not overall.answered
+    ):
+        return ProbeJudgement(False, _shortfall(overall))
+    if overall.answered < _MIN_MESSAGES or estimate.steady.batches < _MIN_BATCHES:
+        return ProbeJudgement(None, "too early to tell")
+    return _judge(estimate, criterion, look)
 
 
-def judge_end(seen: Seen, criterion: Criterion, look: Look, decided: bool | None) -> Judgement:
+def judge_final(
+    estimate: ProbeEstimate, criterion: Criterion, look: InterimLook, decided: bool | None
+) -> ProbeJudgement:
     """Judge a probe that is over, from all its samples.
 
     Args:
-        seen: what was seen, after the graph has drained.
+        estimate: what was seen, after the graph has drained.
         criterion: what must be met.
         look: the last one.
         decided: what an earlier look has shown; that stands, and only the words are looked for.
     """
-    judgement = _judge(seen, criterion, look)
+    judgement = _judge(estimate, criterion, look)
     if decided is not None:
-        reason = "delivered as offered" if decided else _shortfall(seen.whole)
+        reason = "delivered as offered" if decided else _shortfall(estimate.overall)
         judgement = replace(judgement, holds=decided, reason=reason)
-    whole = seen.whole
-    if judgement.holds is not False and whole.player_hz < _PLAYER_SHARE * whole.offered_hz:
-        reason = f"the player reached only {whole.player_hz:.4g} Hz"
-        return replace(judgement, holds=False, reason=reason, by_player=True)
+    overall = estimate.overall
+    if judgement.holds is not False and overall.player_hz < _MIN_PLAYER_SHARE * overall.offered_hz:
+        reason = f"the player reached only {overall.player_hz:.4g} Hz"
+        return replace(judgement, holds=False, reason=reason, limited_by_player=True)
     return judgement
 
 
-def worst(judgements: Sequence[Judgement]) -> Judgement:
+def worst_judgement(judgements: Sequence[ProbeJudgement]) -> ProbeJudgement:
     """Of several monitors: one that does not hold decides, then one that is open."""
     order = {False: 0, None: 1, True: 2}
-    nothing = Judgement(None, "nothing was published yet")
+    nothing = ProbeJudgement(None, "nothing was published yet")
     return min(judgements, key=lambda each: order[each.holds], default=nothing)
 
 
-def _judge(seen: Seen, criterion: Criterion, look: Look) -> Judgement:
-    error = (1 - criterion.confidence) * _WRONG * look.share
-    later = seen.later
-    offered_hz = min(later.offered_hz, later.player_hz)
+def _judge(estimate: ProbeEstimate, criterion: Criterion, look: InterimLook) -> ProbeJudgement:
+    error = (1 - criterion.confidence) * _PROBE_ERROR_SHARE * look.share
+    steady = estimate.steady
+    offered_hz = min(steady.offered_hz, steady.player_hz)
     lossy = criterion.loss + criterion.precision / 2
-    half_hz = _quantile(later.batches, error) * later.settled_error_hz
-    unclear = half_hz / offered_hz
-    if later.settled_hz + half_hz < (1 - criterion.precision / 10) * offered_hz or (
-        _drops_at_least(seen, offered_hz, error) > lossy
+    half_hz = _t_quantile(steady.batches, error) * steady.completed_error_hz
+    relative_half_width = half_hz / offered_hz
+    if steady.completed_hz + half_hz < (1 - criterion.precision / 10) * offered_hz or (
+        _min_drop_share(estimate, offered_hz, error) > lossy
     ):
-        return Judgement(False, _shortfall(seen.whole), unclear=unclear)
-    climbs = trend(seen.sent_s, seen.latency_s, 1 - error).upper
+        return ProbeJudgement(
+            False, _shortfall(estimate.overall), relative_half_width=relative_half_width
+        )
+    climbs = trend(estimate.sent_s, estimate.latency_s, 1 - error).upper
     if (
         climbs <= criterion.precision / 4
-        and later.settled_hz >= (1 - criterion.precision / 2) * offered_hz
-        and _share(seen.dropped, error)[1] <= lossy
+        and steady.completed_hz >= (1 - criterion.precision / 2) * offered_hz
+        and _share_bounds(estimate.dropped, error)[1] <= lossy
     ):
-        return Judgement(True, "delivered as offered", unclear=unclear)
-    growth_hz = offered_hz - later.settled_hz
-    return Judgement(
+        return ProbeJudgement(True, "delivered as offered", relative_half_width=relative_half_width)
+    growth_hz = offered_hz - steady.completed_hz
+    return ProbeJudgement(
         None,
         f"not clear: the backlog grows by {growth_hz - half_hz:.3g} to "
         f"{growth_hz + half_hz:.3g} messages/s",
-        unclear=unclear,
+        relative_half_width=relative_half_width,
     )
 
 
-def _drops_at_least(seen: Seen, offered_hz: float, error: float) -> float:
+def _min_drop_share(estimate: ProbeEstimate, offered_hz: float, error: float) -> float:
     """The lower bound of the share dropped: by shares of batches, or by the rate of answers.
 
     The rate knows more where every so many messages one is dropped, the shares where drops are
     random.
     """
-    later = seen.later
+    steady = estimate.steady
     delivered_hz = (
-        later.delivered_hz + _quantile(later.batches, error) * later.standard_error_hz
-        if seen.dropped.any()
+        steady.delivered_hz + _t_quantile(steady.batches, error) * steady.standard_error_hz
+        if estimate.dropped.any()
         else math.inf
     )
-    return max(1 - delivered_hz / offered_hz, _share(seen.dropped, error)[0])
+    return max(1 - delivered_hz / offered_hz, _share_bounds(estimate.dropped, error)[0])
 
 
-def _share(happened: NDArray[np.bool_], error: float) -> tuple[float, float]:
+def _share_bounds(happened: NDArray[np.bool_], error: float) -> tuple[float, float]:
     """The share of what happened with one-sided bounds by batch means, each with this error."""
     if not happened.any():
         return 0.0, 0.0
     if happened.size < _BATCHES:
         return 0.0, 1.0
     shares = [float(each.mean()) for each in np.array_split(happened, _BATCHES)]
-    half = _quantile(_BATCHES, error) * float(np.std(shares, ddof=1)) / math.sqrt(_BATCHES)
+    half = _t_quantile(_BATCHES, error) * float(np.std(shares, ddof=1)) / math.sqrt(_BATCHES)
     share = float(happened.mean())
     return share - half, share + half
 
 
-def _quantile(batches: int, error: float) -> float:
+def _t_quantile(batches: int, error: float) -> float:
     """Student's t; the normal one where there are no batches, and the error is Poisson's."""
     from scipy.special import ndtri, stdtrit
 
-    if batches < _LEAST_BATCHES:
+    if batches < _MIN_BATCHES:
         return float(ndtri(1 - error))
     return float(stdtrit(batches - 1, 1 - error))
 
 
-def _shortfall(found: Delivery) -> str:
+def _shortfall(found: DeliveryEstimate) -> str:
     """Name what is seen of messages that did not come out: they wait, or are dropped, or both."""
     if not found.answered:
         return "nothing comes out"
     growth_hz = max(found.backlog_growth_hz, 0.0)
-    dropped_hz = max(found.settled_hz - found.delivered_hz, 0.0)
+    dropped_hz = max(found.completed_hz - found.delivered_hz, 0.0)
     words = {
         f"the backlog grows by {growth_hz:.3g} messages/s": growth_hz,
         f"{found.drop_share:.2%} are dropped": dropped_hz,
@@ -267,6 +283,6 @@ def _shortfall(found: Delivery) -> str:
     named = [
         text
         for text, size_hz in sorted(words.items(), key=lambda each: -each[1])
-        if size_hz >= _NAMED_SHARE * (growth_hz + dropped_hz)
+        if size_hz >= _MIN_NAMED_SHARE * (growth_hz + dropped_hz)
     ]
     return " and ".join(named)

@@ -82,6 +82,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         judged_by: the name of the other spec whose objectives were judged, or empty where they
             are the run's own.
         objectives: what was judged.
+        monitor_labels: what reports call the monitors that have a label, by name.
         pairs: how base and head were compared, where this is a comparison: metrics are then those
             of the head.
         baseline: the earlier runs that this one was compared with, if it was.
@@ -92,6 +93,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     name: str
     title: str
     labels: dict[str, Scalar]
+    monitor_labels: dict[str, str] = {}
     run_id: str
     status: Literal["complete", "incomplete", "invalid"]
     reason: str
@@ -113,3 +115,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     pairs: PairsResult | None = None
     baseline: BaselineResult | None = None
     left_out: tuple[str, ...] = ()
+
+    def monitor_title(self, name: str) -> str:
+        """What a heading calls a monitor: its label and its name, or its name alone."""
+        label = self.monitor_labels.get(name, "")
+        return f"{label} ({name})" if label and label != name else name

@@ -6,7 +6,7 @@ from r2bspec.judge.decision import Question
 from r2bspec.judge.verdict import Outcome, ShareTest
 from r2bspec.measure.units import show
 
-_THINGS = {
+_COUNTED_NOUNS = {
     "latency": "outputs",
     "latency_from_due": "outputs",
     "interval": "intervals",
@@ -16,29 +16,29 @@ _THINGS = {
 }
 
 
-_NEARLY_ALL = 0.95
-_FEW = 10
+_MIN_EFFECTIVE_SHARE = 0.95
+_MIN_WHOLE_COUNT = 10
 
 
-def things(question: Question) -> str:
+def counted_noun(question: Question) -> str:
     """What is counted one by one for a metric, in the plural."""
     if question.windows is not None:
         return f"windows of {show(question.windows.window_ns / 1e9, 's')}"
-    return _THINGS.get(question.info.family, "steps")
+    return _COUNTED_NOUNS.get(question.info.family, "steps")
 
 
 def share_sentence(question: Question, test: ShareTest, outcome: Outcome) -> str:
     """How many were on the wrong side, what that proves, and how many may be."""
     seen = (
-        f"{show(test.over, 'count')} of {show(test.n, 'count')} {things(question)} "
-        f"({_percent(test.share)}) {_wrong_side(question, test)}{_worth(test)}"
+        f"{show(test.over, 'count')} of {show(test.n, 'count')} {counted_noun(question)} "
+        f"({_percent(test.share)}) {_wrong_side(question, test)}{_effective_size_text(test)}"
     )
     sure = f"at {question.confidence_text}"
     lower, upper = _percent(test.lower), _percent(test.upper)
     allowed = show(test.allowed, "share", 6)
     # A floor on a share (drop_rate > x) wants many; every other requirement allows a few.
     wants_many = (
-        question.windows is None and question.info.quantile is None and not question.wants_less
+        question.windows is None and question.info.quantile is None and not question.is_upper_bound
     )
     needed = f"more than {allowed} must be" if wants_many else f"{allowed} may be"
     if outcome == "inconclusive":
@@ -48,12 +48,13 @@ def share_sentence(question: Question, test: ShareTest, outcome: Outcome) -> str
     return f"{seen}; {sure} at least {lower} of all are, and {needed}."
 
 
-def _worth(test: ShareTest) -> str:
+def _effective_size_text(test: ShareTest) -> str:
     """What the messages count as, where they come in bursts."""
-    if test.effective_n > _NEARLY_ALL * test.n:
+    if test.effective_n > _MIN_EFFECTIVE_SHARE * test.n:
         return ""
     return (
-        f", {clustering(test)}, so that {show(test.n, 'count')} count as {_whole(test.effective_n)}"
+        f", {clustering(test)}, so that {show(test.n, 'count')} count as "
+        f"{_count_text(test.effective_n)}"
     )
 
 
@@ -67,8 +68,8 @@ def clustering(test: ShareTest) -> str:
     return "in 1 burst" if test.bursts == 1 else f"in {show(test.bursts, 'count')} bursts"
 
 
-def _whole(n: float) -> str:
-    return show(n, "count") if n >= _FEW else show(n, "", 2)
+def _count_text(n: float) -> str:
+    return show(n, "count") if n >= _MIN_WHOLE_COUNT else show(n, "", 2)
 
 
 def _wrong_side(question: Question, test: ShareTest) -> str:
@@ -76,7 +77,7 @@ def _wrong_side(question: Question, test: ShareTest) -> str:
         return f"do not have {question.metric_text}"
     if question.info.statistic == "share":
         return "were never answered"
-    side = "over" if question.wants_less else "under"
+    side = "over" if question.is_upper_bound else "under"
     lost = f", counting {show(test.lost, 'count')} lost" if test.lost else ""
     return f"are {side} {question.limit_text}{lost}"
 

@@ -17,27 +17,27 @@ from r2bspec.measure.matching import Matching
 from r2bspec.measure.percentiles import percentile
 from r2bspec.record.sample_arrays import Rows
 
-_BATCHES = 10
+_MAX_BATCHES = 10
 """Few, so that each is long against the correlation of what it averages over."""
-_BATCH_LEAST = 4
+_MIN_BATCH_OUTPUTS = 4
 """Fewer outputs than this in a batch make no slope worth averaging."""
 
 
 @dataclass(frozen=True)
-class Slope:
+class RateEstimate:
     """A rate of events and its standard error, both in Hz, from `batches` batches (0: too few)."""
 
     hz: float
     standard_error_hz: float
     batches: int
 
-    def per(self, factor: float) -> Slope:
+    def divided_by(self, factor: float) -> RateEstimate:
         """The rate of what every so many of the events make one."""
-        return Slope(self.hz / factor, self.standard_error_hz / factor, self.batches)
+        return RateEstimate(self.hz / factor, self.standard_error_hz / factor, self.batches)
 
 
 @dataclass(frozen=True)
-class Delivery:
+class DeliveryEstimate:
     """What came out of the graph at one offered rate, so far.
 
     All rates count steps, whatever the ratio of answers to them: a graph that gives one answer for
@@ -46,10 +46,10 @@ class Delivery:
     Attributes:
         offered_hz: the rate that was asked for.
         player_hz: the rate that was really published; below `offered_hz` the player limits.
-        delivered_hz: answered steps per second. With losses it is below `settled_hz`.
+        delivered_hz: answered steps per second. With losses it is below `completed_hz`.
         standard_error_hz: the standard error of `delivered_hz`.
-        settled_hz: steps per second that the graph has done with, answered or passed over.
-        settled_error_hz: the standard error of `settled_hz`.
+        completed_hz: steps per second that the graph has done with, answered or passed over.
+        completed_error_hz: the standard error of `completed_hz`.
         batches: the batches behind both standard errors; batches - 1 is the number of degrees
             of freedom. 0 if there were too few outputs for batches.
         drop_share: of the answers done with, the share that never came.
@@ -62,8 +62,8 @@ class Delivery:
     player_hz: float
     delivered_hz: float
     standard_error_hz: float
-    settled_hz: float
-    settled_error_hz: float
+    completed_hz: float
+    completed_error_hz: float
     batches: int
     drop_share: float
     published: int
@@ -74,22 +74,22 @@ class Delivery:
     def backlog_growth_hz(self) -> float:
         """Steps per second by which the queue inside the graph grows: published - settled.
 
-        Its standard error is `settled_error_hz`, for the player's own is negligible. Losses do
+        Its standard error is `completed_error_hz`, for the player's own is negligible. Losses do
         not count here: a graph that drops every tenth message at once has no backlog.
         """
-        return self.player_hz - self.settled_hz
+        return self.player_hz - self.completed_hz
 
 
 def delivery(
     offered_hz: float, playback: Rows, monitor: Rows, match: Matching, now_ns: int
-) -> Delivery:
+) -> DeliveryEstimate:
     """Estimate what a graph delivers, from what one monitor received so far.
 
     Let t_i be when the i-th first answer was received, s_i the step that it answers, and r the
     answers that each step lets expect, usually 1. The rates are the reciprocal slopes of two
     least-squares lines:
 
-        t = a + i / (r delivered_hz)        t = a + s / settled_hz
+        t = a + i / (r delivered_hz)        t = a + s / completed_hz
 
     While the graph keeps up, latency only scatters t about the second line, whose slope is the
     period of the playback. When it does not, each answer waits longer than the one before and
@@ -103,30 +103,30 @@ def delivery(
 
     Args:
         offered_hz: the rate that was asked for.
-        playback: rows of type `PLAYBACK` of the steps published so far.
-        monitor: rows of type `MONITOR` of the messages received so far.
+        playback: rows of type `PLAYBACK_DTYPE` of the steps published so far.
+        monitor: rows of type `MONITOR_DTYPE` of the messages received so far.
         match: how these match.
         now_ns: the time at which `monitor` was read; CLOCK_MONOTONIC.
     """
     published = playback["published_ns"]
     lateness = percentile((published - playback["due_ns"]) / 1e9, 0.99) or 0.0
     answers = np.flatnonzero(match.answered)
-    if match.asked.size and int(match.asked[-1]) >= playback.size:
+    if match.trigger_steps.size and int(match.trigger_steps[-1]) >= playback.size:
         raise ValueError("the matching is of other rows than the playback")
     arrived = monitor["received_ns"][match.first_row[answers]]
     order = np.argsort(arrived, kind="stable")
     arrived, answers = arrived[order], answers[order]
-    until = _silent_until(published[match.asked], arrived, answers, now_ns)
-    delivered = _rate(arrived, np.arange(answers.size), until).per(match.per_step)
-    settled = _rate(arrived, match.asked[answers], until)
+    until = _stall_span(published[match.trigger_steps], arrived, answers, now_ns)
+    delivered = _rate(arrived, np.arange(answers.size), until).divided_by(match.per_step)
+    settled = _rate(arrived, match.trigger_steps[answers], until)
     passed = int(answers.max()) + 1 if answers.size else 0
-    return Delivery(
+    return DeliveryEstimate(
         offered_hz=offered_hz,
         player_hz=_player_rate(published, offered_hz),
         delivered_hz=delivered.hz,
         standard_error_hz=delivered.standard_error_hz,
-        settled_hz=settled.hz,
-        settled_error_hz=settled.standard_error_hz,
+        completed_hz=settled.hz,
+        completed_error_hz=settled.standard_error_hz,
         batches=settled.batches,
         drop_share=(passed - answers.size) / passed if passed else 0.0,
         published=int(playback.size),
@@ -142,7 +142,7 @@ def _player_rate(published: NDArray[np.int64], offered_hz: float) -> float:
     return 1.0 / _least_squares(published, np.arange(published.size))
 
 
-def _silent_until(
+def _stall_span(
     published: NDArray[np.int64],
     arrived: NDArray[np.int64],
     answers: NDArray[np.int64],
@@ -178,23 +178,23 @@ def _silent_until(
 
 def _rate(
     arrived: NDArray[np.int64], index: NDArray[np.int64], silence: tuple[int, int] | None
-) -> Slope:
+) -> RateEstimate:
     """The rate at which `index` advances, bounded by a silence at the end."""
     slope = _slope(arrived, index) if arrived.size > 1 else None
     if silence is None:
-        return slope or Slope(0.0, math.inf, 0)
+        return slope or RateEstimate(0.0, math.inf, 0)
     waited_s = max(silence[1] - silence[0], 1) / 1e9
     count = int(index.max() - index.min()) + 1 if index.size else 0
     bound_hz = count / waited_s
     if slope is None:
-        return Slope(bound_hz, 1 / waited_s, 0)
+        return RateEstimate(bound_hz, 1 / waited_s, 0)
     if bound_hz >= slope.hz:
         return slope
     error = slope.standard_error_hz if slope.batches else bound_hz / math.sqrt(index.size)
-    return Slope(bound_hz, max(error, 1 / waited_s), slope.batches)
+    return RateEstimate(bound_hz, max(error, 1 / waited_s), slope.batches)
 
 
-def _slope(arrived: NDArray[np.int64], index: NDArray[np.int64]) -> Slope:
+def _slope(arrived: NDArray[np.int64], index: NDArray[np.int64]) -> RateEstimate:
     """The reciprocal least-squares slope, with a standard error by batch means.
 
     The residuals of the line are correlated: they are the latencies of neighbours while the
@@ -210,9 +210,9 @@ def _slope(arrived: NDArray[np.int64], index: NDArray[np.int64]) -> Slope:
     Poisson process: standard error = rate / sqrt(n - 1).
     """
     rate = 1.0 / _least_squares(arrived, index)
-    batches = min(_BATCHES, arrived.size // _BATCH_LEAST)
+    batches = min(_MAX_BATCHES, arrived.size // _MIN_BATCH_OUTPUTS)
     if batches < 3:
-        return Slope(rate, rate / math.sqrt(arrived.size - 1), 0)
+        return RateEstimate(rate, rate / math.sqrt(arrived.size - 1), 0)
     slopes = [
         _least_squares(times, steps)
         for times, steps in zip(
@@ -220,7 +220,7 @@ def _slope(arrived: NDArray[np.int64], index: NDArray[np.int64]) -> Slope:
         )
     ]
     error = float(np.std(slopes, ddof=1)) / math.sqrt(batches)
-    return Slope(rate, rate * rate * error, batches)
+    return RateEstimate(rate, rate * rate * error, batches)
 
 
 def _least_squares(times_ns: NDArray[np.int64], index: NDArray[np.int64]) -> float:

@@ -20,15 +20,10 @@ from r2bspec.measure.metrics import (
     pace_of,
 )
 from r2bspec.measure.percentiles import percentile
-from r2bspec.measure.pooling import pool_monitor, pool_playback, pool_use, process_names
-from r2bspec.measure.resource_usage import Use
-from r2bspec.measure.samples import (
-    MonitorSamples,
-    PlaybackSamples,
-    RunSamples,
-    SegmentSamples,
-    read_samples,
-)
+from r2bspec.measure.pooling import pool_monitor, pool_playback, pool_resource_use, process_names
+from r2bspec.measure.resource_usage import ResourceUse
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import MonitorSamples, PlaybackSamples, RunSamples, SegmentSamples
 from r2bspec.record.run_folder import Run
 
 
@@ -89,9 +84,9 @@ def _measure_rate(
 
 
 def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
-    machine = pool_use(one.machine for one in samples)
+    machine = pool_resource_use(one.machine for one in samples)
     processes = {
-        name: pool_use(one.processes.get(name) for one in samples)
+        name: pool_resource_use(one.processes.get(name) for one in samples)
         for name in process_names(samples)
     }
     return SegmentMetrics(
@@ -171,7 +166,7 @@ def _playback(played: PlaybackSamples) -> PlaybackMetrics:
     )
 
 
-def _use(used: Use) -> UseMetrics:
+def _use(used: ResourceUse) -> UseMetrics:
     return UseMetrics(
         cpu_mean=used.cpu_mean, cpu_max=used.cpu_max, memory_max_bytes=used.memory_max_bytes
     )

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.latency import Seconds, seconds
-from r2bspec.measure.matching import UNKNOWN, Matching, match
+from r2bspec.measure.matching import NO_MATCH, Matching, match
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import PLAYER, hops_to
 from r2bspec.record.sample_arrays import Rows
@@ -52,19 +52,19 @@ def hop_samples(
     Args:
         plan: of the run.
         monitor: the monitor; without taps there are no hops.
-        playback: rows of type `PLAYBACK`.
-        taps: rows of type `MONITOR` of each tap, by topic.
-        seen: rows of type `MONITOR` of the monitor itself.
+        playback: rows of type `PLAYBACK_DTYPE`.
+        taps: rows of type `MONITOR_DTYPE` of each tap, by topic.
+        seen: rows of type `MONITOR_DTYPE` of the monitor itself.
         matched: how these match.
     """
     if not monitor.taps:
         return ()
     unstamped = [name for name, rows in taps.items() if rows.size and not rows["stamp_ns"].any()]
-    times = {name: _by_stamp(playback, rows) for name, rows in taps.items()}
+    times = {name: _received_by_stamp(playback, rows) for name, rows in taps.items()}
     times[PLAYER] = playback["published_ns"]
-    times[monitor.topic] = _answers(playback.size, seen, matched)
+    times[monitor.topic] = _received_by_step(playback.size, seen, matched)
     waited = np.zeros(playback.size, dtype=np.bool_)
-    waited[matched.asked] = True
+    waited[matched.trigger_steps] = True
     everything = np.ones(playback.size, dtype=np.bool_)
     return tuple(
         _hop(source, target, times, waited if target == monitor.topic else everything)
@@ -72,15 +72,15 @@ def hop_samples(
     )
 
 
-def _by_stamp(playback: Rows, rows: Rows) -> NDArray[np.int64]:
+def _received_by_stamp(playback: Rows, rows: Rows) -> NDArray[np.int64]:
     """When the message of each step was first received at a tap; shape (steps,)."""
-    return _answers(playback.size, rows, match(playback, rows, "stamp"))
+    return _received_by_step(playback.size, rows, match(playback, rows, "stamp"))
 
 
-def _answers(steps: int, rows: Rows, matched: Matching) -> NDArray[np.int64]:
-    received = np.full(steps, UNKNOWN, dtype=np.int64)
+def _received_by_step(steps: int, rows: Rows, matched: Matching) -> NDArray[np.int64]:
+    received = np.full(steps, NO_MATCH, dtype=np.int64)
     answered = np.flatnonzero(matched.answered)[::-1]  # the first of several is written last
-    received[matched.asked[answered]] = rows["received_ns"][matched.first_row[answered]]
+    received[matched.trigger_steps[answered]] = rows["received_ns"][matched.first_row[answered]]
     return received
 
 
@@ -88,8 +88,8 @@ def _hop(
     source: str, target: str, times: Mapping[str, NDArray[np.int64]], waited: NDArray[np.bool_]
 ) -> HopSamples:
     there, here = times[source], times[target]
-    seen = (there != UNKNOWN) & waited
-    both = seen & (here != UNKNOWN)
+    seen = (there != NO_MATCH) & waited
+    both = seen & (here != NO_MATCH)
     return HopSamples(
         source=source,
         target=target,

@@ -7,11 +7,11 @@ import math
 import msgspec
 import numpy as np
 
-from r2bspec.measure.resource_usage import CONTROLLER, use
+from r2bspec.measure.resource_usage import CONTROLLER_INDEX, resource_use
 from r2bspec.record.run_record import FloorRecord
 from r2bspec.record.sample_arrays import Rows
 
-_TELLING_NS = 100_000
+_MIN_LATENCY_DIFFERENCE_NS = 100_000
 
 
 class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,7 +36,7 @@ class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
     calibration: float | None = None
 
 
-def surroundings(
+def host_interference(
     rows: Rows,
     resources: Rows,
     processes: frozenset[int],
@@ -47,8 +47,8 @@ def surroundings(
     """What happened between two times, interpolated linearly between samples.
 
     Args:
-        rows: of type `SURROUNDINGS`, in order of time.
-        resources: of type `RESOURCES`.
+        rows: of type `INTERFERENCE_DTYPE`, in order of time.
+        resources: of type `RESOURCE_DTYPE`.
         processes: the indices of all processes of the run.
         cores: how many processors the run may use, where that is known.
         began_ns: the beginning of the window.
@@ -60,16 +60,16 @@ def surroundings(
     seconds = (ended_ns - began_ns) / 1e9
     if seconds <= 0 or not _covers(rows, began_ns, ended_ns):
         return None
-    stolen_s = _between(rows, "stolen_s", began_ns, ended_ns)
-    waited_s = _between(rows, "waited_s", began_ns, ended_ns)
-    busy_s = _between(rows, "busy_s", began_ns, ended_ns)
+    stolen_s = _growth(rows, "stolen_s", began_ns, ended_ns)
+    waited_s = _growth(rows, "waited_s", began_ns, ended_ns)
+    busy_s = _growth(rows, "busy_s", began_ns, ended_ns)
     return Surroundings(
         seconds=seconds,
         cores=cores,
         steal=None if stolen_s is None or not cores else min(1.0, stolen_s / (seconds * cores)),
-        foreign_cores=_foreign(busy_s, resources, processes, began_ns, ended_ns),
+        foreign_cores=_foreign_cores(busy_s, resources, processes, began_ns, ended_ns),
         pressure=None if waited_s is None else min(1.0, waited_s / seconds),
-        throttled_s=_between(rows, "throttled_s", began_ns, ended_ns),
+        throttled_s=_growth(rows, "throttled_s", began_ns, ended_ns),
     )
 
 
@@ -81,7 +81,7 @@ def _covers(rows: Rows, began_ns: int, ended_ns: int) -> bool:
     return 2 * inside >= ended_ns - began_ns
 
 
-def _between(rows: Rows, field: str, began_ns: int, ended_ns: int) -> float | None:
+def _growth(rows: Rows, field: str, began_ns: int, ended_ns: int) -> float | None:
     """By how much a sum grew; None if the system does not tell."""
     # Relative to the start of the window, because float64 holds no nanoseconds since boot.
     times = (rows["time_ns"] - began_ns) / 1e9
@@ -90,29 +90,31 @@ def _between(rows: Rows, field: str, began_ns: int, ended_ns: int) -> float | No
     return max(0.0, grown) if math.isfinite(grown) else None
 
 
-def _foreign(
+def _foreign_cores(
     busy_s: float | None, resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int
 ) -> float | None:
-    own = use(resources, processes, began_ns, ended_ns)
+    own = resource_use(resources, processes, began_ns, ended_ns)
     if busy_s is None or own is None or own.cpu_mean is None:
         return None
-    controller = use(resources, frozenset({CONTROLLER}), began_ns, ended_ns)
+    controller = resource_use(resources, frozenset({CONTROLLER_INDEX}), began_ns, ended_ns)
     known = own.cpu_mean + ((controller.cpu_mean or 0.0) if controller is not None else 0.0)
     return max(0.0, busy_s / ((ended_ns - began_ns) / 1e9) - known)
 
 
-def slower_by(usual: tuple[FloorRecord, ...], now: tuple[FloorRecord, ...]) -> float | None:
+def harness_slowdown(usual: tuple[FloorRecord, ...], now: tuple[FloorRecord, ...]) -> float | None:
     """How many times as long the harness alone took as usual: the largest ratio over the inputs.
 
-    Medians are compared, of an input with itself. A difference below `_TELLING_NS` is the timer's
-    and the scheduler's, whatever the ratio.
+    Medians are compared, of an input with itself. A difference below `_MIN_LATENCY_DIFFERENCE_NS`
+    is the timer's and the scheduler's, whatever the ratio.
 
     Returns:
         None if no input has a floor in both.
     """
     before = {(each.topic, each.rate_hz): each.latency_p50_ns for each in usual}
     ratios = [
-        each.latency_p50_ns / known if each.latency_p50_ns - known > _TELLING_NS else 1.0
+        each.latency_p50_ns / known
+        if each.latency_p50_ns - known > _MIN_LATENCY_DIFFERENCE_NS
+        else 1.0
         for each in now
         if each.latency_p50_ns and (known := before.get((each.topic, each.rate_hz)))
     ]

@@ -25,7 +25,7 @@ def latencies(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
     Returns:
         Shape (answered,).
     """
-    return _since(playback["published_ns"], monitor, match)
+    return _elapsed_since(playback["published_ns"], monitor, match)
 
 
 def latencies_from_due(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
@@ -36,13 +36,13 @@ def latencies_from_due(playback: Rows, monitor: Rows, match: Matching) -> Second
     Returns:
         Shape (answered,).
     """
-    return _since(playback["due_ns"], monitor, match)
+    return _elapsed_since(playback["due_ns"], monitor, match)
 
 
-def _since(start_ns: NDArray[np.int64], monitor: Rows, match: Matching) -> Seconds:
+def _elapsed_since(start_ns: NDArray[np.int64], monitor: Rows, match: Matching) -> Seconds:
     answered = match.answered
     received = monitor["received_ns"][match.first_row[answered]]
-    return seconds(received - start_ns[match.asked[answered]])
+    return seconds(received - start_ns[match.trigger_steps[answered]])
 
 
 def arrivals(monitor: Rows, match: Matching) -> NDArray[np.int64]:

@@ -19,19 +19,20 @@ from numpy.typing import NDArray
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import Rows
 
-_AHEAD_NS = 1_000_000
+_MAX_CLOCK_SKEW_NS = 1_000_000
 """Two readings of clocks that are compared may be so far apart, if a process was interrupted."""
 
-_OLDEST_NS = 3_600_000_000_000
-_ODD_SHARE = 0.01
+_MAX_STAMP_AGE_NS = 3_600_000_000_000
+_MAX_IMPLAUSIBLE_SHARE = 0.01
 
 
-def stamped_ns(segment: Segment, rows: Rows) -> NDArray[np.int64] | None:
+def source_times_ns(segment: Segment, rows: Rows) -> NDArray[np.int64] | None:
     """When the source stamped each message, on the monotonic clock.
 
     Args:
         segment: of a live run.
-        rows: what a monitor received in it, of type `MONITOR`; the stamps are of the system clock.
+        rows: what a monitor received in it, of type `MONITOR_DTYPE`; the stamps are of the system
+            clock.
 
     Returns:
         Shape (messages,); None if that is not known.
@@ -41,5 +42,5 @@ def stamped_ns(segment: Segment, rows: Rows) -> NDArray[np.int64] | None:
         return None
     stamped: NDArray[np.int64] = rows["stamp_ns"] - offset_ns
     age_ns = rows["received_ns"] - stamped
-    odd = np.count_nonzero((age_ns < -_AHEAD_NS) | (age_ns > _OLDEST_NS))
-    return None if odd > _ODD_SHARE * rows.size else stamped
+    odd = np.count_nonzero((age_ns < -_MAX_CLOCK_SKEW_NS) | (age_ns > _MAX_STAMP_AGE_NS))
+    return None if odd > _MAX_IMPLAUSIBLE_SHARE * rows.size else stamped

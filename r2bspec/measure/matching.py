@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.sample_arrays import Rows
 
-UNKNOWN = -1
+NO_MATCH = -1
 """The step of a message that answers none."""
 
 
@@ -35,7 +35,7 @@ class Ratio:
         """Outputs for each step."""
         return self.outputs / self.inputs
 
-    def asked(self, steps: int) -> NDArray[np.int64]:
+    def trigger_steps(self, steps: int) -> NDArray[np.int64]:
         """The step after which each expected answer can come: the last one of its group.
 
         Of `steps` steps, those after the last whole group are waited for by nobody.
@@ -69,10 +69,10 @@ class Matching:
         received = m = answered + duplicates + unmatched
 
     Attributes:
-        step: shape (m,), the step that each message answers, or `UNKNOWN`.
-        asked: shape (e,), the step after which each expected answer can come.
+        step: shape (m,), the step that each message answers, or `NO_MATCH`.
+        trigger_steps: shape (e,), the step after which each expected answer can come.
         first_row: shape (e,), the row of the first message that is each expected answer, or
-            `UNKNOWN` where none is.
+            `NO_MATCH` where none is.
         duplicates: messages that answer a step which an earlier message had answered.
         reordered: first answers that came after the answer of a later step (RFC 4737,
             section 3: the step is below the highest one seen before).
@@ -83,7 +83,7 @@ class Matching:
     """
 
     step: NDArray[np.int64]
-    asked: NDArray[np.int64]
+    trigger_steps: NDArray[np.int64]
     first_row: NDArray[np.int64]
     duplicates: int
     reordered: int
@@ -94,12 +94,12 @@ class Matching:
     @property
     def answered(self) -> NDArray[np.bool_]:
         """Shape (e,): whether each expected answer came."""
-        return np.not_equal(self.first_row, UNKNOWN)
+        return np.not_equal(self.first_row, NO_MATCH)
 
     @property
     def missed(self) -> int:
         """Expected answers that never came."""
-        return int(np.count_nonzero(self.first_row == UNKNOWN))
+        return int(np.count_nonzero(self.first_row == NO_MATCH))
 
 
 def match(
@@ -116,30 +116,30 @@ def match(
     order cannot be seen that way.
 
     Args:
-        playback: rows of type `PLAYBACK`, one per step, in the order of publication.
-        monitor: rows of type `MONITOR`, in the order of arrival.
+        playback: rows of type `PLAYBACK_DTYPE`, one per step, in the order of publication.
+        monitor: rows of type `MONITOR_DTYPE`, in the order of arrival.
         by: how.
         ratio: of outputs to inputs; by stamp it is one to one.
     """
     if by == "order":
-        asked = ratio.asked(playback.size)
-        answer = _answers_by_order(playback, monitor, asked.size)
+        trigger_steps = ratio.trigger_steps(playback.size)
+        answer = _answers_by_order(playback, monitor, trigger_steps.size)
     else:
-        asked = np.arange(playback.size, dtype=np.int64)
+        trigger_steps = np.arange(playback.size, dtype=np.int64)
         answer = _steps_by_stamp(playback["stamp_ns"], monitor["stamp_ns"])
-    rows = np.flatnonzero(answer != UNKNOWN)
+    rows = np.flatnonzero(answer != NO_MATCH)
     answered, first = np.unique(answer[rows], return_index=True)
-    first_row = np.full(asked.size, UNKNOWN, dtype=np.int64)
+    first_row = np.full(trigger_steps.size, NO_MATCH, dtype=np.int64)
     first_row[answered] = rows[first]
     in_order_of_arrival = answered[np.argsort(first)]
     highest_before = np.maximum.accumulate(in_order_of_arrival)[:-1]
-    step = np.full(monitor.size, UNKNOWN, dtype=np.int64)
-    step[rows] = asked[answer[rows]]
-    published_ns = playback["published_ns"][asked[answered]]
+    step = np.full(monitor.size, NO_MATCH, dtype=np.int64)
+    step[rows] = trigger_steps[answer[rows]]
+    published_ns = playback["published_ns"][trigger_steps[answered]]
     early = monitor["received_ns"][first_row[answered]] < published_ns
     return Matching(
         step=step,
-        asked=asked,
+        trigger_steps=trigger_steps,
         first_row=first_row,
         duplicates=int(rows.size - answered.size),
         reordered=int(np.count_nonzero(in_order_of_arrival[1:] < highest_before)),
@@ -150,8 +150,8 @@ def match(
 
 
 def _answers_by_order(playback: Rows, monitor: Rows, expected: int) -> NDArray[np.int64]:
-    """The number of the expected answer that each message is, or `UNKNOWN`."""
-    answer = np.full(monitor.size, UNKNOWN, dtype=np.int64)
+    """The number of the expected answer that each message is, or `NO_MATCH`."""
+    answer = np.full(monitor.size, NO_MATCH, dtype=np.int64)
     if playback.size:
         # What was still under way from before must not be taken for the first answer.
         can = np.flatnonzero(monitor["received_ns"] >= playback["published_ns"][0])[:expected]
@@ -160,10 +160,10 @@ def _answers_by_order(playback: Rows, monitor: Rows, expected: int) -> NDArray[n
 
 
 def _steps_by_stamp(sent: NDArray[np.int64], received: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The index into `sent` of each stamp in `received`, or `UNKNOWN`."""
+    """The index into `sent` of each stamp in `received`, or `NO_MATCH`."""
     if not sent.size:
-        return np.full(received.size, UNKNOWN, dtype=np.int64)
+        return np.full(received.size, NO_MATCH, dtype=np.int64)
     order = np.argsort(sent, kind="stable")
     ordered = sent[order]
     place = np.minimum(np.searchsorted(ordered, received), sent.size - 1)
-    return np.where(ordered[place] == received, order[place], UNKNOWN).astype(np.int64)
+    return np.where(ordered[place] == received, order[place], NO_MATCH).astype(np.int64)

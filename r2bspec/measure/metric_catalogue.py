@@ -89,7 +89,7 @@ _UNITS: dict[Dimension, str] = {
 
 _PERCENTILE = re.compile(r"p(\d{1,2})(?:_(\d{1,4}))?")
 
-_TIMES = {
+_TIME_FAMILIES = {
     "latency": "time from publication of the input to reception of the output",
     "latency_from_due": "time from when the input was due to reception of the output",
     "interval": "time between one output and the next",
@@ -101,21 +101,21 @@ _TIMES = {
 def _distribution(family: str, what: str) -> list[MetricInfo]:
     shown = ("p50", "p90", "p95", "p99", "p99_9")
     return [
-        _info(f"{family}.min", "monitor", "time", "observation", f"smallest {what}"),
-        _info(f"{family}.mean", "monitor", "time", "mean", f"mean {what}"),
+        _metric(f"{family}.min", "monitor", "time", "observation", f"smallest {what}"),
+        _metric(f"{family}.mean", "monitor", "time", "mean", f"mean {what}"),
         *(_percentile(family, part, what) for part in shown),
-        _info(f"{family}.max", "monitor", "time", "observation", f"largest {what}"),
+        _metric(f"{family}.max", "monitor", "time", "observation", f"largest {what}"),
     ]
 
 
 def _percentile(family: str, part: str, what: str) -> MetricInfo:
     q = quantile(part)
     text = f"{what}: {q * 100:g} % of them are at or below" if q is not None else what
-    scope: Scope = "monitor" if family in _TIMES else "playback"
-    return replace(_info(f"{family}.{part}", scope, "time", "percentile", text), quantile=q)
+    scope: Scope = "monitor" if family in _TIME_FAMILIES else "playback"
+    return replace(_metric(f"{family}.{part}", scope, "time", "percentile", text), quantile=q)
 
 
-def _info(
+def _metric(
     name: str, scope: Scope, dimension: Dimension, statistic: Statistic, description: str
 ) -> MetricInfo:
     return MetricInfo(name, scope, dimension, _UNITS[dimension], statistic, description)
@@ -132,31 +132,37 @@ def quantile(part: str) -> float | None:
     return float(f"0.{int(found[1]):02d}{found[2] or ''}")
 
 
-_LATENESS = "time that a publication began after it was due"
+_LATENESS_DESCRIPTION = "time that a publication began after it was due"
 
 _CATALOGUE: tuple[MetricInfo, ...] = (
-    _info("throughput.mean", "monitor", "rate", "mean", "(n - 1) / (last - first output)"),
-    *(info for family, what in _TIMES.items() for info in _distribution(family, what)),
-    _info("sent", "playback", "count", "observation", "steps that were played"),
-    _info("received", "monitor", "count", "observation", "messages that arrived, of any kind"),
-    _info("missed", "monitor", "count", "observation", "expected answers that never came"),
-    _info("drop_rate", "monitor", "share", "share", "missed / expected answers"),
-    _info("duplicates", "monitor", "count", "observation", "answers to a step answered before"),
-    _info("reordered", "monitor", "count", "observation", "answers overtaken by a later step's"),
-    _info("unmatched", "monitor", "count", "observation", "messages that answer no step"),
-    _info("playback.rate", "playback", "rate", "mean", "(n - 1) / (last - first publication)"),
-    _percentile("playback.lateness", "p50", _LATENESS),
-    _percentile("playback.lateness", "p99", _LATENESS),
-    _info("playback.lateness.max", "playback", "time", "observation", f"longest {_LATENESS}"),
-    _info(f"cpu.{PROCESS}.mean", "process", "share", "mean", "processor time; one core is 100 %"),
-    _info(f"cpu.{PROCESS}.max", "process", "share", "observation", "the same, busiest sample"),
-    _info(f"memory.{PROCESS}.max", "process", "size", "observation", "largest resident set"),
-    _info("cpu.system.mean", "machine", "share", "mean", "all processor time; one core is 100 %"),
-    _info("cpu.system.max", "machine", "share", "observation", "the same, busiest sample"),
-    _info("memory.system.max", "machine", "size", "observation", "most memory in use"),
-    _info("peak.rate", "search", "rate", "search", "highest rate that held"),
+    _metric("throughput.mean", "monitor", "rate", "mean", "(n - 1) / (last - first output)"),
+    *(info for family, what in _TIME_FAMILIES.items() for info in _distribution(family, what)),
+    _metric("sent", "playback", "count", "observation", "steps that were played"),
+    _metric("received", "monitor", "count", "observation", "messages that arrived, of any kind"),
+    _metric("missed", "monitor", "count", "observation", "expected answers that never came"),
+    _metric("drop_rate", "monitor", "share", "share", "missed / expected answers"),
+    _metric("duplicates", "monitor", "count", "observation", "answers to a step answered before"),
+    _metric("reordered", "monitor", "count", "observation", "answers overtaken by a later step's"),
+    _metric("unmatched", "monitor", "count", "observation", "messages that answer no step"),
+    _metric("playback.rate", "playback", "rate", "mean", "(n - 1) / (last - first publication)"),
+    _percentile("playback.lateness", "p50", _LATENESS_DESCRIPTION),
+    _percentile("playback.lateness", "p99", _LATENESS_DESCRIPTION),
+    _metric(
+        "playback.lateness.max",
+        "playback",
+        "time",
+        "observation",
+        f"longest {_LATENESS_DESCRIPTION}",
+    ),
+    _metric(f"cpu.{PROCESS}.mean", "process", "share", "mean", "processor time; one core is 100 %"),
+    _metric(f"cpu.{PROCESS}.max", "process", "share", "observation", "the same, busiest sample"),
+    _metric(f"memory.{PROCESS}.max", "process", "size", "observation", "largest resident set"),
+    _metric("cpu.system.mean", "machine", "share", "mean", "all processor time; one core is 100 %"),
+    _metric("cpu.system.max", "machine", "share", "observation", "the same, busiest sample"),
+    _metric("memory.system.max", "machine", "size", "observation", "most memory in use"),
+    _metric("peak.rate", "search", "rate", "search", "highest rate that held"),
     replace(
-        _info("sustained", "probe", "none", "sequential", "whether the offered rate is kept up"),
+        _metric("sustained", "probe", "none", "sequential", "whether the offered rate is kept up"),
         unit="Hz",
     ),
 )
@@ -166,13 +172,13 @@ METRICS: dict[str, MetricInfo] = {info.name: info for info in _CATALOGUE}
 listed exist (see `quantile`)."""
 
 
-_LIVE = ("throughput", "latency", "interval", "jitter", "received", "cpu", "memory")
+_LIVE_FAMILIES = ("throughput", "latency", "interval", "jitter", "received", "cpu", "memory")
 """Families of metrics that need nothing that was played."""
 
 
-def known_live(info: MetricInfo) -> bool:
+def available_live(info: MetricInfo) -> bool:
     """Whether a metric can be known of a live run, in which the graph has its own source."""
-    return info.family in _LIVE
+    return info.family in _LIVE_FAMILIES
 
 
 def resolve(
@@ -203,10 +209,14 @@ def resolve(
     first, _, rest = metric.partition(".")
     if first in monitors:
         if not rest:
-            raise _unknown(metric, f"{metric!r} names a monitor but no metric of it", processes)
+            raise _unknown_metric(
+                metric, f"{metric!r} names a monitor but no metric of it", processes
+            )
         info = _find(rest, processes)
         if info is None:
-            raise _unknown(rest, f"there is no metric {rest!r}", processes, prefix=f"{first}.")
+            raise _unknown_metric(
+                rest, f"there is no metric {rest!r}", processes, prefix=f"{first}."
+            )
         if info.scope != "monitor":
             raise MetricError(
                 f"{rest!r} does not belong to a monitor", known=(rest,), suggestion=rest
@@ -218,7 +228,7 @@ def resolve(
         raise MetricError(
             f"there is no monitor {first!r}", known, f"{close}.{rest}" if close else ""
         )
-    raise _unknown(metric, f"there is no metric {metric!r}", processes)
+    raise _unknown_metric(metric, f"there is no metric {metric!r}", processes)
 
 
 def _find(name: str, processes: Collection[str]) -> MetricInfo | None:
@@ -226,10 +236,10 @@ def _find(name: str, processes: Collection[str]) -> MetricInfo | None:
         return METRICS[name]
     family, _, part = name.rpartition(".")
     if quantile(part) is not None:
-        if family in _TIMES:
-            return _percentile(family, part, _TIMES[family])
+        if family in _TIME_FAMILIES:
+            return _percentile(family, part, _TIME_FAMILIES[family])
         if family == "playback.lateness":
-            return _percentile(family, part, _LATENESS)
+            return _percentile(family, part, _LATENESS_DESCRIPTION)
     return _find_process(family, part, processes)
 
 
@@ -252,7 +262,9 @@ def names(processes: Collection[str] = ()) -> tuple[str, ...]:
     return tuple(listed)
 
 
-def _unknown(name: str, message: str, processes: Collection[str], prefix: str = "") -> MetricError:
+def _unknown_metric(
+    name: str, message: str, processes: Collection[str], prefix: str = ""
+) -> MetricError:
     """The error for a wrong name: if its first word is a family, only that family is listed."""
     family = name.partition(".")[0]
     everything = names(processes)

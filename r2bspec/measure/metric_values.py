@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from r2bspec.measure.latency import Seconds
-from r2bspec.measure.metric_catalogue import MetricInfo, known_live
+from r2bspec.measure.metric_catalogue import MetricInfo, available_live
 from r2bspec.measure.percentiles import percentile
-from r2bspec.measure.resource_usage import Use
-from r2bspec.measure.samples import LOSSES_COUNT, MonitorSamples, SegmentSamples
+from r2bspec.measure.resource_usage import ResourceUse
+from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, MonitorSamples, SegmentSamples
 
 
-def value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:
+def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:
     """What a metric was in one segment, in its SI unit; None if there is nothing to say.
 
     In a live run, that is so for every metric of what was sent, and of what came of it.
@@ -28,22 +28,22 @@ def value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> flo
         case "monitor":
             return monitor_value(info, samples.monitors[monitor or ""])
         case "playback":
-            return _of_playback(info, samples)
+            return _playback_value(info, samples)
         case "process":
-            return _of_use(info, samples.processes.get(info.process))
+            return _use_value(info, samples.processes.get(info.process))
         case "machine":
-            return _of_use(info, samples.machine)
+            return _use_value(info, samples.machine)
         case _:
             raise ValueError(f"{info.name} is not a metric of a segment")
 
 
 def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
-    """What a metric of scope ``monitor`` was for what one monitor saw; see `value`."""
-    if seen.live and not known_live(info):
+    """What a metric of scope ``monitor`` was for what one monitor saw; see `metric_value`."""
+    if seen.live and not available_live(info):
         return None
     if info.family in seen.times:
-        lost = seen.missed if info.family in LOSSES_COUNT else 0
-        return _of_times(info, seen.times[info.family], lost)
+        lost = seen.missed if info.family in LOSS_SENSITIVE_FAMILIES else 0
+        return _time_value(info, seen.times[info.family], lost)
     match info.name:
         case "throughput.mean":
             return seen.throughput_hz
@@ -54,17 +54,17 @@ def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
     raise ValueError(f"{info.name} is not a metric of a monitor")
 
 
-def _of_playback(info: MetricInfo, samples: SegmentSamples) -> float | None:
+def _playback_value(info: MetricInfo, samples: SegmentSamples) -> float | None:
     if samples.live:
         return None
     if info.name == "sent":
         return float(samples.playback.sent)
     if info.name == "playback.rate":
         return samples.playback.rate_hz
-    return _of_times(info, samples.playback.lateness, 0)
+    return _time_value(info, samples.playback.lateness, 0)
 
 
-def _of_times(info: MetricInfo, times: Seconds, lost: int) -> float | None:
+def _time_value(info: MetricInfo, times: Seconds, lost: int) -> float | None:
     if info.quantile is not None:
         return percentile(times, info.quantile, lost)
     if info.part == "max":
@@ -74,7 +74,7 @@ def _of_times(info: MetricInfo, times: Seconds, lost: int) -> float | None:
     return float(times.min() if info.part == "min" else times.mean())
 
 
-def _of_use(info: MetricInfo, used: Use | None) -> float | None:
+def _use_value(info: MetricInfo, used: ResourceUse | None) -> float | None:
     if used is None:
         return None
     if info.family == "memory":

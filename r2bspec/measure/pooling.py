@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from r2bspec.measure.hop_latency import pool_hops
-from r2bspec.measure.resource_usage import Use
+from r2bspec.measure.resource_usage import ResourceUse
 from r2bspec.measure.samples import MonitorSamples, PlaybackSamples, SegmentSamples, StepTimes
 
 
@@ -58,7 +58,7 @@ def pool_playback(samples: Sequence[PlaybackSamples]) -> PlaybackSamples:
     )
 
 
-def pool_use(samples: Iterable[Use | None]) -> Use | None:
+def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | None:
     """The mean of the means and the largest of the maxima; None where nothing was sampled."""
     known = [one for one in samples if one is not None]
     if not known:
@@ -66,7 +66,7 @@ def pool_use(samples: Iterable[Use | None]) -> Use | None:
     means = [one.cpu_mean for one in known if one.cpu_mean is not None]
     busiest = [one.cpu_max for one in known if one.cpu_max is not None]
     memory = [one.memory_max_bytes for one in known if one.memory_max_bytes is not None]
-    return Use(
+    return ResourceUse(
         cpu_mean=sum(means) / len(means) if means else None,
         cpu_max=max(busiest, default=None),
         memory_max_bytes=max(memory, default=None),

@@ -11,12 +11,12 @@ from r2bspec.record.sample_arrays import Rows
 
 
 @dataclass(frozen=True)
-class Use:
+class ResourceUse:
     """What a process, or the machine, used in a window.
 
     Attributes:
         cpu_mean: processor time per time; 1 is one core. None if too little was sampled.
-        cpu_max: the same over the stretch of at least `SPACING_NS` between two samples where it
+        cpu_max: the same over the stretch of at least `MIN_SPACING_NS` between two samples where it
             was largest.
         memory_max_bytes: the largest resident set at a sample, or None without one.
     """
@@ -26,29 +26,31 @@ class Use:
     memory_max_bytes: int | None
 
 
-MACHINE = -1
+MACHINE_INDEX = -1
 """The process index that stands for the whole machine."""
 
-CONTROLLER = -2
+CONTROLLER_INDEX = -2
 """The process index of the controller itself, which is no process of the run's plan."""
 
 
-SPACING_NS = 100_000_000
+MIN_SPACING_NS = 100_000_000
 """Processor time is counted in ticks of 10 ms: over less than several of them it has no rate."""
 
 
-def spaced(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The indices of ascending times that are `SPACING_NS` apart at least; the last one is kept."""
+def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The indices of ascending times at least `MIN_SPACING_NS` apart; the last one is kept."""
     kept: list[int] = []
     for index, time_ns in enumerate(times_ns.tolist()):
-        if not kept or time_ns - times_ns[kept[-1]] >= SPACING_NS:
+        if not kept or time_ns - times_ns[kept[-1]] >= MIN_SPACING_NS:
             kept.append(index)
     if kept and kept[-1] != times_ns.size - 1:
         kept[-1:] = [times_ns.size - 1] if len(kept) > 1 else [kept[-1], times_ns.size - 1]
     return np.array(kept, dtype=np.int64)
 
 
-def use(resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int) -> Use | None:
+def resource_use(
+    resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int
+) -> ResourceUse | None:
     """What some processes together used between two times, or None if none was sampled there.
 
     With C(t) the processor time used up to t, interpolated linearly between samples,
@@ -59,7 +61,7 @@ def use(resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int
     cover at least half of the window; what they do not cover is left out of both differences.
 
     Args:
-        resources: rows of type `RESOURCES`, in any order.
+        resources: rows of type `RESOURCE_DTYPE`, in any order.
         processes: the indices to add up; several where a name was started more than once.
         began_ns: the beginning of the window.
         ended_ns: its end.
@@ -67,13 +69,13 @@ def use(resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int
     found = [
         one
         for index in sorted(processes)
-        if (one := _use_of_one(resources, index, began_ns, ended_ns)) is not None
+        if (one := _process_use(resources, index, began_ns, ended_ns)) is not None
     ]
     if not found:
         return None
     if len(found) == 1:
         return found[0]
-    return Use(
+    return ResourceUse(
         cpu_mean=_sum([one.cpu_mean for one in found]),
         # The busiest moments need not coincide: their sum is an upper bound.
         cpu_max=_sum([one.cpu_max for one in found]),
@@ -81,7 +83,7 @@ def use(resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int
     )
 
 
-def _use_of_one(resources: Rows, index: int, began_ns: int, ended_ns: int) -> Use | None:
+def _process_use(resources: Rows, index: int, began_ns: int, ended_ns: int) -> ResourceUse | None:
     rows = resources[resources["process"] == index]
     rows = rows[np.argsort(rows["time_ns"], kind="stable")]
     inside = (rows["time_ns"] >= began_ns) & (rows["time_ns"] <= ended_ns)
@@ -92,14 +94,14 @@ def _use_of_one(resources: Rows, index: int, began_ns: int, ended_ns: int) -> Us
     times = rows["time_ns"]
     start, end = max(began_ns, int(times[0])), min(ended_ns, int(times[-1]))
     if end <= start or 2 * (end - start) < ended_ns - began_ns:
-        return Use(None, None, memory_max)
+        return ResourceUse(None, None, memory_max)
     edges = np.concatenate(([start], times[(times > start) & (times < end)], [end]))
     # Relative to the start of the window, because float64 holds no nanoseconds since boot.
     used = np.interp((edges - start) / 1e9, (times - start) / 1e9, rows["cpu_s"])
-    apart = spaced(edges)
+    apart = spaced_indices(edges)
     busiest = float(np.max(np.diff(used[apart]) / (np.diff(edges[apart]) / 1e9)))
     mean = float(used[-1] - used[0]) / ((end - start) / 1e9)
-    return Use(mean, max(busiest, mean), memory_max)
+    return ResourceUse(mean, max(busiest, mean), memory_max)
 
 
 def _sum(values: list[float | None]) -> float | None:

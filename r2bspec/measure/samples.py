@@ -1,17 +1,15 @@
-"""The samples of one segment and of a whole run, matched and in seconds, ready to be judged."""
+"""The samples of one segment, matched and in seconds, and those of a run: what is judged."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.expected_steps import asked_of
-from r2bspec.measure.hop_latency import HopSamples, hop_samples
-from r2bspec.measure.interference import Surroundings, slower_by, surroundings
+from r2bspec.measure.hop_latency import HopSamples
+from r2bspec.measure.interference import Surroundings
 from r2bspec.measure.latency import (
     Seconds,
     arrivals,
@@ -21,16 +19,15 @@ from r2bspec.measure.latency import (
     latencies_from_due,
     seconds,
 )
-from r2bspec.measure.live_segments import stamped_ns
-from r2bspec.measure.matching import UNKNOWN, Matching, match, ratio_of
-from r2bspec.measure.resource_usage import MACHINE, Use, use
-from r2bspec.measure.throughput import Silence, mean_rate, silence, throughput
-from r2bspec.plan.plan import MonitorPlan
-from r2bspec.record.run_folder import Run
-from r2bspec.record.run_record import ProcessRecord, RunRecord, Segment
+from r2bspec.measure.live_segments import source_times_ns
+from r2bspec.measure.matched_monitor import MatchedMonitor
+from r2bspec.measure.matching import NO_MATCH, Matching
+from r2bspec.measure.resource_usage import ResourceUse
+from r2bspec.measure.throughput import EdgeGaps, edge_gaps, mean_rate, throughput
+from r2bspec.record.run_record import RunRecord, Segment
 from r2bspec.record.sample_arrays import Rows
 
-LOSSES_COUNT = ("latency", "latency_from_due")
+LOSS_SENSITIVE_FAMILIES = ("latency", "latency_from_due")
 """Families in which a step without an answer counts as later than every other."""
 
 
@@ -39,7 +36,7 @@ class StepTimes:
     """When the step of each expected answer was due and published, and when it was received.
 
     In nanoseconds; shape (expected,) each, in the order of the steps, of which each has one answer
-    unless the ratio is another. `received_ns` is `UNKNOWN` for an answer that never came.
+    unless the ratio is another. `received_ns` is `NO_MATCH` for an answer that never came.
     """
 
     due_ns: NDArray[np.int64]
@@ -49,7 +46,7 @@ class StepTimes:
     @property
     def answered(self) -> NDArray[np.bool_]:
         """Whether each expected answer came."""
-        return np.not_equal(self.received_ns, UNKNOWN)
+        return np.not_equal(self.received_ns, NO_MATCH)
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,7 @@ class MonitorSamples:
         steps: the expected answers one by one.
         times: for each family of the catalogue that has one value per message (``latency``,
             ``latency_from_due``, ``interval``, ``jitter``), the values in seconds. A silence
-            at an end of the segment is among the intervals (see `throughput.silence`).
+            at an end of the segment is among the intervals (see `throughput.edge_gaps`).
         sent: steps played. They let expect as many answers, unless the ratio is another;
             ``expected = answered + missed``.
         received: messages; ``received = answered + duplicates + unmatched``.
@@ -105,7 +102,7 @@ class MonitorSamples:
 
         For families in which losses do not count, as intervals, the times there are.
         """
-        if family not in LOSSES_COUNT:
+        if family not in LOSS_SENSITIVE_FAMILIES:
             return self.times[family]
         values = np.full(self.steps.received_ns.size, lost)
         values[self.steps.answered] = self.times[family]
@@ -133,8 +130,8 @@ class SegmentSamples:
     segment: Segment
     playback: PlaybackSamples
     monitors: Mapping[str, MonitorSamples]
-    processes: Mapping[str, Use]
-    machine: Use | None
+    processes: Mapping[str, ResourceUse]
+    machine: ResourceUse | None
     surroundings: Surroundings | None = None
 
     @property
@@ -178,24 +175,22 @@ class RunSamples:
         return tuple(dict.fromkeys(process.name for process in self.record.processes))
 
 
-def monitor_samples(
-    segment: Segment, playback: Rows, monitor: Rows, plan: MonitorPlan
-) -> MonitorSamples:
-    """Match one monitor's messages to what was played, and take their times."""
-    ratio = ratio_of(plan, segment.played_before)
-    matched = match(playback, monitor, plan.match, ratio)
+def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> MonitorSamples:
+    """The counts and times of one monitor in one segment."""
+    playback, monitor = matched_monitor.steps, matched_monitor.rows
+    ratio, matched = matched_monitor.ratio, matched_monitor.matching
     latency = latencies(playback, monitor, matched)
     arrived = arrivals(monitor, matched)
-    silent = Silence(0, 0)
+    silent = EdgeGaps(0, 0)
     if arrived.size:
         soonest = int(playback["published_ns"][0]) + round(float(latency.min()) * 1e9)
-        silent = silence(arrived, soonest, segment.ended_ns)
+        silent = edge_gaps(arrived, soonest, segment.ended_ns)
     return MonitorSamples(
         steps=_step_times(playback, monitor, matched),
         times={
             "latency": latency,
             "latency_from_due": latencies_from_due(playback, monitor, matched),
-            "interval": _with_silence(arrived, silent),
+            "interval": _intervals_with_edge_gaps(arrived, silent),
             "jitter": jitter(arrived),
         },
         sent=int(playback.size),
@@ -212,20 +207,20 @@ def monitor_samples(
 
 
 def _step_times(playback: Rows, monitor: Rows, matched: Matching) -> StepTimes:
-    received = np.full(matched.asked.size, UNKNOWN, dtype=np.int64)
+    received = np.full(matched.trigger_steps.size, NO_MATCH, dtype=np.int64)
     answered = matched.answered
     received[answered] = monitor["received_ns"][matched.first_row[answered]]
-    asked = matched.asked
+    asked = matched.trigger_steps
     return StepTimes(playback["due_ns"][asked], playback["published_ns"][asked], received)
 
 
-def _with_silence(arrived: NDArray[np.int64], silent: Silence) -> Seconds:
+def _intervals_with_edge_gaps(arrived: NDArray[np.int64], silent: EdgeGaps) -> Seconds:
     ends = [pause for pause in (silent.before_ns, silent.after_ns) if pause]
     return np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
 
 
 def playback_samples(playback: Rows) -> PlaybackSamples:
-    """What was played: rows of type `PLAYBACK`, one per step."""
+    """What was played: rows of type `PLAYBACK_DTYPE`, one per step."""
     return PlaybackSamples(
         sent=int(playback.size),
         rate_hz=mean_rate(playback["published_ns"]),
@@ -237,12 +232,12 @@ def playback_samples(playback: Rows) -> PlaybackSamples:
 def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
     """What one monitor saw of a graph with a source of its own."""
     received: NDArray[np.int64] = monitor["received_ns"]
-    stamped = stamped_ns(segment, monitor)
+    stamped = source_times_ns(segment, monitor)
     published = received if stamped is None else stamped
     arrived = np.sort(received)
-    silent = Silence(0, 0)
+    silent = EdgeGaps(0, 0)
     if arrived.size:
-        silent = silence(arrived, segment.began_ns, segment.ended_ns)
+        silent = edge_gaps(arrived, segment.began_ns, segment.ended_ns)
     nothing = np.empty(0)
     return MonitorSamples(
         # A message belongs where it was received: nothing was due.
@@ -250,7 +245,7 @@ def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
         times={
             "latency": nothing if stamped is None else seconds(received - stamped),
             "latency_from_due": nothing,
-            "interval": _with_silence(arrived, silent),
+            "interval": _intervals_with_edge_gaps(arrived, silent),
             "jitter": jitter(arrived),
         },
         sent=int(arrived.size),
@@ -261,178 +256,4 @@ def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
         unmatched=0,
         throughput_hz=throughput(arrived, silent),
         live=True,
-    )
-
-
-@dataclass(frozen=True)
-class Sampled:
-    """What was sampled over the whole run: rows of type `RESOURCES`, and of `SURROUNDINGS`."""
-
-    resources: Rows
-    surroundings: Rows
-
-    @classmethod
-    def of(cls, run: Run) -> Sampled:
-        """Read both.
-
-        Raises:
-            RecordError: a file is damaged.
-        """
-        return cls(run.resources(), run.surroundings())
-
-
-def segment_samples(run: Run, segment: Segment, sampled: Sampled | None = None) -> SegmentSamples:
-    """Read and match the samples of one segment.
-
-    Args:
-        run: the opened run.
-        segment: one of its segments.
-        sampled: what was sampled over the whole run, where the caller has it already.
-
-    Raises:
-        RecordError: a file of the segment is missing or damaged.
-    """
-    played = run.playback(segment)
-    sampled = sampled or Sampled.of(run)
-    resources = sampled.resources
-    began, ended = segment.began_ns, segment.ended_ns
-    return SegmentSamples(
-        segment=segment,
-        playback=replace(playback_samples(played), live=segment.live),
-        monitors={each.name: _seen(run, segment, played, each) for each in run.plan.monitors},
-        processes={
-            name: used
-            for name, indices in _by_name(run.record.processes).items()
-            if (used := use(resources, indices, began, ended)) is not None
-        },
-        machine=use(resources, frozenset({MACHINE}), began, ended),
-        surroundings=surroundings(
-            sampled.surroundings,
-            resources,
-            frozenset(range(len(run.record.processes))),
-            run.record.machine.get("cores"),
-            began,
-            ended,
-        ),
-    )
-
-
-def _seen(run: Run, segment: Segment, playback: Rows, plan: MonitorPlan) -> MonitorSamples:
-    """What one monitor saw, with the way to it, and what came too late from earlier segments."""
-    rows = run.monitor(segment, plan.name)
-    if segment.live:
-        return live_samples(segment, rows)
-    played = asked_of(playback, run.plan.inputs, plan)
-    found = monitor_samples(segment, played, rows, plan)
-    matched = match(played, rows, plan.match, ratio_of(plan, segment.played_before))
-    taps = {tap.topic: run.tap(segment, tap.topic) for tap in plan.taps}
-    return replace(
-        found,
-        overdue=_overdue(run, segment, rows, matched) if plan.match == "stamp" else 0,
-        hops=hop_samples(run.plan, plan, played, taps, rows, matched),
-    )
-
-
-def _overdue(run: Run, segment: Segment, rows: Rows, matched: Matching) -> int:
-    """How many messages carry the stamp of a step that was played before this segment."""
-    if not matched.unmatched:
-        return 0
-    earlier = [
-        run.playback(each)["stamp_ns"]
-        for each in run.record.segments
-        if each.began_ns < segment.began_ns
-    ]
-    strangers = rows["stamp_ns"][matched.step == UNKNOWN]
-    return int(np.count_nonzero(np.isin(strangers, np.concatenate(earlier)))) if earlier else 0
-
-
-def _by_name(processes: tuple[ProcessRecord, ...]) -> dict[str, frozenset[int]]:
-    named: dict[str, set[int]] = {}
-    for index, process in enumerate(processes):
-        named.setdefault(process.name, set()).add(index)
-    return {name: frozenset(indices) for name, indices in named.items()}
-
-
-def read_samples(run: Run) -> RunSamples:
-    """Read and match the samples of all complete iterations and sustained probes of a run.
-
-    Raises:
-        RecordError: a file is missing or damaged.
-    """
-    sampled = Sampled.of(run)
-    record = run.record
-    first = _read_batch(
-        run,
-        record,
-        [each for each in record.segments if each.kind == "iteration"],
-        [each for each in record.segments if each.kind == "sustained"],
-        sampled,
-    )
-    fresh = record.confirmation
-    if fresh is None:
-        return first
-    probed = {each.segment for each in (fresh.search.probes if fresh.search else ())}
-    probed_for = {each.segment for each in fresh.sustained}
-    again = [each for each in record.segments if each.kind == "confirmation"]
-    second = _read_batch(
-        run,
-        msgspec.structs.replace(record, search=fresh.search, sustained=fresh.sustained),
-        [each for each in again if each.id not in probed | probed_for],
-        [each for each in again if each.id in probed_for],
-        sampled,
-    )
-    if second.peak_hz is None:
-        # What is played at the peak is then played where the first batch found it.
-        second = replace(second, peak_hz=first.peak_hz)
-    return replace(first, confirmation=_calibrated(second, slower_by(record.floor, fresh.floor)))
-
-
-def _read_batch(
-    run: Run,
-    record: RunRecord,
-    iterations: list[Segment],
-    sustained: list[Segment],
-    sampled: Sampled,
-) -> RunSamples:
-    """The samples of the complete ones among some segments, which were played in one batch."""
-    found: dict[float, list[SegmentSamples]] = {}
-    reruns: dict[str, SegmentSamples] = {}
-    for segment in iterations:
-        if segment.complete:
-            samples = segment_samples(run, segment, sampled)
-            if segment.rerun_of:
-                reruns[segment.rerun_of] = samples
-            else:
-                found.setdefault(segment.rate_hz, []).append(samples)
-    return RunSamples(
-        record=record,
-        peak_hz=record.search.holds_hz if record.search else None,
-        monitors=tuple(monitor.name for monitor in run.plan.monitors),
-        iterations={rate: tuple(played) for rate, played in found.items()},
-        sustained={
-            segment.rate_hz: segment_samples(run, segment, sampled)
-            for segment in sustained
-            if segment.complete
-        },
-        incomplete=tuple(each.id for each in iterations if not each.complete),
-        reruns=reruns,
-        mode=run.plan.playback_mode,
-    )
-
-
-def _calibrated(batch: RunSamples, calibration: float | None) -> RunSamples:
-    """A batch whose harness alone took so many times as long as usual; None is unknown."""
-    if calibration is None:
-        return batch
-
-    def told(one: SegmentSamples) -> SegmentSamples:
-        known = one.surroundings or Surroundings()
-        return replace(one, surroundings=msgspec.structs.replace(known, calibration=calibration))
-
-    return replace(
-        batch,
-        iterations={
-            rate: tuple(told(one) for one in found) for rate, found in batch.iterations.items()
-        },
-        reruns={name: told(one) for name, one in batch.reruns.items()},
     )

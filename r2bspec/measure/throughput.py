@@ -17,14 +17,14 @@ def mean_rate(times_ns: NDArray[np.int64]) -> float:
 
 
 @dataclass(frozen=True)
-class Silence:
+class EdgeGaps:
     """Pauses at the ends of a sending window, in ns; 0 where there was none to speak of."""
 
     before_ns: int
     after_ns: int
 
 
-def silence(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> Silence:
+def edge_gaps(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> EdgeGaps:
     """The pauses before the first and after the last output that are part of the measurement.
 
     A graph that dies in the middle has perfect intervals up to then. So a pause at an end
@@ -40,10 +40,10 @@ def silence(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> Si
     longest = int(np.max(np.diff(arrived_ns))) if arrived_ns.size > 1 else 0
     before = int(arrived_ns[0]) - soonest_ns
     after = ended_ns - int(arrived_ns[-1])
-    return Silence(before if before > longest else 0, after if after > longest else 0)
+    return EdgeGaps(before if before > longest else 0, after if after > longest else 0)
 
 
-def throughput(arrived_ns: NDArray[np.int64], silent: Silence, burst: int = 1) -> float:
+def throughput(arrived_ns: NDArray[np.int64], silent: EdgeGaps, burst: int = 1) -> float:
     """(n - 1) / (t_last - t_first) in Hz; 0 for fewer than two outputs.
 
     Of a silence at an end, the part beyond the longest pause between outputs adds to the time:

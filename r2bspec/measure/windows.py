@@ -26,12 +26,12 @@ from r2bspec.measure.latency import intervals, jitter, seconds
 from r2bspec.measure.metric_catalogue import MetricInfo
 from r2bspec.measure.metric_values import monitor_value
 from r2bspec.measure.samples import MonitorSamples, SegmentSamples, StepTimes
-from r2bspec.measure.throughput import silence, throughput
+from r2bspec.measure.throughput import edge_gaps, throughput
 
-_ROUNDING_NS = 1_000
+_ROUNDING_TOLERANCE_NS = 1_000
 """Due times are rounded: a step that is due at a window's first moment must not miss it."""
 
-_COUNTED = ("throughput.mean", "drop_rate", "missed")
+_WINDOW_METRICS = ("throughput.mean", "drop_rate", "missed")
 """Metrics of a monitor that have a value in a window, beside those of single messages."""
 
 
@@ -53,7 +53,7 @@ def has_windows(info: MetricInfo) -> bool:
     """Whether a metric has a value in a window."""
     if info.scope != "monitor":
         return False
-    return info.name in _COUNTED or info.dimension == "time"
+    return info.name in _WINDOW_METRICS or info.dimension == "time"
 
 
 def window_values(
@@ -98,11 +98,11 @@ def _live_values(
     received = seen.steps.received_ns
     found: list[float] = []
     without = 0
-    for start_ns in range(began_ns, ended_ns - window_ns + _ROUNDING_NS, window_ns):
+    for start_ns in range(began_ns, ended_ns - window_ns + _ROUNDING_TOLERANCE_NS, window_ns):
         first, last = np.searchsorted(received, (start_ns, start_ns + window_ns))
         value = None
         if last > first:
-            part = _window(seen, slice(first, last), start_ns + window_ns)
+            part = _cut_window(seen, slice(first, last), start_ns + window_ns)
             value = monitor_value(info, replace(part, live=True))
         elif info.family in silent:
             value = silent[info.family]
@@ -132,15 +132,15 @@ def windows(seen: MonitorSamples, ended_ns: int, window_ns: int) -> Iterator[Mon
     if not steps.due_ns.size:
         return
     began_ns = int(steps.due_ns[0])
-    number = (steps.due_ns - began_ns + _ROUNDING_NS) // window_ns
-    complete = (ended_ns - began_ns + _ROUNDING_NS) // window_ns
+    number = (steps.due_ns - began_ns + _ROUNDING_TOLERANCE_NS) // window_ns
+    complete = (ended_ns - began_ns + _ROUNDING_TOLERANCE_NS) // window_ns
     edges = np.searchsorted(number, np.arange(complete + 1))
     for j, (first, last) in enumerate(pairwise(edges)):
         if last > first:
-            yield _window(seen, slice(first, last), began_ns + (j + 1) * window_ns)
+            yield _cut_window(seen, slice(first, last), began_ns + (j + 1) * window_ns)
 
 
-def _window(seen: MonitorSamples, part: slice, ended_ns: int) -> MonitorSamples:
+def _cut_window(seen: MonitorSamples, part: slice, ended_ns: int) -> MonitorSamples:
     steps = seen.steps
     due, published = steps.due_ns[part], steps.published_ns[part]
     received = steps.received_ns[part]
@@ -151,7 +151,7 @@ def _window(seen: MonitorSamples, part: slice, ended_ns: int) -> MonitorSamples:
     between, rate_hz = np.empty(0), 0.0
     if arrived.size:
         soonest = int(published[0]) + round(float(latency.min()) * 1e9)
-        silent = silence(arrived, soonest, ended_ns)
+        silent = edge_gaps(arrived, soonest, ended_ns)
         pauses = [pause for pause in (silent.before_ns, silent.after_ns) if pause]
         between = np.concatenate((intervals(arrived), seconds(np.array(pauses, dtype=np.int64))))
         rate_hz = throughput(arrived, silent)

@@ -15,10 +15,10 @@ from r2bspec.language import value_codec
 from r2bspec.plan.errors import PLAN_BROKEN, PLAN_FOREIGN, PLAN_UNREADABLE, PlanError
 from r2bspec.plan.plan import Plan
 
-VERSION = 1
+PLAN_VERSION = 1
 
 
-class _Head(msgspec.Struct):
+class _PlanHeader(msgspec.Struct):
     """The fields that tell what a file is before its content is trusted."""
 
     r2bspec_plan: int
@@ -60,7 +60,7 @@ def parse_plan(data: bytes, name: str) -> Plan:
     Raises:
         PlanError: as `read_plan`, but for R2B610.
     """
-    _check_head(data, name)
+    _check_header(data, name)
     try:
         return msgspec.json.decode(data, type=Plan, dec_hook=_decode)
     except msgspec.ValidationError as error:
@@ -71,10 +71,10 @@ def parse_plan(data: bytes, name: str) -> Plan:
         ) from error
 
 
-def _check_head(data: bytes, name: str) -> None:
+def _check_header(data: bytes, name: str) -> None:
     hint = "'r2bspec plan SPEC -o FILE' writes a plan"
     try:
-        head = msgspec.json.decode(data, type=_Head)
+        head = msgspec.json.decode(data, type=_PlanHeader)
     except msgspec.ValidationError as error:
         raise PlanError(
             f"{name} is JSON, but no plan of r2bspec: it has no 'r2bspec_plan'",
@@ -83,10 +83,10 @@ def _check_head(data: bytes, name: str) -> None:
         ) from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise PlanError(f"{name} is not JSON: {error}", code=PLAN_FOREIGN, hint=hint) from error
-    if head.r2bspec_plan != VERSION:
+    if head.r2bspec_plan != PLAN_VERSION:
         raise PlanError(
             f"{name} is a plan of version {head.r2bspec_plan}, written by {head.generator};"
-            f" this r2bspec reads version {VERSION}",
+            f" this r2bspec reads version {PLAN_VERSION}",
             code=PLAN_FOREIGN,
             hint="write it anew with this version of r2bspec",
         )

@@ -25,7 +25,7 @@ HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
 
 INCLUDED_LAUNCH = "$(included_launch)"
 
-CONTAINERS = "rclcpp_components"
+CONTAINER_PACKAGE = "rclcpp_components"
 """The package of the component containers."""
 
 
@@ -40,7 +40,7 @@ def container_argv(name: str, container: Container, namespace: str) -> tuple[str
     Only ``component_container_mt`` takes a number of threads; ``component_container_isolated``
     gives each component an executor of its own, of several threads if asked to.
     """
-    words = [f"$(executable {CONTAINERS} {container.executable})"]
+    words = [f"$(executable {CONTAINER_PACKAGE} {container.executable})"]
     isolated = container.executable == "component_container_isolated"
     if isolated and container.executor == "multi_threaded":
         words.append("--use_multi_threaded_executor")
@@ -50,7 +50,7 @@ def container_argv(name: str, container: Container, namespace: str) -> tuple[str
     return tuple(words)
 
 
-def container_node(argv: Iterable[str]) -> str:
+def container_node_name(argv: Iterable[str]) -> str:
     """The full name of the node of a container that is started so."""
     rules = dict(word.split(":=", 1) for word in argv if word.startswith(("__node:=", "__ns:=")))
     return f"{rules['__ns'].rstrip('/')}/{rules['__node']}"
@@ -64,7 +64,7 @@ def node_argv(wired: NodeWiring) -> tuple[str, ...]:
     if node.kind == "plugin":
         return container_argv(f"{wired.key}_container", Container(), wired.namespace)
     if node.kind == "launch" and node.launch is not None:
-        return _launch(node.launch, wired)
+        return _launch_argv(node.launch, wired)
     if node.kind == "executable":
         called = (f"$(executable {node.package} {node.executable})", *node.arguments)
         return (*called, *_ros_arguments(wired, wired.parameters, f"__node:={wired.key}"))
@@ -75,7 +75,7 @@ def node_argv(wired: NodeWiring) -> tuple[str, ...]:
     return (*called, *_ros_arguments(wired, node.parameters), *files)
 
 
-def _launch(launch: Launch, wired: NodeWiring) -> tuple[str, ...]:
+def _launch_argv(launch: Launch, wired: NodeWiring) -> tuple[str, ...]:
     node: Node = wired.node
     place = (
         (f"package:={launch.package}", f"file:={launch.file}")

@@ -11,14 +11,14 @@ import msgspec
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
-from r2bspec.plan.plan_diff import Difference, diff_plans
+from r2bspec.plan.plan_diff import PlanDifference, diff_plans
 
-UNTOLD: Final = frozenset(
+IGNORED_FIELDS: Final = frozenset(
     {"objectives", "title", "description", "labels", "generator", "name", "gate"}
 )
 """Fields of a plan in which two may differ and still measure the same."""
 
-_OFFERED: Final = frozenset(
+_LOAD_FIELDS: Final = frozenset(
     {
         *("dataset", "datasets", "playback_mode", "buffer", "inputs", "monitors", "play"),
         *("play_at_peak", "timeline", "harness", "search", "warm_up_ns", "transport"),
@@ -35,17 +35,17 @@ def measured_hash(plan: Plan) -> str:
     return f"sha256:{hashlib.sha256(canonical_json(bare)).hexdigest()}"
 
 
-def offered_otherwise(base: Plan, head: Plan) -> list[Difference]:
+def load_differences(base: Plan, head: Plan) -> list[PlanDifference]:
     """In what the load or the harness of two plans differs, beyond the graph under test."""
-    return [each for each in diff_plans(base, head) if each.path[0] in _OFFERED]
+    return [each for each in diff_plans(base, head) if each.path[0] in _LOAD_FIELDS]
 
 
-def graph_differences(base: Plan, head: Plan) -> list[Difference]:
+def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
     """In what two plans differ that may change what is measured."""
-    return [each for each in diff_plans(base, head) if each.path[0] not in UNTOLD]
+    return [each for each in diff_plans(base, head) if each.path[0] not in IGNORED_FIELDS]
 
 
-def one_of_a_pair(plan: Plan) -> Plan:
+def single_run_plan(plan: Plan) -> Plan:
     """The plan of one run of a pair: each rate is played once, and nothing is confirmed.
 
     Pairs take the place of iterations. A search for the peak costs more than all else; it is made
@@ -55,15 +55,15 @@ def one_of_a_pair(plan: Plan) -> Plan:
     at_peak = plan.play_at_peak
     return msgspec.structs.replace(
         plan,
-        play=tuple(_once(each) for each in plan.play),
-        play_at_peak=_once(at_peak) if at_peak is not None else None,
+        play=tuple(_single_iteration(each) for each in plan.play),
+        play_at_peak=_single_iteration(at_peak) if at_peak is not None else None,
         search=plan.search if searched else None,
         phases=tuple(each for each in plan.phases if searched or each != "search"),
         gate=msgspec.structs.replace(plan.gate, confirm=False, time_budget_ns=0),
     )
 
 
-def _once(play: PlayPlan) -> PlayPlan:
+def _single_iteration(play: PlayPlan) -> PlayPlan:
     return msgspec.structs.replace(play, iterations=1, max_iterations=0)
 
 
@@ -71,14 +71,14 @@ def _wants_peak(objective: Objective) -> bool:
     return objective.at_peak or any(each.metric == "peak.rate" for each in objective.require)
 
 
-def pairs_of(plan: Plan) -> int:
+def pair_count(plan: Plan) -> int:
     """How many pairs a plan asks for: as many as iterations, and one without any."""
     plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
     return max((each.iterations for each in plays), default=1)
 
 
-def told(differences: list[Difference], most: int = 12) -> Iterator[str]:
+def difference_lines(differences: list[PlanDifference], max_lines: int = 12) -> Iterator[str]:
     """Differences a line each, cut short with a count."""
-    yield from (str(each) for each in differences[:most])
-    if len(differences) > most:
-        yield f"{len(differences) - most} more differences"
+    yield from (str(each) for each in differences[:max_lines])
+    if len(differences) > max_lines:
+        yield f"{len(differences) - max_lines} more differences"

@@ -38,6 +38,7 @@ def compile_plan(
     *,
     table: InterfaceTable | None = None,
     companion_files: CompanionFiles = NO_COMPANION_FILES,
+    wiring: Wiring | None = None,
 ) -> Plan:
     """Work out everything that a run of a spec will do.
 
@@ -50,12 +51,14 @@ def compile_plan(
         bag: what is known of the bag, or of each of several; None leaves types of bag topics
             empty and counts zero.
         table: interfaces of Python nodes; by default those of the reference nodes.
-        companion_files: what was read beside the spec, parameter files among it; by default
-        nothing.
+        companion_files: the companion files of the spec, parameter files among them; by default
+            none.
+        wiring: the wiring of the spec with these types and companion files, where the caller has
+            built it already.
     """
     bags = list(bag) if isinstance(bag, Sequence) else [bag]
     together = merge_indexes([each for each in bags if each is not None])
-    wiring = build_wiring(
+    wiring = wiring or build_wiring(
         spec, bag_types=bag_types(spec, together), table=table, companion_files=companion_files
     )
     datasets = tuple(_datasets(spec, bags, wiring))

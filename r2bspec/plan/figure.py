@@ -53,11 +53,11 @@ class Figure:
     arrows: tuple[Arrow, ...]
 
 
-_TITLES = {"preprocess": "preprocess", "measure": "measure"}
+_PHASE_TITLES = {"preprocess": "preprocess", "measure": "measure"}
 
 
 @dataclass
-class _Sketch:
+class _FigureBuilder:
     """A figure in the making: ids are given in the order of drawing."""
 
     plan: Plan
@@ -70,7 +70,7 @@ class _Sketch:
 
 def figure(plan: Plan) -> Figure:
     """The figure of a plan: both phases, and how the messages get from one to the other."""
-    sketch = _Sketch(plan)
+    sketch = _FigureBuilder(plan)
     sources = tuple(each.source for each in plan.datasets) or (plan.dataset.source,)
     played = any(sources)
     bag = Box(sketch.id_of("", "bag", ""), "bag", sources)
@@ -86,7 +86,7 @@ def figure(plan: Plan) -> Figure:
     return Figure(plan.title or plan.name, boxes, groups, tuple(sketch.arrows))
 
 
-def _group(sketch: _Sketch, phase: str) -> Group:
+def _group(sketch: _FigureBuilder, phase: str) -> Group:
     plan = sketch.plan
     topics = [each for each in plan.topics if each.phase == phase]
     seen = {owner for each in topics for owner in (*each.writers, *each.readers)}
@@ -104,15 +104,15 @@ def _group(sketch: _Sketch, phase: str) -> Group:
     for topic in topics:
         box = Box(sketch.id_of(phase, "topic", topic.name), "topic", (topic.name, topic.type))
         boxes.append(box)
-        for writer in topic.writers:
-            sketch.arrows.append(Arrow(sketch.id_of(phase, "owner", writer), box.id))
-        for reader in topic.readers:
-            for owner in _reading_boxes(plan, reader, topic.name):
+        for publisher in topic.writers:
+            sketch.arrows.append(Arrow(sketch.id_of(phase, "owner", publisher), box.id))
+        for subscriber in topic.readers:
+            for owner in _subscriber_boxes(plan, subscriber, topic.name):
                 sketch.arrows.append(Arrow(box.id, sketch.id_of(phase, "owner", owner)))
-    return Group(phase, _TITLES[phase], tuple(boxes))
+    return Group(phase, _PHASE_TITLES[phase], tuple(boxes))
 
 
-def _harness_boxes(sketch: _Sketch, phase: str, seen: set[str]) -> list[Box]:
+def _harness_boxes(sketch: _FigureBuilder, phase: str, seen: set[str]) -> list[Box]:
     """Loader and recorder are one process, and monitors another; each end gets its own box."""
     plan = sketch.plan
     if phase == "preprocess":
@@ -132,15 +132,15 @@ def _program(called: str) -> str:
     return called.rpartition("/")[2]
 
 
-def _reading_boxes(plan: Plan, reader: str, topic: str) -> list[str]:
-    if reader == "loader":
+def _subscriber_boxes(plan: Plan, subscriber: str, topic: str) -> list[str]:
+    if subscriber == "loader":
         return ["recorder"]
-    if reader == "monitor":
+    if subscriber == "monitor":
         return [f"monitor {each.name}" for each in plan.monitors if each.topic == topic]
-    return [reader]
+    return [subscriber]
 
 
-def _join_phases(sketch: _Sketch, bag: str) -> None:
+def _join_phases(sketch: _FigureBuilder, bag: str) -> None:
     player = sketch.id_of("measure", "owner", "player")
     if any(each.bag_topic for each in sketch.plan.inputs):
         sketch.arrows.append(Arrow(bag, player, stored=True))

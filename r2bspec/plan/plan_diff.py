@@ -24,7 +24,7 @@ ABSENT: Final = _Absent()
 
 # Members of these lists are compared with the member of the same identity, wherever it stands, so
 # that one process more does not make all that follow it differ.
-_IDENTITY: Final = {
+_IDENTITY_KEYS: Final = {
     "bag topics": ("bag_topic",),
     "inputs": ("topic",),
     "monitors": ("name",),
@@ -35,7 +35,7 @@ _IDENTITY: Final = {
 }
 
 
-class Difference(NamedTuple):
+class PlanDifference(NamedTuple):
     """A value that differs, as JSON values; `ABSENT` on the side that does not have it."""
 
     path: Path
@@ -43,10 +43,10 @@ class Difference(NamedTuple):
     after: Any
 
     def __str__(self) -> str:
-        return f"{format_path(self.path)}: {_shown(self.before)} -> {_shown(self.after)}"
+        return f"{format_path(self.path)}: {_json_text(self.before)} -> {_json_text(self.after)}"
 
 
-def diff_plans(before: Plan, after: Plan) -> list[Difference]:
+def diff_plans(before: Plan, after: Plan) -> list[PlanDifference]:
     """Every difference of two plans, in the order of the plan's fields; empty if they are equal."""
     return list(_diff((), _builtins(before), _builtins(after)))
 
@@ -55,7 +55,7 @@ def _builtins(plan: Plan) -> Any:
     return msgspec.to_builtins(plan, enc_hook=value_codec.encode)
 
 
-def _diff(path: Path, before: Any, after: Any) -> Iterator[Difference]:
+def _diff(path: Path, before: Any, after: Any) -> Iterator[PlanDifference]:
     if isinstance(before, dict) and isinstance(after, dict):
         yield from _diff_maps(path, before, after)
         return
@@ -63,16 +63,18 @@ def _diff(path: Path, before: Any, after: Any) -> Iterator[Difference]:
         yield from _diff_lists(path, before, after)
     # 1, 1.0 and true are equal to Python, but not to ROS.
     elif type(before) is not type(after) or before != after:
-        yield Difference(path, before, after)
+        yield PlanDifference(path, before, after)
 
 
-def _diff_maps(path: Path, before: dict[str, Any], after: dict[str, Any]) -> Iterator[Difference]:
+def _diff_maps(
+    path: Path, before: dict[str, Any], after: dict[str, Any]
+) -> Iterator[PlanDifference]:
     for key in dict.fromkeys((*before, *after)):
         yield from _diff((*path, key), before.get(key, ABSENT), after.get(key, ABSENT))
 
 
-def _diff_lists(path: Path, before: Any, after: Any) -> Iterator[Difference]:
-    old, new = _identified(path, before), _identified(path, after)
+def _diff_lists(path: Path, before: Any, after: Any) -> Iterator[PlanDifference]:
+    old, new = _by_identity(path, before), _by_identity(path, after)
     if old is None or new is None:
         old, new = dict(enumerate(before)), dict(enumerate(after))
     for key in dict.fromkeys((*old, *new)):
@@ -80,12 +82,12 @@ def _diff_lists(path: Path, before: Any, after: Any) -> Iterator[Difference]:
     kept_before = [key for key in old if key in new]
     kept_after = [key for key in new if key in old]
     if kept_before != kept_after:
-        yield Difference((*path, "order"), kept_before, kept_after)
+        yield PlanDifference((*path, "order"), kept_before, kept_after)
 
 
-def _identified(path: Path, members: Any) -> dict[str | int, Any] | None:
+def _by_identity(path: Path, members: Any) -> dict[str | int, Any] | None:
     """The members by identity, or None if they have none or one is there twice."""
-    keys = _IDENTITY.get("bag topics" if path[:1] == ("dataset",) else str(path[-1]))
+    keys = _IDENTITY_KEYS.get("bag topics" if path[:1] == ("dataset",) else str(path[-1]))
     if keys is None or not all(isinstance(each, dict) for each in members):
         return None
     found: dict[str | int, Any] = {
@@ -94,5 +96,5 @@ def _identified(path: Path, members: Any) -> dict[str | int, Any] | None:
     return found if len(found) == len(members) else None
 
 
-def _shown(value: Any) -> str:
+def _json_text(value: Any) -> str:
     return repr(value) if value is ABSENT else json.dumps(value, ensure_ascii=False)

@@ -16,22 +16,22 @@ from r2bspec.plan.command_lines import HARNESS_ARGV, container_argv, host_argv, 
 from r2bspec.plan.plan import ExternalPlan, NodePlan, ProcessPlan
 from r2bspec.wiring.wiring import NodeWiring, Phase, Wiring
 
-HARNESS_NAMES = ("loader", "player", "monitor")
+HARNESS_PROCESS_NAMES = ("loader", "player", "monitor")
 """Names of the harness's own processes."""
 
 HARNESS_NAME = "harness"
 """Name of the process of a harness that is not spread over several."""
 
-SHARED_NAME = "graph"
+SHARED_PROCESS_NAME = "graph"
 """Name of the process that all Python nodes share under ``placement: shared``."""
 
-COMPONENTS_NAME = "components"
+SHARED_CONTAINER_NAME = "components"
 """Name of the container that all C++ components share under ``placement: shared``."""
 
-_PLACED = ("python", "plugin")
+_SHAREABLE_KINDS = ("python", "plugin")
 """The kinds of node that can share a process."""
 
-_ROS2_BENCHMARK = {
+_ROS2_BENCHMARK_PLUGINS = {
     "data_loader": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::DataLoaderNode"),
     "playback": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::PlaybackNode"),
     "monitor": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::MonitorNode"),
@@ -43,11 +43,11 @@ def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
 
     A preprocessor's process is called ``preprocess.KEY``, which no node of the graph can be.
     """
-    nodes = tuple(_under_test(spec, wiring))
-    if one_harness(spec):
-        return (*_preprocess(spec, wiring), _whole_harness(spec, wiring), *nodes)
-    before = () if spec.live else (_harness("player", "measure"),)
-    return (*_preprocess(spec, wiring), *before, *nodes, _harness("monitor", "measure"))
+    nodes = tuple(_graph_processes(spec, wiring))
+    if has_single_harness(spec):
+        return (*_preprocess(spec, wiring), _single_harness(spec, wiring), *nodes)
+    before = () if spec.live else (_harness_process("player", "measure"),)
+    return (*_preprocess(spec, wiring), *before, *nodes, _harness_process("monitor", "measure"))
 
 
 def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
@@ -60,7 +60,7 @@ def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
     )
 
 
-def one_harness(spec: Spec) -> bool:
+def has_single_harness(spec: Spec) -> bool:
     """Whether all of the harness that runs while measuring is one process."""
     return (
         spec.harness.placement == "shared"
@@ -74,9 +74,11 @@ def reserved_names(spec: Spec) -> tuple[str, ...]:
 
     ``system`` is none, but stands for the whole machine in the names of metrics.
     """
-    harness = (HARNESS_NAME,) if one_harness(spec) else ()
-    shared = (SHARED_NAME, COMPONENTS_NAME) if spec.graph.placement == "shared" else ()
-    return (*HARNESS_NAMES, *harness, *shared, "system")
+    harness = (HARNESS_NAME,) if has_single_harness(spec) else ()
+    shared = (
+        (SHARED_PROCESS_NAME, SHARED_CONTAINER_NAME) if spec.graph.placement == "shared" else ()
+    )
+    return (*HARNESS_PROCESS_NAMES, *harness, *shared, "system")
 
 
 def process_names(spec: Spec, wiring: Wiring) -> tuple[str, ...]:
@@ -87,20 +89,20 @@ def process_names(spec: Spec, wiring: Wiring) -> tuple[str, ...]:
 def _preprocess(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
     phase = wiring.preprocess
     if phase.nodes:
-        yield _harness("loader", "preprocess")
-    placed, alone = _split(phase.nodes, spec)
+        yield _harness_process("loader", "preprocess")
+    placed, alone = _group_by_container(phase.nodes, spec)
     yield from _containers(spec, wiring, placed, phase.phase)
     for node in alone:
         yield from _process(node, f"preprocess.{node.key}", phase.phase)
 
 
-def _under_test(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
+def _graph_processes(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
     phase = wiring.measure
-    placed, alone = _split(phase.nodes, spec)
+    placed, alone = _group_by_container(phase.nodes, spec)
     yield from _containers(spec, wiring, placed, phase.phase)
     together: list[NodeWiring] = []
     for node in alone:
-        if spec.graph.placement == "separate" or node.node.kind not in _PLACED:
+        if spec.graph.placement == "separate" or node.node.kind not in _SHAREABLE_KINDS:
             yield from _process(node, node.key, phase.phase)
         else:
             together.append(node)
@@ -113,7 +115,7 @@ def _under_test(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
                 yield from _process(node, node.key, phase.phase)
 
 
-def _split(
+def _group_by_container(
     nodes: Iterable[NodeWiring], spec: Spec
 ) -> tuple[dict[str, list[NodeWiring]], list[NodeWiring]]:
     """The nodes by the container that they name, and those that name none."""
@@ -164,9 +166,9 @@ def _shared(wiring: Wiring, nodes: list[NodeWiring]) -> Iterator[ProcessPlan]:
     python = [each for each in nodes if each.node.kind == "python"]
     components = [each for each in nodes if each.node.kind == "plugin"]
     if components:
-        argv = container_argv(COMPONENTS_NAME, Container(), wiring.namespace)
+        argv = container_argv(SHARED_CONTAINER_NAME, Container(), wiring.namespace)
         yield ProcessPlan(
-            name=COMPONENTS_NAME,
+            name=SHARED_CONTAINER_NAME,
             role="container",
             phase="measure",
             argv=argv,
@@ -175,7 +177,7 @@ def _shared(wiring: Wiring, nodes: list[NodeWiring]) -> Iterator[ProcessPlan]:
         )
     if python:
         yield ProcessPlan(
-            name=SHARED_NAME,
+            name=SHARED_PROCESS_NAME,
             role="host",
             phase="measure",
             argv=HARNESS_ARGV,
@@ -191,18 +193,18 @@ def _env(env: dict[str, str], nodes: Iterable[NodeWiring]) -> dict[str, str]:
     return found
 
 
-def _harness(role: Literal["loader", "player", "monitor"], phase: Phase) -> ProcessPlan:
+def _harness_process(role: Literal["loader", "player", "monitor"], phase: Phase) -> ProcessPlan:
     return ProcessPlan(name=role, role=role, phase=phase, argv=HARNESS_ARGV, env={})
 
 
-def _whole_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
+def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
     """The harness in one process, with the nodes of the graph that are placed beside it."""
     beside = [
         node
         for node in wiring.measure.nodes
         if spec.graph.placement == "harness"
         and node.node.container not in spec.containers
-        and node.node.kind in _PLACED
+        and node.node.kind in _SHAREABLE_KINDS
     ]
     if spec.harness.kind == "ros2_benchmark":
         components = [each for each in beside if each.node.kind == "plugin"]
@@ -233,7 +235,7 @@ def harness_plugins(harness: Harness) -> dict[str, Plugin]:
     """The components of the harness by their part; none where r2bspec itself plays and watches."""
     if harness.kind != "ros2_benchmark":
         return {}
-    return {part: getattr(harness, part) or own for part, own in _ROS2_BENCHMARK.items()}
+    return {part: getattr(harness, part) or own for part, own in _ROS2_BENCHMARK_PLUGINS.items()}
 
 
 def _harness_nodes(spec: Spec, namespace: str) -> Iterator[NodePlan]:

@@ -9,7 +9,7 @@ from r2bspec.plan.plan import MonitorPlan, Plan, TapPlan, TopicPlan
 PLAYER = "player"
 """Where every way begins; stands for all inputs, which are published together."""
 
-_PREFIX = "tap."
+_TAP_PREFIX = "tap."
 
 
 def all_taps(monitors: Iterable[MonitorPlan]) -> tuple[TapPlan, ...]:
@@ -17,7 +17,7 @@ def all_taps(monitors: Iterable[MonitorPlan]) -> tuple[TapPlan, ...]:
     return tuple({tap.topic: tap for each in monitors for tap in each.taps}.values())
 
 
-def tap_watches(monitors: Iterable[MonitorPlan]) -> tuple[MonitorPlan, ...]:
+def tap_monitors(monitors: Iterable[MonitorPlan]) -> tuple[MonitorPlan, ...]:
     """The taps as the monitor's process watches them: with the QoS of whoever writes."""
     return tuple(
         MonitorPlan(
@@ -29,7 +29,7 @@ def tap_watches(monitors: Iterable[MonitorPlan]) -> tuple[MonitorPlan, ...]:
 
 def tap_name(topic: str) -> str:
     """The name under which a tap's samples are kept; neither topics nor monitors have dots."""
-    return _PREFIX + topic.strip("/").replace("/", ".")
+    return _TAP_PREFIX + topic.strip("/").replace("/", ".")
 
 
 def hops_to(
@@ -49,28 +49,28 @@ def hops_to(
         return ()
     topics = {each.name: each for each in plan.topics if each.phase == "measure"}
     inputs = {each.topic for each in plan.inputs}
-    on_way = [*(tap.topic for tap in monitor.taps), monitor.topic]
+    on_path = [*(tap.topic for tap in monitor.taps), monitor.topic]
     hops = {
         (PLAYER if source in inputs else source, target)
-        for target in on_way
-        for source in (*inputs, *on_way)
-        if source != target and _leads(topics.get(source), topics.get(target))
+        for target in on_path
+        for source in (*inputs, *on_path)
+        if source != target and _is_hop(topics.get(source), topics.get(target))
     }
     for topic in leave_out:
         before = [source for source, target in hops if target == topic]
         after = [target for source, target in hops if source == topic]
         hops = {each for each in hops if topic not in each}
         hops |= {(source, target) for source in before for target in after if source != target}
-    return _from_the_player_on(hops)
+    return _sort_by_distance(hops)
 
 
-def _leads(source: TopicPlan | None, target: TopicPlan | None) -> bool:
+def _is_hop(source: TopicPlan | None, target: TopicPlan | None) -> bool:
     if source is None or target is None:
         return False
     return any(each.startswith("/") for each in {*source.readers} & {*target.writers})
 
 
-def _from_the_player_on(hops: Collection[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+def _sort_by_distance(hops: Collection[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
     """Hops by how far their target, then their source, is from the player."""
     distance = {PLAYER: 0}
     ahead = [PLAYER]

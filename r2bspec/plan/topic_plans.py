@@ -18,7 +18,7 @@ def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
             topic=harness_topic(name, wiring.namespace),
             type=each.format,
             source=(source := harness_topic(each.source, wiring.namespace)),
-            bag_topic=straight_from(source, spec, wiring),
+            bag_topic=direct_bag_topic(source, spec, wiring),
             qos=each.qos,
             timestamp=each.timestamp,
             later_ns=later.ns if (later := translations.get(name)) is not None else 0,
@@ -27,7 +27,7 @@ def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
     )
 
 
-def straight_from(source: str, spec: Spec, wiring: Wiring) -> str:
+def direct_bag_topic(source: str, spec: Spec, wiring: Wiring) -> str:
     """The bag topic whose messages need no preprocessing to become `source`; else empty."""
     if any(each.is_node for each in wiring.preprocess.publishers(source)):
         return ""
@@ -50,7 +50,7 @@ def plan_topics(spec: Spec, wiring: Wiring) -> tuple[TopicPlan, ...]:
 def _preprocess_topics(spec: Spec, wiring: Wiring) -> Iterator[TopicPlan]:
     phase = wiring.preprocess
     for name in phase.topics:
-        straight = bool(straight_from(name, spec, wiring))
+        straight = bool(direct_bag_topic(name, spec, wiring))
         readers = tuple(
             each
             for each in phase.subscriptions(name)
@@ -74,11 +74,11 @@ def _topic(phase: PhaseWiring, name: str, readers: tuple[Endpoint, ...] | None =
         phase=phase.phase,
         writers=_owners(writers),
         readers=_owners(readers),
-        qos=_profiles((*writers, *readers)),
+        qos=_qos_profiles((*writers, *readers)),
     )
 
 
-def _profiles(endpoints: tuple[Endpoint, ...]) -> dict[str, QoS]:
+def _qos_profiles(endpoints: tuple[Endpoint, ...]) -> dict[str, QoS]:
     """The profiles of nodes that are known; those of the harness stand at inputs and monitors."""
     return {each.owner: each.qos for each in endpoints if each.is_node and each.qos is not None}
 

@@ -12,18 +12,18 @@ from typing import NamedTuple
 from r2bspec.plan.plan import Plan
 
 
-class Unsupported(NamedTuple):
+class UnsupportedFeature(NamedTuple):
     """A part of a plan that cannot be carried out: where it stands, and what it is."""
 
     path: str
     what: str
 
 
-def unsupported(plan: Plan) -> list[Unsupported]:
+def unsupported_features(plan: Plan) -> list[UnsupportedFeature]:
     """All such parts, in the order of the plan's fields; empty if the plan can be run."""
     return [*_harness(plan)]
 
 
-def _harness(plan: Plan) -> Iterator[Unsupported]:
+def _harness(plan: Plan) -> Iterator[UnsupportedFeature]:
     if plan.harness.kind != "r2bspec":
-        yield Unsupported("harness.kind", f"the harness {plan.harness.kind!r}")
+        yield UnsupportedFeature("harness.kind", f"the harness {plan.harness.kind!r}")

@@ -12,7 +12,7 @@ from typing import BinaryIO
 from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
 
 
-def write_whole(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
+def write_atomically(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
     """Write a file so that a reader sees the old content or the new one, never a part.
 
     The content goes to a temporary file in the same folder, reaches the disk, and is renamed

@@ -14,11 +14,11 @@ import msgspec
 from r2bspec.record.errors import RecordError
 from r2bspec.record.run_folder import Run, open_run
 
-BASELINE: Final = "baseline.json"
-CONFIRM: Final = "confirm"
+BASELINE_FILE: Final = "baseline.json"
+CONFIRMATION_FOLDER: Final = "confirm"
 
 
-class Series(msgspec.Struct, frozen=True, kw_only=True):
+class BaselineSeries(msgspec.Struct, frozen=True, kw_only=True):
     """A metric in earlier runs: one value for each of them, or, of a stored run, each iteration.
 
     Attributes:
@@ -49,7 +49,7 @@ class BaselineRecord(msgspec.Struct, frozen=True, kw_only=True):
     source: str
     run_ids: tuple[str, ...]
     differences: tuple[str, ...] = ()
-    series: tuple[Series, ...]
+    series: tuple[BaselineSeries, ...]
 
     def find(
         self, at_hz: float | None, monitor: str | None, metric: str
@@ -72,7 +72,7 @@ def read_baseline(folder: Path) -> BaselineRecord | None:
     Raises:
         RecordError: the file is damaged.
     """
-    path = folder / BASELINE
+    path = folder / BASELINE_FILE
     try:
         return msgspec.json.decode(path.read_bytes(), type=BaselineRecord)
     except FileNotFoundError:
@@ -90,5 +90,5 @@ def read_confirmation(folder: Path) -> Run | None:
     Raises:
         RecordError: it cannot be read.
     """
-    path = folder / CONFIRM
+    path = folder / CONFIRMATION_FOLDER
     return open_run(path) if (path / "record.json").exists() else None

@@ -12,10 +12,10 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.record.atomic_files import write_whole
+from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.errors import RecordError
 
-SUFFIX: Final = ".noise.json"
+CALIBRATION_SUFFIX: Final = ".noise.json"
 FORMAT_VERSION: Final = 1
 
 _SPEC_SUFFIXES = (".r2b.yaml", ".yaml", ".yml")
@@ -70,24 +70,24 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     metrics: tuple[MetricNoise, ...]
 
 
-class NoiseFile(msgspec.Struct, frozen=True, kw_only=True):
+class CalibrationFile(msgspec.Struct, frozen=True, kw_only=True):
     """Calibrations by the name of the benchmark, then by the fingerprint of the machine."""
 
     r2bspec_noise: Literal[1] = 1
     benchmarks: dict[str, dict[str, Calibration]] = {}
 
 
-def noise_path(spec_file: Path) -> Path:
+def calibration_path(spec_file: Path) -> Path:
     """Where the noise of a spec is kept."""
     name = spec_file.name
     for suffix in _SPEC_SUFFIXES:
         if name.endswith(suffix):
             name = name.removesuffix(suffix)
             break
-    return spec_file.with_name(f"{name}{SUFFIX}")
+    return spec_file.with_name(f"{name}{CALIBRATION_SUFFIX}")
 
 
-def read_noise(path: Path) -> NoiseFile | None:
+def read_calibration_file(path: Path) -> CalibrationFile | None:
     """Read a noise file; None if there is none.
 
     Raises:
@@ -95,7 +95,7 @@ def read_noise(path: Path) -> NoiseFile | None:
     """
     try:
         content = path.read_bytes()
-        return msgspec.json.decode(content, type=NoiseFile)
+        return msgspec.json.decode(content, type=CalibrationFile)
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -107,14 +107,14 @@ def read_noise(path: Path) -> NoiseFile | None:
         ) from error
 
 
-def add_noise(path: Path, benchmark: str, host: str, found: Calibration) -> None:
+def add_calibration(path: Path, benchmark: str, host: str, found: Calibration) -> None:
     """Write a calibration into a noise file; others in it stay.
 
     Raises:
         RecordError: the file is damaged, or cannot be written.
     """
-    before = read_noise(path) or NoiseFile()
+    before = read_calibration_file(path) or CalibrationFile()
     hosts = {**before.benchmarks.get(benchmark, {}), host: found}
-    after = NoiseFile(benchmarks={**before.benchmarks, benchmark: hosts})
+    after = CalibrationFile(benchmarks={**before.benchmarks, benchmark: hosts})
     text = json.dumps(msgspec.to_builtins(after), indent=1, sort_keys=True, ensure_ascii=False)
-    write_whole(path, text.encode() + b"\n")
+    write_atomically(path, text.encode() + b"\n")

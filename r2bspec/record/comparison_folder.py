@@ -24,14 +24,14 @@ import msgspec
 from r2bspec.plan.canonical_json import canonical_json, parse_plan, plan_hash
 from r2bspec.plan.errors import PlanError
 from r2bspec.plan.plan import Plan
-from r2bspec.record.atomic_files import write_whole
+from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.errors import RecordError
-from r2bspec.record.merged_run import MergedRun, merge
+from r2bspec.record.merged_run import MergedRun, merge_runs
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import RunRecord
 
-PAIRS = "pairs.json"
-BASE_PLAN = "base.plan.json"
+PAIRS_FILE = "pairs.json"
+BASE_PLAN_FILE = "base.plan.json"
 
 FORMAT_VERSION = 1
 
@@ -91,21 +91,21 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[str, ...] = ()
 
 
-class PairsFolder(RunFolder):
+class ComparisonFolder(RunFolder):
     """The folder of a comparison that is being made."""
 
     def write_base_plan(self, plan: Plan) -> None:
         """Write the plan of the base."""
-        write_whole(self.path / BASE_PLAN, canonical_json(plan))
+        write_atomically(self.path / BASE_PLAN_FILE, canonical_json(plan))
 
     def write_pairs(self, record: PairsRecord) -> None:
         """Write ``pairs.json``; it is written again after each run."""
         text = msgspec.json.format(msgspec.json.encode(record), indent=1)
-        write_whole(self.path / PAIRS, text + b"\n")
+        write_atomically(self.path / PAIRS_FILE, text + b"\n")
 
 
 @dataclass(frozen=True)
-class Pairs:
+class PairedComparison:
     """A comparison that has been opened."""
 
     folder: Path
@@ -113,17 +113,17 @@ class Pairs:
     plan: Plan
     base_plan: Plan
 
-    def played(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
+    def usable_pairs(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
         """The pairs that count: each as it was first played in a way that can be judged."""
         return self._first(lambda each: not each.unusable, confirms=confirms)
 
-    def calm(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
+    def unaffected(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
         """The pairs that nothing disturbed, those that were played again in their places."""
         return self._first(lambda each: not (each.unusable or each.disturbed), confirms=confirms)
 
     def dropped(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
         """The pairs that were played again and could not be judged either."""
-        kept = {each.number for each in self.played(confirms=confirms)}
+        kept = {each.number for each in self.usable_pairs(confirms=confirms)}
         found = {
             each.number: each
             for each in self.record.pairs
@@ -156,11 +156,11 @@ class Pairs:
         """
         runs = [self.run(pair, side) for pair in pairs]
         plan = self.base_plan if side == "base" else self.plan
-        return merge(
+        return merge_runs(
             runs,
             folder=self.folder,
             plan=plan,
-            whole=self._whole(plan, runs or self._any_runs(side)),
+            whole=self._merged_record(plan, runs or self._fallback_runs(side)),
             spec=self.spec_text() if side == "head" else "",
         )
 
@@ -169,7 +169,7 @@ class Pairs:
         path = self.folder / "spec.yaml"
         return path.read_text(encoding="utf-8") if path.exists() else ""
 
-    def _any_runs(self, side: Side) -> list[Run]:
+    def _fallback_runs(self, side: Side) -> list[Run]:
         """A run that tells machine and versions where no pair can be judged."""
         for pair in self.record.pairs:
             folder = self.folder / (pair.base if side == "base" else pair.head)
@@ -177,7 +177,7 @@ class Pairs:
                 return [open_run(folder)]
         return []
 
-    def _whole(self, plan: Plan, runs: Sequence[Run]) -> RunRecord:
+    def _merged_record(self, plan: Plan, runs: Sequence[Run]) -> RunRecord:
         record = self.record
         one = runs[0].record if runs else None
         return RunRecord(
@@ -198,12 +198,12 @@ class Pairs:
         )
 
 
-def is_pairs(path: Path) -> bool:
+def is_comparison(path: Path) -> bool:
     """Whether a folder is that of a comparison."""
-    return (path / PAIRS).is_file()
+    return (path / PAIRS_FILE).is_file()
 
 
-def open_pairs(path: Path) -> Pairs:
+def open_comparison(path: Path) -> PairedComparison:
     """Open a comparison.
 
     Raises:
@@ -212,34 +212,36 @@ def open_pairs(path: Path) -> Pairs:
     """
     folder = path.absolute()
     try:
-        content = (folder / PAIRS).read_bytes()
-        version = msgspec.json.decode(content, type=_Version).r2bspec_pairs
+        content = (folder / PAIRS_FILE).read_bytes()
+        version = msgspec.json.decode(content, type=_VersionHeader).r2bspec_pairs
         if version != FORMAT_VERSION:
             raise RecordError(
-                f"{folder / PAIRS} has format version {version}; this r2bspec reads version "
+                f"{folder / PAIRS_FILE} has format version {version}; this r2bspec reads version "
                 f"{FORMAT_VERSION}",
                 hint="Use the r2bspec that made the comparison, or a newer one.",
             )
         record = msgspec.json.decode(content, type=PairsRecord)
     except OSError as error:
         raise RecordError(
-            f"{folder / PAIRS} cannot be read: {error.strerror or error}",
+            f"{folder / PAIRS_FILE} cannot be read: {error.strerror or error}",
             hint="Name the folder of a comparison, the one that holds pairs.json.",
         ) from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise RecordError(f"{folder / PAIRS} is damaged: {error}", hint=_CHANGED) from error
-    return Pairs(
+        raise RecordError(
+            f"{folder / PAIRS_FILE} is damaged: {error}", hint=_CHANGED_HINT
+        ) from error
+    return PairedComparison(
         folder=folder,
         record=record,
         plan=_open_plan(folder / "plan.json", record.head_plan),
-        base_plan=_open_plan(folder / BASE_PLAN, record.base_plan),
+        base_plan=_open_plan(folder / BASE_PLAN_FILE, record.base_plan),
     )
 
 
-_CHANGED = "The folder was changed afterwards, or is not one that r2bspec wrote."
+_CHANGED_HINT = "The folder was changed afterwards, or is not one that r2bspec wrote."
 
 
-class _Version(msgspec.Struct):
+class _VersionHeader(msgspec.Struct):
     r2bspec_pairs: int
 
 
@@ -252,7 +254,7 @@ def _open_plan(path: Path, expected: str) -> Plan:
             hint="The folder is not complete; compare again.",
         ) from error
     except PlanError as error:
-        raise RecordError(str(error), hint=_CHANGED) from error
+        raise RecordError(str(error), hint=_CHANGED_HINT) from error
     if plan_hash(plan) != expected:
-        raise RecordError(f"{path} is not the plan that was carried out", hint=_CHANGED)
+        raise RecordError(f"{path} is not the plan that was carried out", hint=_CHANGED_HINT)
     return plan

@@ -8,11 +8,11 @@ from typing import Any, Final
 
 import msgspec
 
-OF_A_MACHINE: Final = ("architecture", "cpu", "cores", "gpus", "cpu_governor")
+MACHINE_FACTS: Final = ("architecture", "cpu", "cores", "gpus", "cpu_governor")
 """The facts that decide how fast a machine is, and that do not change from day to day. The name of
 the host is not among them: machines of one kind are exchangeable, as in a pool of CI runners."""
 
-_DIGITS = 12
+_FINGERPRINT_DIGITS = 12
 
 
 def fingerprint(machine: Mapping[str, Any]) -> str:
@@ -21,11 +21,11 @@ def fingerprint(machine: Mapping[str, Any]) -> str:
     Args:
         machine: as `RunRecord.machine` describes it; what is not known is taken as nothing.
     """
-    facts = [machine.get(key) or None for key in OF_A_MACHINE]
-    return hashlib.sha256(msgspec.json.encode(facts)).hexdigest()[:_DIGITS]
+    facts = [machine.get(key) or None for key in MACHINE_FACTS]
+    return hashlib.sha256(msgspec.json.encode(facts)).hexdigest()[:_FINGERPRINT_DIGITS]
 
 
-def in_words(machine: Mapping[str, Any]) -> str:
+def describe_machine(machine: Mapping[str, Any]) -> str:
     """The same for a reader, on one line."""
     cores = machine.get("cores")
     parts = (

@@ -17,7 +17,7 @@ import numpy as np
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord, SearchRecord, Segment
-from r2bspec.record.sample_arrays import RESOURCES, SURROUNDINGS, Rows
+from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 
 Limit = Literal["graph", "player", "range", "interrupted"]
 
@@ -29,55 +29,55 @@ class MergedRun(Run):
     """Runs of one plan as a single one.
 
     Attributes:
-        parts: the runs, in the order of their pairs.
+        runs: the runs, in the order of their pairs.
         spec: the resolved spec of all of them.
     """
 
-    parts: tuple[Run, ...] = ()
+    runs: tuple[Run, ...] = ()
     spec: str = ""
 
     def playback(self, segment: Segment) -> Rows:
         """See `Run.playback`."""
-        run, own = self._part(segment)
+        run, own = self._source_run(segment)
         return run.playback(own)
 
     def monitor(self, segment: Segment, name: str) -> Rows:
         """See `Run.monitor`."""
-        run, own = self._part(segment)
+        run, own = self._source_run(segment)
         return run.monitor(own, name)
 
     def tap(self, segment: Segment, topic: str) -> Rows:
         """See `Run.tap`."""
-        run, own = self._part(segment)
+        run, own = self._source_run(segment)
         return run.tap(own, topic)
 
     def resources(self) -> Rows:
         """See `Run.resources`; each run's processes follow those of the one before it."""
         found: list[Rows] = []
         before = 0
-        for run in self.parts:
+        for run in self.runs:
             rows = run.resources().copy()
             rows["process"][rows["process"] >= 0] += before
             found.append(rows)
             before += len(run.record.processes)
-        return np.concatenate(found) if found else np.empty(0, RESOURCES)
+        return np.concatenate(found) if found else np.empty(0, RESOURCE_DTYPE)
 
-    def surroundings(self) -> Rows:
-        """See `Run.surroundings`; of runs that have none there are none."""
+    def interference(self) -> Rows:
+        """See `Run.interference`; of runs that have none there are none."""
         return np.concatenate(
-            [np.empty(0, SURROUNDINGS), *(run.surroundings() for run in self.parts)]
+            [np.empty(0, INTERFERENCE_DTYPE), *(run.interference() for run in self.runs)]
         )
 
     def spec_text(self) -> str:
         """See `Run.spec_text`."""
         return self.spec
 
-    def _part(self, segment: Segment) -> tuple[Run, Segment]:
+    def _source_run(self, segment: Segment) -> tuple[Run, Segment]:
         number, _, own = segment.id.partition(_SEPARATOR)
-        return self.parts[int(number) - 1], msgspec.structs.replace(segment, id=own)
+        return self.runs[int(number) - 1], msgspec.structs.replace(segment, id=own)
 
 
-def merge(
+def merge_runs(
     runs: Sequence[Run], *, folder: Path, plan: Plan, whole: RunRecord, spec: str = ""
 ) -> MergedRun:
     """Runs as one.
@@ -100,9 +100,9 @@ def merge(
             segments.append(
                 msgspec.structs.replace(
                     one,
-                    id=_named(number, one.id),
+                    id=_prefixed_id(number, one.id),
                     index=counts[key],
-                    rerun_of=_named(number, one.rerun_of) if one.rerun_of else "",
+                    rerun_of=_prefixed_id(number, one.rerun_of) if one.rerun_of else "",
                 )
             )
     merged = msgspec.structs.replace(
@@ -111,7 +111,7 @@ def merge(
         segments=tuple(segments),
         search=_search(records),
         sustained=tuple(
-            msgspec.structs.replace(each, segment=_named(number, each.segment))
+            msgspec.structs.replace(each, segment=_prefixed_id(number, each.segment))
             for number, record in enumerate(records, start=1)
             for each in record.sustained
         ),
@@ -122,10 +122,10 @@ def merge(
         differences=records[0].differences if records else (),
         left_out=tuple(dict.fromkeys(each for record in records for each in record.left_out)),
     )
-    return MergedRun(folder=folder, record=merged, plan=plan, parts=tuple(runs), spec=spec)
+    return MergedRun(folder=folder, record=merged, plan=plan, runs=tuple(runs), spec=spec)
 
 
-def _named(number: int, own: str) -> str:
+def _prefixed_id(number: int, own: str) -> str:
     return f"{number:03d}{_SEPARATOR}{own}"
 
 
@@ -140,7 +140,7 @@ def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
     order: tuple[Limit, ...] = ("interrupted", "player", "range", "graph")
     return SearchRecord(
         probes=tuple(
-            msgspec.structs.replace(each, segment=_named(number, each.segment))
+            msgspec.structs.replace(each, segment=_prefixed_id(number, each.segment))
             for number, record in enumerate(records, start=1)
             for each in (record.search.probes if record.search is not None else ())
         ),

@@ -20,14 +20,14 @@ from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.errors import PlanError
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.taps import tap_name
-from r2bspec.record.atomic_files import write_whole
+from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
 from r2bspec.record.run_record import RunRecord, Segment
 from r2bspec.record.sample_arrays import (
-    MONITOR,
-    PLAYBACK,
-    RESOURCES,
-    SURROUNDINGS,
+    INTERFERENCE_DTYPE,
+    MONITOR_DTYPE,
+    PLAYBACK_DTYPE,
+    RESOURCE_DTYPE,
     Rows,
     read_rows,
     write_rows,
@@ -35,7 +35,7 @@ from r2bspec.record.sample_arrays import (
 
 FORMAT_VERSION = 1
 
-_CHANGED = "The folder was changed after the run, or is not one that r2bspec wrote."
+_CHANGED_HINT = "The folder was changed after the run, or is not one that r2bspec wrote."
 
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=@-]*")
 
@@ -78,7 +78,7 @@ class RunFolder:
 
     def log_path(self, process: str) -> Path:
         """Where the output of a process goes; its folder exists afterwards."""
-        path = self.path / "logs" / f"{_safe(process)}.log"
+        path = self.path / "logs" / f"{_safe_name(process)}.log"
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
@@ -89,40 +89,42 @@ class RunFolder:
 
     def write_spec(self, text: str) -> None:
         """Write the resolved spec."""
-        write_whole(self.path / "spec.yaml", text.encode())
+        write_atomically(self.path / "spec.yaml", text.encode())
 
     def write_plan(self, text: str) -> None:
         """Write the canonical JSON of the plan."""
-        write_whole(self.path / "plan.json", text.encode())
+        write_atomically(self.path / "plan.json", text.encode())
 
     def write_playback(self, segment: str, rows: Rows) -> None:
-        """Write what was played in a segment: rows of `r2bspec.record.sample_arrays.PLAYBACK`."""
-        write_rows(_segment_folder(self.path, segment) / "playback.npy", rows, PLAYBACK)
+        """Write what was played in a segment: rows of `PLAYBACK_DTYPE`."""
+        write_rows(_segment_folder(self.path, segment) / "playback.npy", rows, PLAYBACK_DTYPE)
 
     def write_monitor(self, segment: str, monitor: str, rows: Rows) -> None:
         """Write what a monitor received in a segment, also when it is nothing (no rows)."""
-        write_rows(_segment_folder(self.path, segment) / _monitor_file(monitor), rows, MONITOR)
+        write_rows(
+            _segment_folder(self.path, segment) / _monitor_file(monitor), rows, MONITOR_DTYPE
+        )
 
     def write_tap(self, segment: str, topic: str, rows: Rows) -> None:
         """Write what a tap saw of a topic in a segment."""
-        write_rows(_segment_folder(self.path, segment) / _tap_file(topic), rows, MONITOR)
+        write_rows(_segment_folder(self.path, segment) / _tap_file(topic), rows, MONITOR_DTYPE)
 
     def write_resources(self, rows: Rows) -> None:
-        """Write CPU and memory over the whole run: rows of `sample_arrays.RESOURCES`."""
-        write_rows(self.path / "resources.npy", rows, RESOURCES)
+        """Write CPU and memory over the whole run: rows of `sample_arrays.RESOURCE_DTYPE`."""
+        write_rows(self.path / "resources.npy", rows, RESOURCE_DTYPE)
 
-    def write_surroundings(self, rows: Rows) -> None:
-        """Write host interference over the whole run: rows of `sample_arrays.SURROUNDINGS`."""
-        write_rows(self.path / "surroundings.npy", rows, SURROUNDINGS)
+    def write_interference(self, rows: Rows) -> None:
+        """Write host interference over the whole run: rows of `INTERFERENCE_DTYPE`."""
+        write_rows(self.path / "surroundings.npy", rows, INTERFERENCE_DTYPE)
 
     def write_record(self, record: RunRecord) -> None:
         """Write ``record.json``; it may be written again as the run goes on."""
         text = msgspec.json.format(msgspec.json.encode(record), indent=1)
-        write_whole(self.path / "record.json", text + b"\n")
+        write_atomically(self.path / "record.json", text + b"\n")
 
     def write_result(self, content: bytes) -> None:
         """Write ``result.json``."""
-        write_whole(self.path / "result.json", content)
+        write_atomically(self.path / "result.json", content)
 
 
 @dataclass(frozen=True)
@@ -137,46 +139,48 @@ class Run:
     plan: Plan
 
     def playback(self, segment: Segment) -> Rows:
-        """What was played, one row per step, of type `r2bspec.record.sample_arrays.PLAYBACK`.
+        """What was played, one row per step, of type `r2bspec.record.sample_arrays.PLAYBACK_DTYPE`.
 
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return read_rows(_segment_folder(self.folder, segment.id) / "playback.npy", PLAYBACK)
+        return read_rows(_segment_folder(self.folder, segment.id) / "playback.npy", PLAYBACK_DTYPE)
 
     def monitor(self, segment: Segment, name: str) -> Rows:
-        """What a monitor received, one row per message in order of arrival (type `MONITOR`).
+        """What a monitor received, one row per message in order of arrival (type `MONITOR_DTYPE`).
 
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return read_rows(_segment_folder(self.folder, segment.id) / _monitor_file(name), MONITOR)
+        return read_rows(
+            _segment_folder(self.folder, segment.id) / _monitor_file(name), MONITOR_DTYPE
+        )
 
     def tap(self, segment: Segment, topic: str) -> Rows:
-        """What a tap saw of a topic, one row per message in order of arrival (type `MONITOR`).
+        """What a tap saw of a topic, one row per message as they arrived (type `MONITOR_DTYPE`).
 
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return read_rows(_segment_folder(self.folder, segment.id) / _tap_file(topic), MONITOR)
+        return read_rows(_segment_folder(self.folder, segment.id) / _tap_file(topic), MONITOR_DTYPE)
 
     def resources(self) -> Rows:
-        """CPU and memory samples (type `RESOURCES`); no rows if none were taken.
+        """CPU and memory samples (type `RESOURCE_DTYPE`); no rows if none were taken.
 
         Raises:
             RecordError: the file is damaged.
         """
-        return self._optional("resources.npy", RESOURCES)
+        return self._read_optional("resources.npy", RESOURCE_DTYPE)
 
-    def surroundings(self) -> Rows:
-        """What else happened on the machine (type `SURROUNDINGS`); no rows if it was not sampled.
+    def interference(self) -> Rows:
+        """Host interference (type `INTERFERENCE_DTYPE`); no rows if it was not sampled.
 
         Raises:
             RecordError: the file is damaged.
         """
-        return self._optional("surroundings.npy", SURROUNDINGS)
+        return self._read_optional("surroundings.npy", INTERFERENCE_DTYPE)
 
-    def _optional(self, name: str, dtype: np.dtype[np.void]) -> Rows:
+    def _read_optional(self, name: str, dtype: np.dtype[np.void]) -> Rows:
         path = self.folder / name
         return read_rows(path, dtype) if path.exists() else np.empty(0, dtype)
 
@@ -209,13 +213,13 @@ def open_run(path: Path) -> Run:
     return Run(folder=folder, record=record, plan=_open_plan(folder / "plan.json", record))
 
 
-class _Version(msgspec.Struct):
+class _VersionHeader(msgspec.Struct):
     r2bspec_record: int
 
 
 def _check_version(path: Path, content: bytes) -> None:
     """Tell a newer format from a broken one before anything else is decoded."""
-    version = _decode(path, content, _Version).r2bspec_record
+    version = _decode(path, content, _VersionHeader).r2bspec_record
     if version != FORMAT_VERSION:
         raise RecordError(
             f"{path} has format version {version}; this r2bspec reads version {FORMAT_VERSION}",
@@ -227,11 +231,11 @@ def _open_plan(path: Path, record: RunRecord) -> Plan:
     """Read the plan, and see that it is the one that was carried out."""
     content = _read(path)
     if record.plan_hash != f"sha256:{hashlib.sha256(content).hexdigest()}":
-        raise RecordError(f"{path} is not the plan that this run carried out", hint=_CHANGED)
+        raise RecordError(f"{path} is not the plan that this run carried out", hint=_CHANGED_HINT)
     try:
         return parse_plan(content, str(path))
     except PlanError as error:
-        raise RecordError(str(error), hint=_CHANGED) from error
+        raise RecordError(str(error), hint=_CHANGED_HINT) from error
 
 
 def _read(path: Path) -> bytes:
@@ -248,22 +252,22 @@ def _decode(path: Path, content: bytes, kind: Any) -> Any:
     try:
         return msgspec.json.decode(content, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise RecordError(f"{path} is damaged: {error}", hint=_CHANGED) from error
+        raise RecordError(f"{path} is damaged: {error}", hint=_CHANGED_HINT) from error
 
 
 def _segment_folder(folder: Path, segment: str) -> Path:
-    return folder / "samples" / _safe(segment)
+    return folder / "samples" / _safe_name(segment)
 
 
 def _monitor_file(name: str) -> str:
-    return f"monitor.{_safe(name)}.npy"
+    return f"monitor.{_safe_name(name)}.npy"
 
 
 def _tap_file(topic: str) -> str:
-    return f"{_safe(tap_name(topic))}.npy"
+    return f"{_safe_name(tap_name(topic))}.npy"
 
 
-def _safe(name: str) -> str:
+def _safe_name(name: str) -> str:
     """A name that stays inside the run folder when it becomes a file name."""
     if _SAFE_NAME.fullmatch(name) is None:
         raise RecordError(f"{name!r} cannot be part of a file name in a run folder")

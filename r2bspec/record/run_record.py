@@ -53,7 +53,7 @@ whole machine and -2 for the controller; `cpu_s` is the processor time used so f
 summed over all cores and the process's descendants (for -2: without them); `memory_bytes` is the
 resident set (for -1: memory in use)."""
 
-SURROUNDINGS_FIELDS = (
+INTERFERENCE_FIELDS = (
     ("time_ns", "<i8"),
     ("busy_s", "<f8"),
     ("stolen_s", "<f8"),

@@ -9,22 +9,22 @@ import numpy as np
 from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
-from r2bspec.record.atomic_files import write_whole
+from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.errors import RecordError
 from r2bspec.record.run_record import (
+    INTERFERENCE_FIELDS,
     MONITOR_FIELDS,
     PLAYBACK_FIELDS,
     RESOURCE_FIELDS,
-    SURROUNDINGS_FIELDS,
 )
 
 Rows = NDArray[Any]
 """A one-dimensional array of one of the record types below."""
 
-PLAYBACK: np.dtype[np.void] = np.dtype(list(PLAYBACK_FIELDS))
-MONITOR: np.dtype[np.void] = np.dtype(list(MONITOR_FIELDS))
-RESOURCES: np.dtype[np.void] = np.dtype(list(RESOURCE_FIELDS))
-SURROUNDINGS: np.dtype[np.void] = np.dtype(list(SURROUNDINGS_FIELDS))
+PLAYBACK_DTYPE: np.dtype[np.void] = np.dtype(list(PLAYBACK_FIELDS))
+MONITOR_DTYPE: np.dtype[np.void] = np.dtype(list(MONITOR_FIELDS))
+RESOURCE_DTYPE: np.dtype[np.void] = np.dtype(list(RESOURCE_FIELDS))
+INTERFERENCE_DTYPE: np.dtype[np.void] = np.dtype(list(INTERFERENCE_FIELDS))
 
 
 def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> None:
@@ -40,7 +40,7 @@ def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> None:
     def save(file: BinaryIO) -> None:
         npy_format.write_array(file, rows, allow_pickle=False)
 
-    write_whole(path, save)
+    write_atomically(path, save)
 
 
 def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
@@ -62,13 +62,13 @@ def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
         # NumPy says ValueError for a truncated file and for one that is no array at all.
         raise RecordError(f"{path} is damaged: {error}", hint=_HINT) from error
     if whole and rows.ndim == 1 and rows.dtype != dtype:
-        rows = _extended(rows, dtype)
+        rows = _with_missing_fields(rows, dtype)
     if not whole or rows.ndim != 1 or rows.dtype != dtype:
         raise RecordError(f"{path} is damaged: it does not hold {path.stem} rows", hint=_HINT)
     return rows
 
 
-def _extended(rows: Rows, dtype: np.dtype[np.void]) -> Rows:
+def _with_missing_fields(rows: Rows, dtype: np.dtype[np.void]) -> Rows:
     """Rows with all fields of a type, if they have the first ones of it; else as they are."""
     names = rows.dtype.names or ()
     wanted = dtype.names or ()

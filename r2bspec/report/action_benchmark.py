@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.units import at_rate, show_range
 from r2bspec.report.report_wording import peak_text
@@ -21,9 +21,9 @@ _SMALLER = (
 _BIGGER = (("throughput.mean", "Hz", 1.0, "Hz"),)
 
 
-def to_json(reported: Reported, *, bigger: bool) -> bytes:
+def to_json(report_input: ReportInput, *, bigger: bool) -> bytes:
     """The list for ``customBiggerIsBetter`` or for ``customSmallerIsBetter``."""
-    result = reported.result
+    result = report_input.result
     entries = [
         entry
         for rate in result.metrics.rates

@@ -2,7 +2,7 @@
 
 A format is a module with one function::
 
-    def render(reported: Reported) -> bytes
+    def render(report_input: ReportInput) -> bytes
 
 It is imported when it is asked for, so that listing the formats costs nothing.
 """
@@ -15,11 +15,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.report.errors import ReportError, ReportUsageError
 
-Render = Callable[[Reported], bytes]
+Renderer = Callable[[ReportInput], bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,37 +40,43 @@ class Format:
     single: bool = False
 
 
-_FORMATS = "r2bspec.report.formats"
+_FORMATS_PACKAGE = "r2bspec.report.formats"
 
 FORMATS: Final[dict[str, Format]] = {
-    "json": Format(f"{_FORMATS}.json", "the content of result.json"),
-    "text": Format(f"{_FORMATS}.text", "what a terminal shows, without colours"),
+    "json": Format(f"{_FORMATS_PACKAGE}.json", "the content of result.json"),
+    "text": Format(f"{_FORMATS_PACKAGE}.text", "what a terminal shows, without colours"),
     "html": Format(
         "r2bspec.report.html", "one self-contained page with charts", ("jinja2", "matplotlib")
     ),
-    "markdown": Format(f"{_FORMATS}.markdown", "a comment or a step summary, details folded"),
-    "github": Format(f"{_FORMATS}.github", "annotations on the spec's lines"),
-    "junit": Format(f"{_FORMATS}.junit", "JUnit XML, a case for each requirement"),
-    "junit_lenient": Format(f"{_FORMATS}.junit_lenient", "the same, with inconclusive as skipped"),
-    "csv": Format(f"{_FORMATS}.csv", "every metric of every iteration, a line each"),
-    "openmetrics": Format(f"{_FORMATS}.openmetrics", "OpenMetrics text for Prometheus"),
-    "hdrhistogram": Format(
-        f"{_FORMATS}.hdrhistogram", "percentile distribution of the latency", single=True
+    "markdown": Format(
+        f"{_FORMATS_PACKAGE}.markdown", "a comment or a step summary, details folded"
     ),
-    "ros2_benchmark": Format(f"{_FORMATS}.ros2_benchmark", "the JSON of NVIDIA's ros2_benchmark"),
-    "bencher": Format(f"{_FORMATS}.bencher", "Bencher Metric Format"),
+    "github": Format(f"{_FORMATS_PACKAGE}.github", "annotations on the spec's lines"),
+    "junit": Format(f"{_FORMATS_PACKAGE}.junit", "JUnit XML, a case for each requirement"),
+    "junit_lenient": Format(
+        f"{_FORMATS_PACKAGE}.junit_lenient", "the same, with inconclusive as skipped"
+    ),
+    "csv": Format(f"{_FORMATS_PACKAGE}.csv", "every metric of every iteration, a line each"),
+    "openmetrics": Format(f"{_FORMATS_PACKAGE}.openmetrics", "OpenMetrics text for Prometheus"),
+    "hdrhistogram": Format(
+        f"{_FORMATS_PACKAGE}.hdrhistogram", "percentile distribution of the latency", single=True
+    ),
+    "ros2_benchmark": Format(
+        f"{_FORMATS_PACKAGE}.ros2_benchmark", "the JSON of NVIDIA's ros2_benchmark"
+    ),
+    "bencher": Format(f"{_FORMATS_PACKAGE}.bencher", "Bencher Metric Format"),
     "benchmark_smaller": Format(
-        f"{_FORMATS}.benchmark_smaller", "github-action-benchmark, customSmallerIsBetter"
+        f"{_FORMATS_PACKAGE}.benchmark_smaller", "github-action-benchmark, customSmallerIsBetter"
     ),
     "benchmark_bigger": Format(
-        f"{_FORMATS}.benchmark_bigger", "github-action-benchmark, customBiggerIsBetter"
+        f"{_FORMATS_PACKAGE}.benchmark_bigger", "github-action-benchmark, customBiggerIsBetter"
     ),
-    "trace": Format(f"{_FORMATS}.trace", "a timeline for Perfetto or chrome://tracing"),
-    "mcap": Format(f"{_FORMATS}.mcap", "metrics over time for Foxglove", ("mcap",)),
+    "trace": Format(f"{_FORMATS_PACKAGE}.trace", "a timeline for Perfetto or chrome://tracing"),
+    "mcap": Format(f"{_FORMATS_PACKAGE}.mcap", "metrics over time for Foxglove", ("mcap",)),
 }
 
 
-def find(name: str) -> Format:
+def find_format(name: str) -> Format:
     """The format of that name.
 
     Raises:
@@ -93,7 +99,7 @@ def check_installed(name: str) -> None:
         ReportUsageError: there is no such format.
         ReportError: a library is missing.
     """
-    missing = [each for each in find(name).needs if importlib.util.find_spec(each) is None]
+    missing = [each for each in find_format(name).needs if importlib.util.find_spec(each) is None]
     if missing:
         raise ReportError(
             f"the report format {name!r} needs {' and '.join(missing)}",
@@ -101,7 +107,7 @@ def check_installed(name: str) -> None:
         )
 
 
-def renderer(name: str) -> Render:
+def renderer(name: str) -> Renderer:
     """The function that makes a report of that format.
 
     Raises:
@@ -109,5 +115,5 @@ def renderer(name: str) -> Render:
         ReportError: a library that it needs is missing.
     """
     check_installed(name)
-    found: Render = importlib.import_module(find(name).module).render
+    found: Renderer = importlib.import_module(find_format(name).module).render
     return found

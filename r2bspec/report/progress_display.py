@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.status import Status
 
-_LINE_EVERY_S = 10.0
+_LINE_INTERVAL_S = 10.0
 """A log wants to be short, and to show that something is still going on."""
 
-_LOOK_EVERY_S = 0.5
+_REFRESH_INTERVAL_S = 0.5
 """A person reads no faster, and every look at the samples takes time from the run."""
 
-_BUSIEST = 4
+_MAX_PROCESSES = 4
 """Processes whose load is told, the busiest first."""
 
 
-class Seen(Protocol):
+class SegmentProgress(Protocol):
     """A stretch that is being played, as `r2bspec.execute.progress.Playing` describes it."""
 
     def sent(self) -> int:
@@ -42,24 +42,24 @@ class Seen(Protocol):
         """Processor time per time, by process."""
 
 
-def told(seen: Seen, steps: int) -> str:
+def progress_text(progress: SegmentProgress, steps: int) -> str:
     """How far a stretch of `steps` steps is, in a line."""
-    p99_ns = seen.p99_ns()
-    parts = [f"{seen.sent()} of {steps} sent", f"{seen.received()} received"]
+    p99_ns = progress.p99_ns()
+    parts = [f"{progress.sent()} of {steps} sent", f"{progress.received()} received"]
     if p99_ns is not None:
         parts.append(f"p99 {show(p99_ns / 1e9, 's')}")
     return " · ".join(parts)
 
 
-def loads(cores: Mapping[str, float]) -> str:
+def load_text(cores: Mapping[str, float]) -> str:
     """The busiest processes, with their share of a core."""
-    busiest = sorted(cores.items(), key=lambda one: -one[1])[:_BUSIEST]
+    busiest = sorted(cores.items(), key=lambda one: -one[1])[:_MAX_PROCESSES]
     # Names are the user's.
     shown = [f"{printable(name)} {show(used, 'share', 2)}" for name, used in busiest]
     return f"CPU {' · '.join(shown)}" if shown else ""
 
 
-class _Lines:
+class _PlainProgress:
     """A plain line for each thing that happens, with the seconds since the start."""
 
     def __init__(self) -> None:
@@ -67,32 +67,32 @@ class _Lines:
         self._steps = 0
         self._next = 0.0
 
-    def _say(self, text: str) -> None:
+    def _write_line(self, text: str) -> None:
         sys.stderr.write(f"[{time.monotonic() - self._began:6.1f} s] {text}\n")
         sys.stderr.flush()
 
     def phase(self, _name: str, text: str) -> None:
-        self._say(text)
+        self._write_line(text)
 
     def step(self, done: int, total: int) -> None:
         """A count would be a line for every message."""
 
     def segment(self, title: str, steps: int) -> None:
-        self._say(f"  {title}")
+        self._write_line(f"  {title}")
         self._steps = steps
-        self._next = time.monotonic() + _LINE_EVERY_S
+        self._next = time.monotonic() + _LINE_INTERVAL_S
 
-    def playing(self, seen: Seen) -> None:
+    def playing(self, progress: SegmentProgress) -> None:
         if time.monotonic() >= self._next:
-            self._next += _LINE_EVERY_S
-            parts = (told(seen, self._steps), loads(seen.cores()))
-            self._say(f"    {' · '.join(filter(None, parts))}")
+            self._next += _LINE_INTERVAL_S
+            parts = (progress_text(progress, self._steps), load_text(progress.cores()))
+            self._write_line(f"    {' · '.join(filter(None, parts))}")
 
     def note(self, text: str) -> None:
-        self._say(f"  {text}")
+        self._write_line(f"  {text}")
 
 
-class _Live:
+class _LiveProgress:
     """Two lines that change in place, how far the run is and what it uses; notes stay above."""
 
     def __init__(self, console: Console, status: Status) -> None:
@@ -127,39 +127,42 @@ class _Live:
         self._title, self._steps = title, steps
         self._show(title)
 
-    def playing(self, seen: Seen) -> None:
+    def playing(self, progress: SegmentProgress) -> None:
         if time.monotonic() >= self._next:
-            self._next = time.monotonic() + _LOOK_EVERY_S
-            self._show(f"{self._title}: {told(seen, self._steps)}", loads(seen.cores()))
+            self._next = time.monotonic() + _REFRESH_INTERVAL_S
+            self._show(
+                f"{self._title}: {progress_text(progress, self._steps)}",
+                load_text(progress.cores()),
+            )
 
     def note(self, text: str) -> None:
         self._console.print(f"  {text}", markup=False, highlight=False, style="dim")
 
 
-class _Quiet(_Lines):
+class _NullProgress(_PlainProgress):
     """Says nothing at all."""
 
-    def _say(self, text: str) -> None:
+    def _write_line(self, text: str) -> None:
         """Swallow the line."""
 
-    def playing(self, seen: Seen) -> None:
+    def playing(self, progress: SegmentProgress) -> None:
         """Look at nothing."""
 
 
 @contextlib.contextmanager
-def shown_progress(*, quiet: bool = False) -> Iterator[_Lines | _Live]:
+def shown_progress(*, quiet: bool = False) -> Iterator[_PlainProgress | _LiveProgress]:
     """A listener for a run that shows what it is told, for as long as the context lasts.
 
     CI systems keep what is printed, so a live view there would be a thousand lines; ``CI=true``
     is taken at its word.
     """
     if quiet:
-        yield _Quiet()
+        yield _NullProgress()
     elif not sys.stderr.isatty() or os.environ.get("CI"):
-        yield _Lines()
+        yield _PlainProgress()
     else:
         from rich.console import Console
 
         console = Console(stderr=True)
         with console.status("starting") as status:
-            yield _Live(console, status)
+            yield _LiveProgress(console, status)

@@ -20,7 +20,7 @@ OUTCOME_WORDS: dict[OverallOutcome, str] = {
 """Each outcome with its mark: never told by colour alone."""
 
 
-_TOLD = 6
+_MAX_LISTED_ITERATIONS = 6
 """Disturbed iterations that are told one by one."""
 
 
@@ -67,7 +67,7 @@ def bounds_text(one: RequirementVerdict) -> str:
     return lower if lower == upper else f"{lower} … {upper}"
 
 
-HOLDS = {True: "✔", False: "✘", None: "?"}
+PROBE_MARKS = {True: "✔", False: "✘", None: "?"}
 """Marks of a probe's answer."""
 
 
@@ -91,13 +91,13 @@ def peak_text(search: SearchRecord) -> str:
         found = f"between {show(lower, 'Hz')} and {show(upper, 'Hz')}"
     parts = [found, limits[search.limited_by]]
     if search.open_hz:
-        parts.insert(1, open_text(search))
+        parts.insert(1, undecided_rates_text(search))
     if search.confidence:
         parts.append(f"{show(search.confidence, 'share', 4)} confidence")
     return " · ".join([*parts, f"{len(search.probes)} probes"])
 
 
-def open_text(search: SearchRecord) -> str:
+def undecided_rates_text(search: SearchRecord) -> str:
     """Which rates of the bracket stayed open."""
     first, *others = search.open_hz
     if not others:
@@ -137,6 +137,13 @@ def own_pace(metrics: RunMetrics) -> str:
     return next((rate.pace for rate in metrics.rates if not rate.offered_hz), "")
 
 
+def loaded_rmw(result: Result) -> str:
+    """The middleware (RMW implementation) of the run; empty if that is not known."""
+    rmw = result.versions.get("rmw", "")
+    # Earlier versions recorded the variable, and this where it was not set.
+    return "" if rmw == "default" else rmw
+
+
 def notes(result: Result) -> Iterator[str]:
     """What a reader must know to trust the numbers, a sentence each."""
     if result.status != "complete":
@@ -152,10 +159,10 @@ def notes(result: Result) -> Iterator[str]:
         if difference.harmless:
             yield f"{difference.code}: {difference.message}; {difference.help}"
     yield from (f"{each[:1].upper()}{each[1:]}" for each in _of_pairs(result))
-    yield from disturbed_texts(result.verdict.disturbed)
+    yield from affected_iteration_notes(result.verdict.disturbed)
     yield from result.left_out
-    yield from _unknown(result)
-    yield from _odd_messages(result)
+    yield from _live_notes(result)
+    yield from _message_anomalies(result)
     for process in result.processes:
         if process.exit_code not in {0, None}:
             ended = f"exit code {process.exit_code}"
@@ -164,22 +171,26 @@ def notes(result: Result) -> Iterator[str]:
             yield f"Process {process.name} ended with {ended}"
 
 
-def disturbed_texts(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
+def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
     """Which iterations the machine disturbed, by what, and which were played again, by rate."""
     for rate_hz in dict.fromkeys(one.rate_hz for one in disturbed):
         found = [one for one in disturbed if one.rate_hz == rate_hz]
-        told = [_disturbed_text(one) for one in found[:_TOLD]]
-        more = f"; and {len(found) - _TOLD} more, in result.json" if len(found) > _TOLD else ""
+        told = [_affected_iteration_text(one) for one in found[:_MAX_LISTED_ITERATIONS]]
+        more = (
+            f"; and {len(found) - _MAX_LISTED_ITERATIONS} more, in result.json"
+            if len(found) > _MAX_LISTED_ITERATIONS
+            else ""
+        )
         at = f", {at_rate(rate_hz)}" if rate_hz else ""
         yield f"The machine disturbed{at}: {'; '.join(told)}{more}"
 
 
-def _disturbed_text(one: DisturbedIteration) -> str:
+def _affected_iteration_text(one: DisturbedIteration) -> str:
     again = f", played again as {one.rerun}" if one.rerun else ""
     return f"{one.segment} ({', '.join(one.reasons)}{again})"
 
 
-def _unknown(result: Result) -> Iterator[str]:
+def _live_notes(result: Result) -> Iterator[str]:
     """What nobody can know of a live run."""
     live = [rate for rate in result.metrics.rates if rate.pace == "source"]
     if not live:
@@ -197,7 +208,7 @@ def _unknown(result: Result) -> Iterator[str]:
                 )
 
 
-def _odd_messages(result: Result) -> Iterator[str]:
+def _message_anomalies(result: Result) -> Iterator[str]:
     """Messages that arrived otherwise than once, in order, and in answer to an input."""
     for rate in result.metrics.rates:
         for name, seen in rate.pooled.monitors.items():

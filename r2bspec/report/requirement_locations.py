@@ -12,7 +12,7 @@ from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
 
 
 @dataclass(frozen=True)
-class Places:
+class RequirementLocations:
     """The places of a spec's requirements."""
 
     loaded: LoadedSpec
@@ -27,9 +27,9 @@ class Places:
         return self.loaded.span(("slos", one.objective), key=True)
 
 
-def read_places(spec_file: Path | None) -> Places | None:
+def read_requirement_locations(spec_file: Path | None) -> RequirementLocations | None:
     """The places in a file; None if it is not known, not there, or no spec."""
     if spec_file is None or not spec_file.is_file() or spec_file.suffix == ".json":
         return None
     loaded = load_spec(spec_file)
-    return Places(loaded) if loaded.tree is not None else None
+    return RequirementLocations(loaded) if loaded.tree is not None else None

@@ -9,7 +9,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.metrics import Distribution, MonitorMetrics, SegmentMetrics, UseMetrics
 
-PARTS = ("min", "mean", "p50", "p90", "p95", "p99", "p99_9", "max")
+DISTRIBUTION_PARTS = ("min", "mean", "p50", "p90", "p95", "p99", "p99_9", "max")
 """Of a distribution, in ascending order but for the mean."""
 
 _COUNTS = (
@@ -38,7 +38,7 @@ class Row:
     value: float
 
 
-def rows(result: Result) -> Iterator[Row]:
+def result_rows(result: Result) -> Iterator[Row]:
     """All numbers: by rate; pooled first, then by iteration; the peak and ratios last."""
     for rate in result.metrics.rates:
         for number, segment in (
@@ -102,7 +102,7 @@ def _monitor(seen: MonitorMetrics) -> Iterator[tuple[str, str, float | None]]:
 
 
 def _distribution(family: str, times: Distribution) -> Iterator[tuple[str, str, float | None]]:
-    for part in PARTS:
+    for part in DISTRIBUTION_PARTS:
         yield f"{family}.{part}", "s", getattr(times, part)
 
 

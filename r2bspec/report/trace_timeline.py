@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from r2bspec.measure.expected_steps import asked_and_seen
-from r2bspec.measure.resource_usage import MACHINE, spaced
+from r2bspec.measure.expected_steps import match_segment
+from r2bspec.measure.resource_usage import MACHINE_INDEX, spaced_indices
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 
@@ -19,7 +19,7 @@ WHOLE_MACHINE = "whole machine"
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class ExpectedAnswer:
     """An expected answer at one monitor: its step; `received_ns` is None where none came."""
 
     segment: Segment
@@ -29,7 +29,7 @@ class Message:
 
 
 @dataclass(frozen=True, slots=True)
-class Load:
+class LoadSample:
     """What a process used since the sample before; one core is 1."""
 
     process: str
@@ -54,13 +54,15 @@ def phases(run: Run) -> list[tuple[str, int, int]]:
     return [(name, at_ns, max(end, at_ns)) for (name, at_ns), end in zip(begun, ends, strict=False)]
 
 
-def messages(run: Run, monitor: str) -> Iterator[Message]:
+def expected_answers(run: Run, monitor: str) -> Iterator[ExpectedAnswer]:
     """Every expected answer of every segment, in the order of playing."""
     (plan,) = (each for each in run.plan.monitors if each.name == monitor)
     for segment in run.record.segments:
-        playback, rows, matched = asked_and_seen(run, segment, plan)
-        for step, row in zip(matched.asked.tolist(), matched.first_row.tolist(), strict=True):
-            yield Message(
+        playback, rows, matched = match_segment(run, segment, plan)
+        for step, row in zip(
+            matched.trigger_steps.tolist(), matched.first_row.tolist(), strict=True
+        ):
+            yield ExpectedAnswer(
                 segment=segment,
                 step=step,
                 published_ns=int(playback["published_ns"][step]),
@@ -68,19 +70,19 @@ def messages(run: Run, monitor: str) -> Iterator[Message]:
             )
 
 
-def loads(run: Run) -> Iterator[Load]:
+def load_samples(run: Run) -> Iterator[LoadSample]:
     """Every sample but the first of each process, by process."""
     rows = run.resources()
     names = {number: each.name for number, each in enumerate(run.record.processes)}
-    for index, name in {**names, MACHINE: WHOLE_MACHINE}.items():
+    for index, name in {**names, MACHINE_INDEX: WHOLE_MACHINE}.items():
         of_one = rows[rows["process"] == index]
         of_one = of_one[np.argsort(of_one["time_ns"], kind="stable")]
-        of_one = of_one[spaced(of_one["time_ns"])]
+        of_one = of_one[spaced_indices(of_one["time_ns"])]
         spans = np.diff(of_one["time_ns"])
         used = np.diff(of_one["cpu_s"])
         for at, (span, cpu_s) in enumerate(zip(spans.tolist(), used.tolist(), strict=True), 1):
             if span > 0:
-                yield Load(
+                yield LoadSample(
                     process=name,
                     at_ns=int(of_one["time_ns"][at]),
                     cpu=cpu_s / (span / 1e9),

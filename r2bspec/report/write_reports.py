@@ -10,25 +10,25 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.measure.units import rate_name
-from r2bspec.record.atomic_files import write_whole
+from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
 from r2bspec.report.errors import ReportError, ReportUsageError
-from r2bspec.report.format_registry import check_installed, find, renderer
+from r2bspec.report.format_registry import check_installed, find_format, renderer
 
 STDOUT = "-"
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ReportRequest:
     """A report that was asked for; `path` may be ``-``."""
 
     format: str
     path: str
 
 
-def parse_asked(options: Iterable[str]) -> tuple[Asked, ...]:
+def parse_report_requests(options: Iterable[str]) -> tuple[ReportRequest, ...]:
     """Read ``FORMAT=PATH`` options, and see before anything runs that each can be made.
 
     Raises:
@@ -36,18 +36,18 @@ def parse_asked(options: Iterable[str]) -> tuple[Asked, ...]:
             want standard output, or the same file.
         ReportError: a library that one of them needs is missing.
     """
-    asked = [_parse(option) for option in options]
-    for one in asked:
+    requests = [_parse(option) for option in options]
+    for one in requests:
         check_installed(one.format)
-    paths = [one.path for one in asked]
+    paths = [one.path for one in requests]
     for path in paths:
         if paths.count(path) > 1:
             where = "standard output" if path == STDOUT else repr(path)
             raise ReportUsageError(f"two reports cannot both go to {where}")
-    return tuple(asked)
+    return tuple(requests)
 
 
-def _parse(option: str) -> Asked:
+def _parse(option: str) -> ReportRequest:
     name, equals, path = option.partition("=")
     if not equals or not path:
         raise ReportUsageError(
@@ -55,40 +55,40 @@ def _parse(option: str) -> Asked:
             hint="For example --report html=report.html, or --report markdown=- for standard "
             "output.",
         )
-    find(name)
-    return Asked(name, path)
+    find_format(name)
+    return ReportRequest(name, path)
 
 
-def takes_stdout(asked: Sequence[Asked]) -> bool:
+def takes_stdout(requests: Sequence[ReportRequest]) -> bool:
     """Whether one of the reports goes to standard output, so that nothing else should."""
-    return any(one.path == STDOUT for one in asked)
+    return any(one.path == STDOUT for one in requests)
 
 
-def write_reports(asked: Iterable[Asked], reported: Reported) -> None:
+def write_reports(requests: Iterable[ReportRequest], report_input: ReportInput) -> None:
     """Make each report and put it where it was asked for.
 
     Raises:
         ReportError: one cannot be made from this run.
         RecordError: the file system refuses.
     """
-    for one in asked:
-        for path, content in _contents(one, reported):
-            _put(path, content)
+    for one in requests:
+        for path, content in _contents(one, report_input):
+            _write_report(path, content)
 
 
-def _contents(asked: Asked, reported: Reported) -> Iterator[tuple[str, bytes]]:
-    render = renderer(asked.format)
-    if not find(asked.format).single or "{" not in asked.path:
-        yield asked.path, render(reported)
+def _contents(request: ReportRequest, report_input: ReportInput) -> Iterator[tuple[str, bytes]]:
+    render = renderer(request.format)
+    if not find_format(request.format).single or "{" not in request.path:
+        yield request.path, render(report_input)
         return
-    for rate in reported.result.metrics.rates:
+    for rate in report_input.result.metrics.rates:
         for monitor in rate.pooled.monitors:
-            one = replace(reported, monitor=monitor, rate_hz=rate.offered_hz)
-            path = asked.path.replace("{monitor}", monitor)
+            one = replace(report_input, monitor=monitor, rate_hz=rate.offered_hz)
+            path = request.path.replace("{monitor}", monitor)
             yield path.replace("{rate}", rate_name(rate.offered_hz, rate.pace)), render(one)
 
 
-def _put(path: str, content: bytes) -> None:
+def _write_report(path: str, content: bytes) -> None:
     if path == STDOUT:
         sys.stdout.flush()
         sys.stdout.buffer.write(content)
@@ -106,18 +106,20 @@ def _put(path: str, content: bytes) -> None:
                 f"{path} cannot be written: {error.strerror or error}", code=RUN_UNWRITABLE
             ) from error
         return
-    write_whole(place, content)
+    write_atomically(place, content)
 
 
-def write_of_folder(asked: Sequence[Asked], folder: Path, spec_file: Path | None) -> None:
+def write_folder_reports(
+    requests: Sequence[ReportRequest], folder: Path, spec_file: Path | None
+) -> None:
     """Make the reports of a run folder; it is not even opened if none is asked for.
 
     Raises:
         RecordError: the folder is no run, or the file system refuses.
         ReportError: a report cannot be made from this run.
     """
-    if not asked:
+    if not requests:
         return
     from r2bspec.compare.load_results import read_folder
 
-    write_reports(asked, read_folder(folder, spec_file=spec_file))
+    write_reports(requests, read_folder(folder, spec_file=spec_file))

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from r2bspec.judge.statistics import effective_sample_size
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.measure.percentiles import rank
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.run_folder import open_run
 
 Latencies = NDArray[np.float64]
@@ -87,9 +87,11 @@ def _part(cause: str) -> Callable[[Flags], float]:
         sizes = np.full(flags.shape[0], flags.shape[1])
         bursts, longest = effective_sample_size._bursts(flags)
         found = {
-            "bursts": lambda: effective_sample_size._of_bursts(n, bad, bursts, longest),
-            "stretches": lambda: effective_sample_size._of_stretches(flags, sizes, bad / n),
-            "iterations": lambda: effective_sample_size._of_iterations(
+            "bursts": lambda: effective_sample_size._burst_inflation(n, bad, bursts, longest),
+            "stretches": lambda: effective_sample_size._autocorrelation_inflation(
+                flags, sizes, bad / n
+            ),
+            "iterations": lambda: effective_sample_size._iteration_inflation(
                 flags.sum(axis=1), sizes, bad / n
             ),
         }
@@ -101,7 +103,7 @@ def _part(cause: str) -> Callable[[Flags], float]:
 def used(flags: Flags) -> float:
     """What verdicts use: the largest of the three."""
     sizes = np.full(flags.shape[0], flags.shape[1])
-    return effective_sample_size.effective_rows(flags, sizes).inflation
+    return effective_sample_size.effective_sample_of_rows(flags, sizes).inflation
 
 
 def own_tail(share: float) -> Callable[[Drawn], float]:

@@ -28,15 +28,15 @@ def _without_rcl() -> None:
 def _without_exact_timers() -> None:
     from r2bspec.harness import pacing
 
-    pacing.__dict__["_ask_for_exact_timers"] = lambda: None
+    pacing.__dict__["_minimise_timer_slack"] = lambda: None
 
 
 def _without_spin() -> None:
     from r2bspec.harness import pacing
 
-    pacing.__dict__["SPIN_NS"] = 0
-    pacing.__dict__["_SPIN_LEAST_NS"] = 0
-    pacing.__dict__["_SPIN_MOST_NS"] = 0
+    pacing.__dict__["INITIAL_SPIN_NS"] = 0
+    pacing.__dict__["_MIN_SPIN_NS"] = 0
+    pacing.__dict__["_MAX_SPIN_NS"] = 0
 
 
 def _without_learning() -> None:

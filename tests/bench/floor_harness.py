@@ -9,7 +9,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
 
 from floor_child import WITHOUT_VARIABLE
@@ -17,15 +17,15 @@ from floor_figures import Figures, cpu_ns, figures
 from floor_workloads import COPIES, TOPIC, TYPE, Workload, write_buffer
 
 from r2bspec.execute.host.resource_sampler import ResourceSampler
-from r2bspec.execute.measurement.peak_search import Outcome, PeakSearch
-from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, Observed, Stage
+from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
+from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentObservation, SegmentPlayer
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.ros_domain import reserved_domain
-from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import largest_message_bytes
-from r2bspec.ipc.schedule import Cyclic
-from r2bspec.judge.rate_test import Criterion, judge_end, planned_looks, see
+from r2bspec.ipc.schedule import CyclicSchedule
+from r2bspec.judge.rate_test import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
 from r2bspec.record.run_folder import RunFolder
@@ -58,8 +58,8 @@ class _Silent:
 class Floor:
     """A player and a monitor that stand ready for one workload."""
 
-    def __init__(self, stage: Stage, pids: list[int]) -> None:
-        self._stage = stage
+    def __init__(self, segment_player: SegmentPlayer, pids: list[int]) -> None:
+        self._stage = segment_player
         self._pids = pids
         self._count = 0
 
@@ -74,28 +74,28 @@ class Floor:
         """The highest rate that is delivered as offered."""
         criterion = Criterion(precision=precision)
 
-        def probe(rate_hz: float) -> Outcome:
+        def probe(rate_hz: float) -> ProbeOutcome:
             observed = self._play(rate_hz, seconds)
-            seen = see(
+            seen = estimate_probe(
                 rate_hz,
                 observed.playback,
                 observed.monitors[MONITOR],
-                observed.matching(MONITOR),
+                observed.matched(MONITOR).matching,
                 observed.now_ns,
             )
-            judged = judge_end(seen, criterion, planned_looks(seconds)[-1], None)
+            judged = judge_final(seen, criterion, plan_interim_looks(seconds)[-1], None)
             found = Probe(
                 segment="",
                 rate_hz=rate_hz,
-                delivered_hz=seen.whole.delivered_hz,
+                delivered_hz=seen.overall.delivered_hz,
                 holds=judged.holds,
                 reason=judged.reason,
             )
-            return Outcome(found, judged.by_player, judged.unclear)
+            return ProbeOutcome(found, judged.limited_by_player, judged.relative_half_width)
 
         return PeakSearch(10.0, most_hz, precision, probe).run().holds_hz
 
-    def _play(self, rate_hz: float, seconds: float) -> Observed:
+    def _play(self, rate_hz: float, seconds: float) -> SegmentObservation:
         self._count += 1
         steps = max(20, round(rate_hz * seconds))
         return self._stage.play("iteration", f"{self._count:03d}", rate_hz, steps, title="")
@@ -138,17 +138,17 @@ def floor(
                 domain=domain,
                 scratch=folder,
                 largest_message_bytes=largest_message_bytes(buffers),
-            ).of_harness()
+            ).for_harness()
             | dict(changes)
             | {WITHOUT_VARIABLE: ",".join(without)}
         )
         environment = {name: value for name, value in environment.items() if value}
-        children = Children(run_id, folder, lambda: None)
+        children = ProcessSupervisor(run_id, folder, lambda: None)
         stack.callback(children.close)
         plans = (MonitorPlan(name=MONITOR, topic=TOPIC, type=TYPE, match="stamp", qos=None),)
         watch = protocol.ConfigureMonitor(monitors=plans, rows_dir=str(rows))
         player, monitor, pids = _start_parts(children, environment, folder, placement)
-        children.ask(
+        children.request(
             player,
             protocol.ConfigurePlayer(
                 inputs=(InputPlan(topic=TOPIC, type=TYPE, source=TOPIC, bag_topic="", qos=QoS()),),
@@ -158,15 +158,17 @@ def floor(
             protocol.Ready,
             60.0,
         )
-        schedule = Cyclic(steps=tuple((number,) for number in range(COPIES)))
-        children.ask(player, protocol.Follow(schedule=schedule), protocol.Ready, 60.0)
-        children.ask(monitor, watch, protocol.Ready, 60.0)
-        children.ask(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+        schedule = CyclicSchedule(steps=tuple((number,) for number in range(COPIES)))
+        children.request(player, protocol.Follow(schedule=schedule), protocol.Ready, 60.0)
+        children.request(monitor, watch, protocol.Ready, 60.0)
+        children.request(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
         _wait_for_match(children, player)
-        stage = Stage(
+        # All of a plan that playing looks at.
+        plan = SimpleNamespace(monitors=plans, inputs=(), drain_timeout_ns=5 * 10**9)
+        segment_player = SegmentPlayer(
+            cast("Any", plan),
             children,
             player,
-            plans,
             rows,
             RunFolder.create(folder / "run"),
             cast("Any", _Silent()),
@@ -174,17 +176,17 @@ def floor(
             # Not started: what it is asked for is never sampled.
             resources=ResourceSampler(),
         )
-        made = Floor(stage, pids)
+        made = Floor(segment_player, pids)
         made.measure(workload.rate_hz, _WARM_UP_STEPS / workload.rate_hz)
         yield made
 
 
 def _start_parts(
-    children: Children, environment: dict[str, str], folder: Path, placement: str
-) -> tuple[Child, Child, list[int]]:
+    children: ProcessSupervisor, environment: dict[str, str], folder: Path, placement: str
+) -> tuple[ManagedProcess, ManagedProcess, list[int]]:
     """Player and monitor, not configured yet, and the processes that they are in."""
 
-    def start(name: str, parts: Sequence[str] = ()) -> Child:
+    def start(name: str, parts: Sequence[str] = ()) -> ManagedProcess:
         program = [sys.executable, str(Path(__file__).with_name("floor_child.py"))]
         log = folder / "logs" / f"{name}.log"
         return children.start(name, name, program, environment, cwd=folder, log=log, parts=parts)
@@ -192,16 +194,16 @@ def _start_parts(
     if placement == "one process":
         parts = ("player", "monitor")
         whole = start("harness", parts)
-        children.ask(whole, protocol.ConfigureHarness(parts=parts), protocol.Ready, 60.0)
+        children.request(whole, protocol.ConfigureHarness(parts=parts), protocol.Ready, 60.0)
         return whole.parts["player"], whole.parts["monitor"], [whole.pid]
     player, monitor = start("player"), start("monitor")
     return player, monitor, [player.pid, monitor.pid]
 
 
-def _wait_for_match(children: Children, player: Child) -> None:
+def _wait_for_match(children: ProcessSupervisor, player: ManagedProcess) -> None:
     deadline = time.monotonic() + _MATCH_S
     while time.monotonic() < deadline:
-        matched = children.ask(player, protocol.CountMatches(), protocol.Matched, 10.0)
+        matched = children.request(player, protocol.CountMatches(), protocol.Matched, 10.0)
         if matched.counts[TOPIC] > 0:
             return
         children.pump(0.02)

@@ -27,11 +27,11 @@ def main() -> int:
     from rclpy.serialization import serialize_message
 
     node = rclpy_tools.start_node("calls")
-    writer = rclpy_tools.RawWriter(node, "/calls", TYPE, rclpy_tools.profile(QoS()))
-    reader = rclpy_tools.RawReader(node, "/calls", TYPE, rclpy_tools.profile(QoS()))
+    writer = rclpy_tools.RawPublisher(node, "/calls", TYPE, rclpy_tools.profile(QoS()))
+    reader = rclpy_tools.RawSubscription(node, "/calls", TYPE, rclpy_tools.profile(QoS()))
     while not writer.matches():
         time.sleep(0.01)
-    taker = rcl_calls.Taker(reader.handle)
+    taker = rcl_calls.MessageTaker(reader.handle)
     _print("| message | publish: rclpy, rcl | take: rclpy, rcl |")
     _print("| --- | --- | --- |")
     for size in (SMALL, MEDIUM, LARGE):

@@ -13,7 +13,7 @@ import msgspec
 import pytest
 from chromium import Chromium, Page, find_chromium
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.html import render
 from report_runs import HOSTILE_RUN, USUAL
@@ -89,7 +89,7 @@ def report_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("reports")
     for name, simulation in {"usual": USUAL, "hostile": HOSTILE_RUN}.items():
         run = simulation.write(tmp_path_factory.mktemp(name) / "run")
-        reported = Reported(result=result_of(run), run=run, baseline=run)
+        reported = ReportInput(result=result_of(run), run=run, baseline=run)
         (folder / f"{name}.html").write_bytes(render(reported))
         plain = msgspec.json.encode(reported.result)
         (folder / f"{name}.json").write_bytes(plain)

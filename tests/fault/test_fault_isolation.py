@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.execute.processes.environment import inherited
+from r2bspec.execute.processes.environment import inherited_environment
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 
@@ -112,6 +112,12 @@ def looked(tmp_path_factory: pytest.TempPathFactory) -> Looked:
     return Looked(done, seen, json.loads(printed.stdout), made)
 
 
+def test_the_record_says_which_middleware_the_processes_loaded(looked: Looked) -> None:
+    # Where none is selected, ROS 2 loads this one.
+    assert looked.done.result()["versions"]["rmw"] == "rmw_fastrtps_cpp"
+    assert "rmw_fastrtps_cpp" in looked.done.stdout
+
+
 def processes(looked: Looked) -> dict[str, dict[str, Any]]:
     """The planned processes, by name."""
     return {each["name"]: each for each in looked.plan["processes"]}
@@ -145,7 +151,7 @@ def test_every_process_has_the_environment_that_the_plan_states_and_no_more(
     looked: Looked,
 ) -> None:
     planned = processes(looked)
-    kept = inherited(dict.fromkeys(os.environ | SECRETS | NAMED, ""), NAMED)
+    kept = inherited_environment(dict.fromkeys(os.environ | SECRETS | NAMED, ""), NAMED)
     for name, seen in looked.seen.items():
         changes = planned[name].get("env", {})
         harness = MEMORY if planned[name]["role"] in {"player", "monitor"} else set()

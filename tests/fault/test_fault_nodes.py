@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.execute.processes.process_logs import LIMIT_BYTES
+from r2bspec.execute.processes.process_logs import MAX_LOG_BYTES
 from ros_runs import IMAGE, Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 
@@ -141,7 +141,7 @@ def test_a_daemon_that_a_node_has_started_ends_with_the_run(done: Finished) -> N
 
 def test_a_log_without_end_is_cut_and_the_run_says_so(done: Finished) -> None:
     log = done.folder / "logs" / "floods.log"
-    assert log.stat().st_size <= LIMIT_BYTES
+    assert log.stat().st_size <= MAX_LOG_BYTES
     text = log.read_bytes()
     assert text.startswith(b"word word ")
     # It may have been cut while a word was being written.

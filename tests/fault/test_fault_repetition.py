@@ -16,8 +16,8 @@ pytest.importorskip("rclpy")
 
 from r2bspec import api
 from r2bspec.execute.errors import ProcessFailedError
-from r2bspec.execute.progress import Silent
-from r2bspec.middleware.shm_files import segments
+from r2bspec.execute.progress import NullProgress
+from r2bspec.middleware.fast_dds_shm_files import shm_files
 from ros_runs import Bench, left_behind, note_segments, relay_spec
 from ros_runs import nothing_left as nothing_left
 
@@ -52,12 +52,12 @@ class Held:
         )
 
 
-class Noting(Silent):
+class Noting(NullProgress):
     """Takes note of the shared memory of a run while it plays."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
-        self._before = set(segments())
+        self._before = set(shm_files())
         self.noted: Counter[str] = Counter()
 
     def phase(self, name: str, text: str) -> None:  # noqa: ARG002 - what it must look like

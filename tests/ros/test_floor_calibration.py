@@ -71,8 +71,12 @@ class Pair:
 
     def __init__(self) -> None:
         self.node = rclpy_tools.start_node("pair")
-        self.writer = rclpy_tools.RawWriter(self.node, "/pair", IMAGE, rclpy_tools.profile(QoS()))
-        self.reader = rclpy_tools.RawReader(self.node, "/pair", IMAGE, rclpy_tools.profile(QoS()))
+        self.writer = rclpy_tools.RawPublisher(
+            self.node, "/pair", IMAGE, rclpy_tools.profile(QoS())
+        )
+        self.reader = rclpy_tools.RawSubscription(
+            self.node, "/pair", IMAGE, rclpy_tools.profile(QoS())
+        )
         self.wait(lambda: self.writer.matches() > 0 and self.reader.matches() > 0)
 
     def wait(self, condition: Any) -> None:
@@ -141,7 +145,7 @@ def test_where_nothing_waits_nothing_is_taken(pair: Pair) -> None:
 
 def test_a_reader_that_was_removed_is_waited_for_no_more(pair: Pair) -> None:
     loop = rclpy_tools.WaitLoop(pair.node)
-    other = rclpy_tools.RawReader(pair.node, "/other", IMAGE, rclpy_tools.profile(QoS()))
+    other = rclpy_tools.RawSubscription(pair.node, "/other", IMAGE, rclpy_tools.profile(QoS()))
     loop.add(other)
     loop.add(pair.reader)
     loop.remove(other)

@@ -8,7 +8,7 @@ pytest.importorskip("rclpy")
 
 from rcl_interfaces.srv import GetParameters, SetParameters
 
-from r2bspec.harness.service_client import CallError, fill, service_class
+from r2bspec.harness.service_client import ServiceCallError, fill_message, service_class
 
 
 def test_nested_messages_and_sequences_of_them_are_made() -> None:
@@ -18,14 +18,14 @@ def test_nested_messages_and_sequences_of_them_are_made() -> None:
             {"name": "names", "value": {"type": 9, "string_array_value": ["a", "b"]}},
         ]
     }
-    request = fill(SetParameters.Request(), values)
+    request = fill_message(SetParameters.Request(), values)
     assert [each.name for each in request.parameters] == ["ratio", "names"]
     assert request.parameters[0].value.double_value == 2.0
     assert list(request.parameters[1].value.string_array_value) == ["a", "b"]
 
 
 def test_nothing_said_leaves_the_defaults() -> None:
-    assert list(fill(GetParameters.Request(), {}).names) == []
+    assert list(fill_message(GetParameters.Request(), {}).names) == []
 
 
 @pytest.mark.parametrize(
@@ -36,12 +36,12 @@ def test_nothing_said_leaves_the_defaults() -> None:
     ],
 )
 def test_a_field_that_is_wrong_is_named(values: dict[str, object], said: str) -> None:
-    with pytest.raises(CallError, match=said):
-        fill(GetParameters.Request(), values)
+    with pytest.raises(ServiceCallError, match=said):
+        fill_message(GetParameters.Request(), values)
 
 
 def test_a_service_type_that_is_not_installed() -> None:
     assert service_class("rcl_interfaces/srv/GetParameters") is GetParameters
     for wrong in ("nowhere/srv/Nothing", "rcl_interfaces/srv/Nothing", "nonsense"):
-        with pytest.raises(CallError, match="is not installed here"):
+        with pytest.raises(ServiceCallError, match="is not installed here"):
             service_class(wrong)

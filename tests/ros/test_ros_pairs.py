@@ -10,7 +10,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.record.comparison_folder import open_pairs
+from machine_load import skip_for_load
+from r2bspec.record.comparison_folder import open_comparison
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 
@@ -43,7 +44,7 @@ def compared(bench: Bench) -> Finished:
 
 
 def test_runs_are_interleaved_whole_and_fresh(compared: Finished) -> None:
-    pairs = open_pairs(compared.folder)
+    pairs = open_comparison(compared.folder)
     assert pairs.record.status == "complete"
     assert [one.order for one in pairs.record.pairs if not one.again] == ["AB", "BA"]
     began, pids = [], []
@@ -64,7 +65,7 @@ def test_the_verdict_says_what_it_rests_on(compared: Finished) -> None:
     result = json.loads((compared.folder / "result.json").read_text())
     (one,) = result["verdict"]["requirements"]
     if result["verdict"]["outcome"] == "invalid":
-        pytest.skip("this machine is too loaded to play 10 messages a second on time")
+        skip_for_load("play 10 messages a second on time")
     assert one["method"] == "paired t on logs"
     # The relay waits, whatever else the machine does.
     assert one["compared"]["base"] > 0.030
@@ -87,7 +88,7 @@ def test_an_interrupted_comparison_keeps_its_pairs(bench: Bench) -> None:
         running.process.send_signal(signal.SIGINT)
         done = running.finish()
     assert done.status == 130
-    pairs = open_pairs(done.folder)
+    pairs = open_comparison(done.folder)
     assert pairs.record.status == "incomplete"
     assert pairs.record.reason.startswith("R2B670")
     assert pairs.record.pairs == ()
@@ -103,8 +104,8 @@ def test_a_head_that_dies_never_passes(bench: Bench) -> None:
     done = bench.run(spec, "--against", str(base), "--pairs", "1")
     assert (done.status, done.outcome) == (4, "incomplete")
     assert "the head failed" in done.stderr
-    pairs = open_pairs(done.folder)
-    assert pairs.played() == ()
+    pairs = open_comparison(done.folder)
+    assert pairs.usable_pairs() == ()
     assert (Path(done.folder) / "head" / "001-again" / "record.json").exists()
 
 

@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.measure.expected_steps import asked_and_seen
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.expected_steps import match_segment
+from r2bspec.measure.run_samples import read_samples
 from ros_runs import (
     IMAGE,
     START_NS,
@@ -146,7 +146,7 @@ def test_what_was_played_arrives_in_its_order(done: Finished) -> None:
     run = done.run()
     for segment in run.record.segments:
         for monitor in run.plan.monitors:
-            _, rows, matching = asked_and_seen(run, segment, monitor)
+            _, rows, matching = match_segment(run, segment, monitor)
             assert np.all(np.diff(rows["stamp_ns"]) > 0)
             assert matching.duplicates == matching.reordered == 0
 

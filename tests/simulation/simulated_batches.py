@@ -13,9 +13,9 @@ import numpy as np
 from simulated_gates import paired_values, ratio_outcome, run_values, share_outcome
 from simulated_worlds import bursts, stationary
 
-from r2bspec.judge.confirmation import CONFIRMING
-from r2bspec.judge.history_comparison import CONFIRMING_BY_HISTORY
-from r2bspec.judge.interim_looks import Looks
+from r2bspec.judge.confirmation import CONFIRMATION_CONFIDENCE
+from r2bspec.judge.history_comparison import HISTORY_CONFIRMATION_CONFIDENCE
+from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.paired_ratio import paired_ratio
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
@@ -49,7 +49,7 @@ def windows(random: np.random.Generator, confidence: float) -> int:
 def looked(random: np.random.Generator, confidence: float) -> int:
     """p90 with looks at 10, 20 and 40 iterations of 75 messages."""
     run = stationary(random, (1, 40, 75), 0.1)[0]
-    looks = Looks((10, 20, 40))
+    looks = InterimLooks((10, 20, 40))
     for look, end in enumerate(looks.iterations, start=1):
         outcome = share_outcome(run[:end], 0.1, looks.confidence_at(look, confidence))
         if outcome:
@@ -91,14 +91,14 @@ def aa_gates(batch: Batch, *, gates: int = 600, seed: int = 1) -> Gates:
         passed += outcome > 0
         if outcome < 0:
             failed += 1
-            confirmed += batch(random, CONFIRMING) < 0
+            confirmed += batch(random, CONFIRMATION_CONFIDENCE) < 0
     return Gates(passed / gates, failed / gates, confirmed / gates)
 
 
 def history_gates(*, gates: int = 600, seed: int = 1) -> Gates:
     """Runs of the same graph against ten earlier ones, with no margin.
 
-    The fresh run after a failure meets the same history, at `CONFIRMING_BY_HISTORY`.
+    The fresh run after a failure meets the same history, at `HISTORY_CONFIRMATION_CONFIDENCE`.
     """
     random = np.random.default_rng(seed)
     passed = failed = confirmed = 0
@@ -109,6 +109,6 @@ def history_gates(*, gates: int = 600, seed: int = 1) -> Gates:
         passed += outcome > 0
         if outcome < 0:
             failed += 1
-            again = predicted_ratio(earlier, fresh, CONFIRMING_BY_HISTORY)
+            again = predicted_ratio(earlier, fresh, HISTORY_CONFIRMATION_CONFIDENCE)
             confirmed += ratio_outcome(again, 1.0) < 0
     return Gates(passed / gates, failed / gates, confirmed / gates)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from simulated_runs import RATE_HZ, run_of
 from simulated_worlds import bursts
 
-from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.measure.interference import Surroundings
 from r2bspec.measure.samples import RunSamples
@@ -71,7 +71,7 @@ def outcomes(
             },
         )
         for count, each in ((played, unaware), (known, samples)):
-            count[judge({"slo": objective(ASKED)}, each, Terms()).outcome] += 1
+            count[judge({"slo": objective(ASKED)}, each, DecisionPolicy()).outcome] += 1
     return Counts(played, known)
 
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from simulated_worlds import World
 
-from r2bspec.judge.interim_looks import Looks
+from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
-from r2bspec.judge.statistics.effective_sample_size import effective
+from r2bspec.judge.statistics.effective_sample_size import effective_sample
 from r2bspec.judge.statistics.paired_ratio import RatioInterval, abba, paired_ratio
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.judge.statistics.t_interval import mean_interval
@@ -45,7 +45,7 @@ def share_outcome(
     plain: bool = False,
 ) -> int:
     """The exact binomial test of one run, on its effective number or on the plain one."""
-    worth = effective(list(pieces))
+    worth = effective_sample(list(pieces))
     f = 1.0 if plain else worth.inflation
     if upper_bound(worth.bad / f, worth.n / f, confidence) <= allowed:
         return 1
@@ -78,7 +78,7 @@ def mean_gate(values: NDArray[np.float64], limit: float) -> Rates:
 
 
 def looked_gate(
-    flags: NDArray[np.bool_], allowed: float, looks: Looks, *, planned: bool = True
+    flags: NDArray[np.bool_], allowed: float, looks: InterimLooks, *, planned: bool = True
 ) -> tuple[Rates, float]:
     """A share requirement at looks; and how many iterations were played, in the mean.
 

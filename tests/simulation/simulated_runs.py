@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Verdict
+from r2bspec.measure.matched_monitor import match_monitor
 from r2bspec.measure.samples import (
     RunSamples,
     SegmentSamples,
@@ -44,7 +45,10 @@ def run_of(latency: NDArray[np.float64]) -> RunSamples:
                 playback=playback_samples(playback),
                 monitors={
                     "out": monitor_samples(
-                        segment, playback, monitor_rows(played, playback), monitor_plan("out")
+                        segment,
+                        match_monitor(
+                            playback, monitor_rows(played, playback), monitor_plan("out")
+                        ),
                     )
                 },
                 processes={},
@@ -63,7 +67,9 @@ def run_of(latency: NDArray[np.float64]) -> RunSamples:
 
 def judged(latency: NDArray[np.float64], *requirements: str, confidence: float = 0.95) -> Verdict:
     """Judge a run by requirements at 30 Hz."""
-    return judge({"slo": objective(*requirements)}, run_of(latency), Terms(confidence=confidence))
+    return judge(
+        {"slo": objective(*requirements)}, run_of(latency), DecisionPolicy(confidence=confidence)
+    )
 
 
 _RECORD = RunRecord(

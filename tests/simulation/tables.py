@@ -29,7 +29,7 @@ from simulated_gates import (
 from simulated_runs import judged
 from simulated_worlds import WORLDS
 
-from r2bspec.judge.interim_looks import Looks
+from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.statistics.binomial import upper_bound
 from r2bspec.judge.statistics.power import smallest_detectable
 from simulated_peaks import SERVERS, Kind, outcome, searched
@@ -175,7 +175,7 @@ def power() -> None:
 
 
 def looks() -> None:
-    plan = Looks((10, 20, 40))
+    plan = InterimLooks((10, 20, 40))
     names = ("stationary", "bursts of 5", "autocorrelated, 0.9", "heavy-tailed")
 
     def row(name: str) -> Iterable[object]:

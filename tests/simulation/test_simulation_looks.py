@@ -8,11 +8,11 @@ from simulated_batches import KINDS, aa_gates
 from simulated_gates import looked_gate, share_gate
 from simulated_worlds import WORLDS, stationary
 
-from r2bspec.judge.interim_looks import Looks
+from r2bspec.judge.interim_looks import InterimLooks
 
 pytestmark = pytest.mark.simulation
 
-LOOKS = Looks((10, 20, 40))
+LOOKS = InterimLooks((10, 20, 40))
 RUNS = 1000
 
 

@@ -11,9 +11,9 @@ import pytest
 from scipy import stats
 from simulated_gates import paired_values, run_values
 
-from r2bspec.judge.baseline_ratio import Comparison, judge_history, judge_pairs
-from r2bspec.judge.confirmation import CONFIRMING, confirm
-from r2bspec.judge.history_comparison import CONFIRMING_BY_HISTORY
+from r2bspec.judge.baseline_ratio import BaselineComparison, judge_history, judge_pairs
+from r2bspec.judge.confirmation import CONFIRMATION_CONFIDENCE, confirm_requirement
+from r2bspec.judge.history_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
 from r2bspec.language.requirement_grammar import parse_requirement
 
@@ -24,9 +24,9 @@ BY_CHANCE = 0.068
 """What a rate of 5 % comes to in 600 gates with bad luck (97.5 %)."""
 
 
-def asked(limit: float, confidence: float = 0.95) -> Comparison:
+def asked(limit: float, confidence: float = 0.95) -> BaselineComparison:
     percent = f"{100 * limit:g} %"
-    return Comparison(
+    return BaselineComparison(
         objective="no_regression",
         requirement=parse_requirement(f"throughput.mean >= {percent} of baseline"),
         at_hz=30.0,
@@ -38,7 +38,9 @@ def asked(limit: float, confidence: float = 0.95) -> Comparison:
     )
 
 
-def paired(random: np.random.Generator, ratio: float, comparison: Comparison) -> RequirementVerdict:
+def paired(
+    random: np.random.Generator, ratio: float, comparison: BaselineComparison
+) -> RequirementVerdict:
     """Ten interleaved pairs whose values vary by 2 % each, on a machine that drifts."""
     base, head = paired_values(random, 1, 10, ratio)
     return judge_pairs(comparison, base[0].tolist(), head[0].tolist())
@@ -53,7 +55,9 @@ def paired_outcomes(ratio: float, limit: float, seed: int) -> tuple[list[Outcome
         one = paired(random, ratio, asked(limit))
         first.append(one.outcome)
         if one.outcome == "fail":
-            one = confirm(one, paired(random, ratio, asked(limit, CONFIRMING)))
+            one = confirm_requirement(
+                one, paired(random, ratio, asked(limit, CONFIRMATION_CONFIDENCE))
+            )
         last.append(one.outcome)
     return first, last
 
@@ -63,7 +67,7 @@ def history_outcomes(
 ) -> tuple[list[Outcome], list[Outcome]]:
     """The same for a new run of ten iterations against so many earlier ones."""
     random = np.random.default_rng(seed)
-    again = asked(limit, CONFIRMING_BY_HISTORY)
+    again = asked(limit, HISTORY_CONFIRMATION_CONFIDENCE)
     first: list[Outcome] = []
     last: list[Outcome] = []
     for _ in range(GATES):
@@ -72,7 +76,7 @@ def history_outcomes(
         one = judge_history(asked(limit), earlier, new)
         first.append(one.outcome)
         if one.outcome == "fail":
-            one = confirm(one, judge_history(again, earlier, fresh))
+            one = confirm_requirement(one, judge_history(again, earlier, fresh))
         last.append(one.outcome)
     return first, last
 
@@ -104,7 +108,7 @@ def test_both_runs_fail_by_one_history_in_at_most_one_percent(runs: int) -> None
     error = earlier.std(axis=1, ddof=1) * np.sqrt(1 + 1 / runs)
     t = (new - earlier.mean(axis=1)[:, np.newaxis]) / error[:, np.newaxis]
     first = t[:, 0] < stats.t.ppf(1 - 0.95, runs - 1)
-    second = t[:, 1] < stats.t.ppf(1 - CONFIRMING_BY_HISTORY, runs - 1)
+    second = t[:, 1] < stats.t.ppf(1 - HISTORY_CONFIRMATION_CONFIDENCE, runs - 1)
     assert np.mean(first) == pytest.approx(0.05, abs=0.002)
     assert np.mean(first & second) <= 0.01
 

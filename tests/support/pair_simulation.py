@@ -15,7 +15,13 @@ from r2bspec.judge.statistics.paired_ratio import abba
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
-from r2bspec.record.comparison_folder import PairRecord, Pairs, PairsFolder, PairsRecord, open_pairs
+from r2bspec.record.comparison_folder import (
+    ComparisonFolder,
+    PairedComparison,
+    PairRecord,
+    PairsRecord,
+    open_comparison,
+)
 from run_simulation import EPOCH_NS, Played, Simulation, objective
 
 RATE_HZ = 30.0
@@ -60,9 +66,9 @@ class Comparison:
     reason: str = ""
     template: Simulation = field(default_factory=Simulation)
 
-    def write(self, path: Path) -> Pairs:
+    def write(self, path: Path) -> PairedComparison:
         """Write the folder, and open it."""
-        folder = PairsFolder.create(path)
+        folder = ComparisonFolder.create(path)
         plan = self.plan()
         folder.write_plan(canonical_json(plan).decode())
         folder.write_base_plan(plan)
@@ -109,7 +115,7 @@ class Comparison:
                 differences=() if self.control else ("processes.relay.nice: 0 -> 5",),
             )
         )
-        return open_pairs(path)
+        return open_comparison(path)
 
     def plan(self) -> Plan:
         """The plan of both sides."""

@@ -25,7 +25,13 @@ from r2bspec.record.run_record import (
     Segment,
     SegmentKind,
 )
-from r2bspec.record.sample_arrays import MONITOR, PLAYBACK, RESOURCES, SURROUNDINGS, Rows
+from r2bspec.record.sample_arrays import (
+    INTERFERENCE_DTYPE,
+    MONITOR_DTYPE,
+    PLAYBACK_DTYPE,
+    RESOURCE_DTYPE,
+    Rows,
+)
 
 EPOCH_NS = 5_000_000_000_000_000
 """Weeks of uptime: where float64 could no longer tell one nanosecond from the next."""
@@ -113,7 +119,7 @@ class Simulation:
             start_ns = ended_ns + 500_000_000
         folder.write_resources(self._resources(start_ns))
         if self.surroundings:
-            folder.write_surroundings(self._surroundings(start_ns))
+            folder.write_interference(self._surroundings(start_ns))
         folder.write_record(self._record(plan, tuple(segments)))
         return open_run(path)
 
@@ -176,7 +182,7 @@ class Simulation:
 
     def _surroundings(self, end_ns: int) -> Rows:
         times = _times(self.start_ns, end_ns)
-        rows = np.zeros(times.size, SURROUNDINGS)
+        rows = np.zeros(times.size, INTERFERENCE_DTYPE)
         rows["time_ns"] = times
         for name, growth in self.surroundings.items():
             rows[name] = 100 + growth * ((times - times[0]) / 1e9)
@@ -185,7 +191,7 @@ class Simulation:
     def _resources(self, end_ns: int) -> Rows:
         times = _times(self.start_ns, end_ns)
         loads = [(-1, sum(self.cpu.values()) + 0.05), *enumerate(self.cpu.values())]
-        rows = np.zeros(times.size * len(loads), RESOURCES)
+        rows = np.zeros(times.size * len(loads), RESOURCE_DTYPE)
         rows["time_ns"] = np.repeat(times, len(loads))
         rows["process"] = np.tile([number for number, _ in loads], times.size)
         rows["cpu_s"] = np.tile([load for _, load in loads], times.size) * (
@@ -209,7 +215,7 @@ def _times(start_ns: int, end_ns: int) -> NDArray[np.int64]:
 def playback_rows(played: Played, start_ns: int = EPOCH_NS) -> Rows:
     """What the player would have written."""
     steps = np.arange(len(played.latency))
-    rows = np.zeros(steps.size, PLAYBACK)
+    rows = np.zeros(steps.size, PLAYBACK_DTYPE)
     rows["due_ns"] = start_ns + np.round(steps * 1e9 / played.rate_hz).astype(np.int64)
     late = np.asarray(played.late if len(played.late) else np.zeros(steps.size))
     rows["published_ns"] = rows["due_ns"] + np.round(late * 1e9).astype(np.int64)
@@ -224,7 +230,7 @@ def monitor_rows(played: Played, playback: Rows) -> Rows:
     arrived = np.flatnonzero(~np.isnan(latency))
     steps = np.concatenate((arrived, np.asarray(played.twice, dtype=np.int64)))
     extra = np.concatenate((np.zeros(arrived.size), np.full(len(played.twice), 0.001)))
-    rows = np.zeros(steps.size + played.strangers, MONITOR)
+    rows = np.zeros(steps.size + played.strangers, MONITOR_DTYPE)
     rows["stamp_ns"][: steps.size] = playback["stamp_ns"][steps]
     rows["received_ns"][: steps.size] = playback["published_ns"][steps] + np.round(
         (latency[steps] + extra) * 1e9

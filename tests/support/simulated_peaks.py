@@ -44,7 +44,7 @@ def outcome(kind: Kind, load: float, *, seconds: float, seed: int) -> Outcome | 
         seconds=seconds,
         arrivals_s=np.cumsum(random.exponential(1 / rate_hz, steps)) if kind[0] == "M" else None,
     ).judgement
-    if found.by_player:
+    if found.limited_by_player:
         return "invalid"
     return "inconclusive" if found.holds is None else "pass" if found.holds else "fail"
 

@@ -8,12 +8,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.execute.measurement.peak_search import Outcome, PeakSearch
-from r2bspec.judge.rate_test import Criterion, Judgement, judge_end, judge_look, planned_looks, see
-from r2bspec.measure.completion_rate import Delivery
+from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
+from r2bspec.judge.rate_test import (
+    Criterion,
+    ProbeJudgement,
+    estimate_probe,
+    judge_final,
+    judge_interim,
+    plan_interim_looks,
+)
+from r2bspec.measure.completion_rate import DeliveryEstimate
 from r2bspec.measure.matching import match
 from r2bspec.record.run_record import Probe, SearchRecord
-from r2bspec.record.sample_arrays import MONITOR, PLAYBACK, Rows
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
 
 BEGIN_NS = 7_000_000_000_000_000
 _STAMP_NS = 1_800_000_000_000_000_000
@@ -104,8 +111,8 @@ def departures(arrive_s: Times, serve_s: Times) -> Times:
 class Probed:
     """How a probe ended: what was judged, after how long, and from what."""
 
-    judgement: Judgement
-    delivery: Delivery
+    judgement: ProbeJudgement
+    delivery: DeliveryEstimate
     stopped_s: float
     playback: Rows
     monitor: Rows
@@ -137,14 +144,14 @@ def probe(
     if arrivals_s is not None:
         due_s = published_s = arrivals_s
     playback, monitor = rows(due_s, published_s, *server.answers(published_s))
-    looks = planned_looks(steps / rate_hz)
+    looks = plan_interim_looks(steps / rate_hz)
     decided, stopped_s = None, float(published_s[-1])
     for look in looks[:-1]:
         now_ns = _ns(look.at_s)
         played = playback[playback["published_ns"] <= now_ns]
         seen = monitor[monitor["received_ns"] <= now_ns]
-        found = see(rate_hz, played, seen, match(played, seen, "stamp"), now_ns)
-        decided = judge_look(found, criterion, look).holds
+        found = estimate_probe(rate_hz, played, seen, match(played, seen, "stamp"), now_ns)
+        decided = judge_interim(found, criterion, look).holds
         if decided is not None:
             stopped_s = look.at_s
             break
@@ -152,9 +159,9 @@ def probe(
     played = playback[playback["published_ns"] <= _ns(stopped_s)]
     rest = monitor[np.isin(monitor["stamp_ns"], played["stamp_ns"])]
     end_ns = max(_ns(stopped_s), int(rest["received_ns"].max()) if rest.size else 0) + 500_000_000
-    final = see(rate_hz, played, rest, match(played, rest, "stamp"), end_ns)
-    judgement = judge_end(final, criterion, looks[-1], decided)
-    return Probed(judgement, final.whole, stopped_s, played, rest)
+    final = estimate_probe(rate_hz, played, rest, match(played, rest, "stamp"), end_ns)
+    judgement = judge_final(final, criterion, looks[-1], decided)
+    return Probed(judgement, final.overall, stopped_s, played, rest)
 
 
 def search(
@@ -169,11 +176,11 @@ def search(
     criterion = criterion or Criterion(precision=0.02)
     played_s = 0.0
 
-    def probe_once(rate_hz: float) -> Outcome:
+    def probe_once(rate_hz: float) -> ProbeOutcome:
         nonlocal played_s
         found = probe(server, rate_hz, criterion=criterion, seconds=seconds)
         played_s += found.stopped_s
-        return Outcome(
+        return ProbeOutcome(
             Probe(
                 segment="",
                 rate_hz=rate_hz,
@@ -181,7 +188,7 @@ def search(
                 holds=found.judgement.holds,
                 reason=found.judgement.reason,
             ),
-            unclear=found.judgement.unclear,
+            relative_half_width=found.judgement.relative_half_width,
         )
 
     started = PeakSearch(minimum_hz, maximum_hz, criterion.precision, probe_once)
@@ -196,12 +203,12 @@ def rows(
     due_s: Times, published_s: Times, numbers: NDArray[np.int64], left_s: Times
 ) -> tuple[Rows, Rows]:
     """What the player and a monitor record of steps and of the answers to some of them."""
-    playback = np.zeros(due_s.size, PLAYBACK)
+    playback = np.zeros(due_s.size, PLAYBACK_DTYPE)
     playback["stamp_ns"] = _STAMP_NS + np.arange(due_s.size)
     playback["due_ns"] = BEGIN_NS + np.round(due_s * 1e9).astype(np.int64)
     playback["published_ns"] = BEGIN_NS + np.round(published_s * 1e9).astype(np.int64)
     playback["done_ns"] = playback["published_ns"] + 1_000
-    monitor = np.zeros(numbers.size, MONITOR)
+    monitor = np.zeros(numbers.size, MONITOR_DTYPE)
     monitor["stamp_ns"] = _STAMP_NS + numbers
     monitor["received_ns"] = BEGIN_NS + np.round(left_s * 1e9).astype(np.int64)
     monitor["taken_ns"] = monitor["received_ns"] + 1_000

@@ -1,4 +1,4 @@
-"""The pages of every code: of reading documents, of rules, of data, of plans and of runs."""
+"""The pages of all codes: documents, rules, data, plans and runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pages of what no example can show, because it is a file, a machine or a moment that is wrong."""
+"""Pages without examples, for errors of files, machines and runs."""
 
 from __future__ import annotations
 

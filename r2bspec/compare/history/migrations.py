@@ -46,10 +46,10 @@ MIGRATIONS: Final[tuple[tuple[str, ...], ...]] = (
     ),
 )
 
-VERSION: Final = len(MIGRATIONS)
+SCHEMA_VERSION: Final = len(MIGRATIONS)
 
 
-def version_of(connection: sqlite3.Connection) -> int:
+def schema_version(connection: sqlite3.Connection) -> int:
     """How many migrations a file has had."""
     return int(connection.execute("PRAGMA user_version").fetchone()[0])
 
@@ -63,13 +63,13 @@ def migrate(connection: sqlite3.Connection) -> None:
     Raises:
         sqlite3.Error: the file is damaged, locked, or not to be written.
     """
-    while version_of(connection) < VERSION:
+    while schema_version(connection) < SCHEMA_VERSION:
         connection.execute("BEGIN IMMEDIATE")
         try:
-            done = version_of(connection)
-            for statement in MIGRATIONS[done] if done < VERSION else ():
+            done = schema_version(connection)
+            for statement in MIGRATIONS[done] if done < SCHEMA_VERSION else ():
                 connection.execute(statement)
-            if done < VERSION:
+            if done < SCHEMA_VERSION:
                 connection.execute(f"PRAGMA user_version = {done + 1}")
                 connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             connection.execute("COMMIT")

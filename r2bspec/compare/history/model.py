@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
-class Metric:
+class HistoryMetric:
     """A metric of a whole run: the mean of its iterations, in its SI unit.
 
     Attributes:
@@ -23,7 +23,7 @@ class Metric:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Entry:
+class HistoryEntry:
     """One run.
 
     Attributes:
@@ -45,4 +45,4 @@ class Entry:
     version: str
     outcome: str
     accepted: bool = False
-    metrics: tuple[Metric, ...] = ()
+    metrics: tuple[HistoryMetric, ...] = ()

@@ -10,10 +10,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from r2bspec.compare.history.errors import HistoryError
-from r2bspec.compare.history.migrations import APPLICATION_ID, VERSION, migrate, version_of
-from r2bspec.compare.history.model import Entry, Metric
+from r2bspec.compare.history.migrations import (
+    APPLICATION_ID,
+    SCHEMA_VERSION,
+    migrate,
+    schema_version,
+)
+from r2bspec.compare.history.model import HistoryEntry, HistoryMetric
 
-_BUSY_S: Final = 30.0
+_MAX_LOCK_WAIT_S: Final = 30.0
 """How long to wait for another program that is writing. A row takes milliseconds."""
 
 _COLUMNS: Final = (
@@ -36,7 +41,7 @@ class History:
         self.path = path
         self._connection = connection
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: HistoryEntry) -> None:
         """Remember a run; one of the same id is replaced.
 
         Raises:
@@ -44,7 +49,7 @@ class History:
         """
         values = [getattr(entry, name) for name in _COLUMNS]
         marks = ", ".join("?" for _ in _COLUMNS)
-        with _told(self.path), self._transaction():
+        with _translate_errors(self.path), self._transaction():
             self._connection.execute("DELETE FROM runs WHERE run_id = ?", (entry.run_id,))
             self._connection.execute(
                 f"INSERT INTO runs ({', '.join(_COLUMNS)}) VALUES ({marks})",  # noqa: S608 - ours
@@ -59,7 +64,7 @@ class History:
                 ],
             )
 
-    def runs(self, *, name: str = "") -> tuple[Entry, ...]:
+    def runs(self, *, name: str = "") -> tuple[HistoryEntry, ...]:
         """All runs, or those of one benchmark, oldest first, without their metrics.
 
         Raises:
@@ -68,7 +73,9 @@ class History:
         where, values = ("WHERE name = ?", (name,)) if name else ("", ())
         return self._entries(where, values)
 
-    def alike(self, host: str, plan: str, dataset: str, most: int) -> tuple[Entry, ...]:
+    def comparable_runs(
+        self, host: str, plan: str, dataset: str, max_runs: int
+    ) -> tuple[HistoryEntry, ...]:
         """The latest runs that a new one may be compared with, oldest first, with their metrics.
 
         They are of the same plan and data on the same kind of machine. Runs that failed are left
@@ -80,23 +87,23 @@ class History:
         found = self._entries(
             "WHERE host = ? AND plan = ? AND dataset = ? AND (outcome != 'fail' OR accepted)",
             (host, plan, dataset),
-        )[-most:]
+        )[-max_runs:]
         return tuple(replace(one, metrics=self.metrics(one.run_id)) for one in found)
 
-    def metrics(self, run_id: str) -> tuple[Metric, ...]:
+    def metrics(self, run_id: str) -> tuple[HistoryMetric, ...]:
         """What is remembered of one run.
 
         Raises:
             HistoryError: the file cannot be read.
         """
-        with _told(self.path):
+        with _translate_errors(self.path):
             rows = self._connection.execute(
                 "SELECT at_hz, monitor, metric, unit, value FROM metrics WHERE run_id = ? "
                 "ORDER BY rowid",
                 (run_id,),
             ).fetchall()
         return tuple(
-            Metric(at_hz=at_hz, monitor=monitor, metric=metric, unit=unit, value=value)
+            HistoryMetric(at_hz=at_hz, monitor=monitor, metric=metric, unit=unit, value=value)
             for at_hz, monitor, metric, unit, value in rows
         )
 
@@ -106,7 +113,7 @@ class History:
         Raises:
             HistoryError: the file cannot be written.
         """
-        with _told(self.path), self._transaction():
+        with _translate_errors(self.path), self._transaction():
             done = self._connection.execute(
                 "UPDATE runs SET accepted = 1 WHERE run_id = ?", (run_id,)
             )
@@ -118,21 +125,21 @@ class History:
         Raises:
             HistoryError: the file cannot be written.
         """
-        with _told(self.path), self._transaction():
+        with _translate_errors(self.path), self._transaction():
             done = self._connection.executemany(
                 "DELETE FROM runs WHERE run_id = ?", [(one,) for one in run_ids]
             )
         return done.rowcount
 
-    def _entries(self, where: str, values: Sequence[Any]) -> tuple[Entry, ...]:
+    def _entries(self, where: str, values: Sequence[Any]) -> tuple[HistoryEntry, ...]:
         columns = ", ".join(_COLUMNS)
-        with _told(self.path):
+        with _translate_errors(self.path):
             rows = self._connection.execute(
                 f"SELECT {columns} FROM runs {where} ORDER BY started_at, rowid",  # noqa: S608
                 values,
             ).fetchall()
         found = (dict(zip(_COLUMNS, row, strict=True)) for row in rows)
-        return tuple(Entry(**one | {"accepted": bool(one["accepted"])}) for one in found)
+        return tuple(HistoryEntry(**one | {"accepted": bool(one["accepted"])}) for one in found)
 
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -164,9 +171,9 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
             hint=f"'r2bspec run SPEC --history {path}' begins one.",
         )
     with contextlib.ExitStack() as stack:
-        with _told(path):
+        with _translate_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None)
+            connection = sqlite3.connect(path, timeout=_MAX_LOCK_WAIT_S, isolation_level=None)
             stack.enter_context(contextlib.closing(connection))
             _check(path, connection)
             # Readers and a writer do not wait for each other; the file says so from then on.
@@ -185,16 +192,16 @@ def _check(path: Path, connection: sqlite3.Connection) -> None:
             f"{path} is a database of another program, not a history of r2bspec",
             hint="Name another file with --history.",
         )
-    version = version_of(connection)
-    if version > VERSION:
+    version = schema_version(connection)
+    if version > SCHEMA_VERSION:
         raise HistoryError(
-            f"{path} has version {version}; this r2bspec knows versions up to {VERSION}",
+            f"{path} has version {version}; this r2bspec knows versions up to {SCHEMA_VERSION}",
             hint="Use the r2bspec that wrote it, or a newer one.",
         )
 
 
 @contextlib.contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _translate_errors(path: Path) -> Iterator[None]:
     """What SQLite or the file system refuses, as an error with a way out."""
     try:
         yield

@@ -9,17 +9,17 @@ from pathlib import Path
 
 from r2bspec.execute.errors import StepFailedError
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.executables import resolve_words
-from r2bspec.execute.processes.supervisor import Child, Children, describe_exit
+from r2bspec.execute.processes.executables import resolve_command
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor, describe_exit
 from r2bspec.plan.plan import SetupPlan
 from r2bspec.record.run_folder import RunFolder
 
 _POLL_S = 0.05
 
 
-def run_setup(
+def run_setup_step(
     plan: SetupPlan,
-    children: Children,
+    supervisor: ProcessSupervisor,
     environment: RunEnvironment,
     folder: RunFolder,
     base_dir: Path,
@@ -39,15 +39,15 @@ def run_setup(
             note(f"{plan.name}: {plan.creates} is there")
             return
         note(f"{plan.name}: {' '.join(plan.argv)}")
-        child = children.start(
+        child = supervisor.start(
             f"setup.{plan.name}",
             "command",
-            resolve_words(plan.argv, f"setup step {plan.name}"),
-            environment.of_node(plan.env),
+            resolve_command(plan.argv, f"setup step {plan.name}"),
+            environment.for_node(plan.env),
             cwd=base_dir / plan.directory,
             log=folder.log_path(f"setup.{plan.name}"),
         )
-        wait_for_end(child, children, plan.timeout_ns / 1e9)
+        wait_for_exit(child, supervisor, plan.timeout_ns / 1e9)
         if created is not None and not created.exists():
             raise StepFailedError(
                 f"setup step {plan.name} succeeded, but {plan.creates} is not there",
@@ -55,13 +55,13 @@ def run_setup(
             )
 
 
-def wait_for_end(child: Child, children: Children, timeout_s: float) -> None:
+def wait_for_exit(child: ManagedProcess, supervisor: ProcessSupervisor, timeout_s: float) -> None:
     """Wait until a command has ended by itself, with status 0.
 
     Raises:
         StepFailedError: another status, or it took longer than `timeout_s` seconds.
     """
-    child.ending = True
+    child.exit_expected = True
     deadline = time.monotonic() + timeout_s
     while child.process.poll() is None:
         if time.monotonic() > deadline:
@@ -69,8 +69,8 @@ def wait_for_end(child: Child, children: Children, timeout_s: float) -> None:
                 f"{child.name} has not ended after {timeout_s:g} s",
                 hint=f"Give it more time, or see what it does: {child.log}",
             )
-        children.pump(_POLL_S)
-    children.end([child])
+        supervisor.pump(_POLL_S)
+    supervisor.end([child])
     if child.process.returncode:
         tail = child.log_tail()
         raise StepFailedError(

@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from r2bspec.execute.bringup.launcher import Launcher
-from r2bspec.execute.processes.supervisor import Child
+from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import ProcessPlan
 
 _PARTS = ("player", "monitor")
 
 
-class Parts:
+class HarnessProcesses:
     """Starts the parts, each when it is asked for, with the process that holds it.
 
     Args:
@@ -27,9 +27,9 @@ class Parts:
     def __init__(self, launcher: Launcher, processes: Iterable[ProcessPlan]) -> None:
         self._launcher = launcher
         self._plans = {each.role: each for each in processes if each.role in {*_PARTS, "harness"}}
-        self._whole: Child | None = None
+        self._process: ManagedProcess | None = None
 
-    def start(self, part: str) -> Child:
+    def start(self, part: str) -> ManagedProcess:
         """A part, which then waits to be configured.
 
         Raises:
@@ -37,15 +37,15 @@ class Parts:
         """
         if part in self._plans:
             return self._launcher.start(self._plans[part])
-        return self._together().parts[part]
+        return self._harness_process().parts[part]
 
-    def beside(self) -> list[tuple[Child, ProcessPlan]]:
+    def node_hosts(self) -> list[tuple[ManagedProcess, ProcessPlan]]:
         """The process of all parts with its plan, if nodes run in it; else nothing."""
         plan = self._plans.get("harness")
-        return [(self._together(), plan)] if plan is not None and plan.nodes else []
+        return [(self._harness_process(), plan)] if plan is not None and plan.nodes else []
 
-    def _together(self) -> Child:
-        if self._whole is None:
-            self._whole = self._launcher.start(self._plans["harness"], _PARTS)
-            self._launcher.configure(self._whole, protocol.ConfigureHarness(parts=_PARTS))
-        return self._whole
+    def _harness_process(self) -> ManagedProcess:
+        if self._process is None:
+            self._process = self._launcher.start(self._plans["harness"], _PARTS)
+            self._launcher.configure(self._process, protocol.ConfigureHarness(parts=_PARTS))
+        return self._process

@@ -7,23 +7,27 @@ import time
 from pathlib import Path
 
 from r2bspec.execute.errors import NotReadyError
-from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import ProbePlan
 from r2bspec.record.run_folder import RunFolder
 
 _POLL_S = 0.05
-_ASK_S = 10.0
+_REPLY_TIMEOUT_S = 10.0
 
 
 def wait_for_probe(
-    plan: ProbePlan, children: Children, observer: Child, folder: RunFolder, base_dir: Path
+    plan: ProbePlan,
+    supervisor: ProcessSupervisor,
+    observer: ManagedProcess,
+    folder: RunFolder,
+    base_dir: Path,
 ) -> None:
     """Wait until what a probe looks for is so.
 
     Args:
         plan: what to look for, and for how long.
-        children: all processes; one that dies meanwhile ends the wait.
+        supervisor: all processes; one that dies meanwhile ends the wait.
         observer: a harness process that sees the graph.
         folder: where the logs are.
         base_dir: to which the path of a file is relative.
@@ -32,7 +36,7 @@ def wait_for_probe(
         NotReadyError: it was not so in time.
     """
     deadline = time.monotonic() + plan.timeout_ns / 1e9
-    while not _holds(plan, children, observer, folder, base_dir):
+    while not _is_ready(plan, supervisor, observer, folder, base_dir):
         if time.monotonic() > deadline:
             what = (
                 f"the log of {plan.target}" if plan.kind == "log" else f"{plan.kind} {plan.target}"
@@ -45,27 +49,33 @@ def wait_for_probe(
                 hint=f"The logs are in {folder.path / 'logs'}",
                 code="R2B646",
             )
-        children.pump(_POLL_S)
+        supervisor.pump(_POLL_S)
 
 
-def _holds(
-    plan: ProbePlan, children: Children, observer: Child, folder: RunFolder, base_dir: Path
+def _is_ready(
+    plan: ProbePlan,
+    supervisor: ProcessSupervisor,
+    observer: ManagedProcess,
+    folder: RunFolder,
+    base_dir: Path,
 ) -> bool:
     match plan.kind:
         case "file":
             return (base_dir / plan.target).exists()
         case "log":
-            return _logged(folder.log_path(plan.target), plan.pattern)
+            return _log_matches(folder.log_path(plan.target), plan.pattern)
         case "service":
-            survey = children.ask(observer, protocol.Survey(), protocol.Surveyed, _ASK_S)
+            survey = supervisor.request(
+                observer, protocol.Survey(), protocol.Surveyed, _REPLY_TIMEOUT_S
+            )
             return plan.target in survey.services
         case "topic":
             asked = protocol.Discover(topics=(plan.target,))
-            seen = children.ask(observer, asked, protocol.Discovered, _ASK_S)
+            seen = supervisor.request(observer, asked, protocol.Discovered, _REPLY_TIMEOUT_S)
             return bool(seen.writers[plan.target] and seen.readers[plan.target])
 
 
-def _logged(log: Path, pattern: str) -> bool:
+def _log_matches(log: Path, pattern: str) -> bool:
     try:
         text = log.read_text(errors="replace")
     except OSError:

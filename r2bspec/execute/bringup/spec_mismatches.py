@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Iterator
 import msgspec
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.execute.diagnosis.find_break import Break
-from r2bspec.execute.errors import GraphDiffersError
+from r2bspec.execute.diagnosis.find_break import Fault
+from r2bspec.execute.errors import GraphMismatchError
 from r2bspec.ipc import protocol
 from r2bspec.record.run_record import Difference
 
@@ -16,20 +16,20 @@ _PARAMETER_UNKNOWN = "R2B211"
 _REMAPPING_MATCHES_NOTHING = "R2B204"
 
 
-def refuse_undeclared(ready: protocol.Ready) -> None:
+def require_declared_parameters(ready: protocol.Ready) -> None:
     """A parameter that no node declares is ignored by ROS, and so is the typing error in it.
 
     Raises:
-        GraphDiffersError: there is one.
+        GraphMismatchError: there is one.
     """
-    found = [_undeclared(ready, node, name) for node, name in ready.undeclared]
+    found = [_undeclared_parameter(ready, node, name) for node, name in ready.undeclared]
     if found:
-        raise GraphDiffersError(
+        raise GraphMismatchError(
             found, "; ".join(each.message for each in found), hint=found[0].help
         )
 
 
-def _undeclared(ready: protocol.Ready, node: str, name: str) -> Difference:
+def _undeclared_parameter(ready: protocol.Ready, node: str, name: str) -> Difference:
     known = sorted(ready.parameters.get(node, ()))
     close = did_you_mean(name, known)
     return Difference(
@@ -61,10 +61,10 @@ def unmatched_remappings(ready: protocol.Ready) -> Iterator[Difference]:
         )
 
 
-def differences_of(
-    breaks: Iterable[Break],
-    launched: Iterable[Difference],
-    is_final: Callable[[Break], bool] = lambda _: True,
+def graph_mismatches(
+    faults: Iterable[Fault],
+    launch_differences: Iterable[Difference],
+    is_permanent: Callable[[Fault], bool] = lambda _: True,
 ) -> tuple[Difference, ...]:
     """What is wrong, causes before consequences.
 
@@ -72,16 +72,16 @@ def differences_of(
     of which then nothing more needs to be said.
 
     Args:
-        breaks: where the way of messages ends. What a node does with its messages is its own
+        faults: where the way of messages ends. What a node does with its messages is its own
             affair, and no difference.
-        launched: what the nodes did not take of the plan when they were made.
-        is_final: whether a break is there to stay; others are no differences.
+        launch_differences: what the nodes did not take of the plan when they were made.
+        is_permanent: whether a break is there to stay; others are no differences.
     """
-    breaks = [each for each in breaks if each.kind != "swallowed"]
-    missing = {each.topic for each in breaks}
+    faults = [each for each in faults if each.kind != "swallowed"]
+    missing = {each.topic for each in faults}
     causes = [
         msgspec.structs.replace(each, harmless=False)
-        for each in launched
+        for each in launch_differences
         if each.topic and each.topic in missing
     ]
     explained = {each.topic for each in causes}
@@ -95,13 +95,13 @@ def differences_of(
                 owner=each.owner,
                 name=each.topic,
             )
-            for each in breaks
-            if each.topic not in explained and is_final(each)
+            for each in faults
+            if each.topic not in explained and is_permanent(each)
         ),
     )
 
 
-def suspicions(breaks: Iterable[Break], launched: Iterable[Difference]) -> str:
+def related_differences(faults: Iterable[Fault], launch_differences: Iterable[Difference]) -> str:
     """What else is odd about the nodes at which messages end, to be put behind a sentence."""
-    owners = {each.owner for each in breaks}
-    return "".join(f"; {each.message}" for each in launched if each.owner in owners)
+    owners = {each.owner for each in faults}
+    return "".join(f"; {each.message}" for each in launch_differences if each.owner in owners)

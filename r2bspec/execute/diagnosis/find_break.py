@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.execute.diagnosis.graph_facts import HARNESS, Facts, TopicFacts
+from r2bspec.execute.diagnosis.graph_facts import HARNESS, GraphFacts, TopicFacts
 from r2bspec.ipc.protocol import Endpoint
 
-Kind = Literal["unwritten", "types", "qos", "swallowed", "unread"]
+FaultKind = Literal["unwritten", "types", "qos", "swallowed", "unread"]
 
-CODES: dict[Kind, str] = {
+FAULT_CODES: dict[FaultKind, str] = {
     "unwritten": "R2B207",
     "unread": "R2B208",
     "types": "R2B210",
@@ -29,13 +29,13 @@ CODES: dict[Kind, str] = {
 
 
 @dataclass(frozen=True)
-class Break:
+class Fault:
     """Where the way ends: what is wrong with which topic, and whose end of it that is.
 
     `owner` is a node, or a part of the harness; empty if nobody is known.
     """
 
-    kind: Kind
+    kind: FaultKind
     topic: str
     owner: str
     sentence: str
@@ -43,98 +43,106 @@ class Break:
     @property
     def code(self) -> str:
         """The code under which this is reported."""
-        return CODES[self.kind]
+        return FAULT_CODES[self.kind]
 
 
-def way_to(facts: Facts, silent: str) -> tuple[str, ...]:
+def path_to(facts: GraphFacts, silent: str) -> tuple[str, ...]:
     """The topics from the inputs to a silent one, in the order in which messages reach them."""
     behind = {silent}
     ahead = [silent]
     for topic in ahead:
         known = facts.topics.get(topic)
-        for node in sorted(known.all_writers - {*HARNESS}) if known else ():
-            for read in facts.read_by(node):
+        for node in sorted(known.all_publishers - {*HARNESS}) if known else ():
+            for read in facts.topics_subscribed_by(node):
                 if read not in behind:
                     behind.add(read)
                     ahead.append(read)
-    reached = [name for name in _from_inputs(facts) if name in behind]
+    reached = [name for name in _reachable_topics(facts) if name in behind]
     rest = sorted(behind - {*reached, silent})
     return tuple(dict.fromkeys((*reached, *rest, silent)))
 
 
-def whole_way(facts: Facts, silent: str) -> tuple[str, ...]:
+def full_path(facts: GraphFacts, silent: str) -> tuple[str, ...]:
     """The way to a silent topic; where none is known, all that the inputs lead to, as well."""
-    way = way_to(facts, silent)
-    if {*way} & {*facts.inputs}:
-        return way
-    return tuple(dict.fromkeys((*_from_inputs(facts), *way)))
+    path = path_to(facts, silent)
+    if {*path} & {*facts.inputs}:
+        return path
+    return tuple(dict.fromkeys((*_reachable_topics(facts), *path)))
 
 
-def _from_inputs(facts: Facts) -> list[str]:
+def _reachable_topics(facts: GraphFacts) -> list[str]:
     """The topics that messages can reach, in the order in which they do."""
     reached = sorted(facts.inputs)
     for topic in reached:
-        nodes = facts.topics[topic].all_readers - {*HARNESS}
+        nodes = facts.topics[topic].all_subscribers - {*HARNESS}
         reached += sorted(
             name
             for name, each in facts.topics.items()
-            if name not in reached and nodes & each.all_writers
+            if name not in reached and nodes & each.all_publishers
         )
     return reached
 
 
-def first_break(facts: Facts, silent: str) -> Break | None:
+def first_fault(facts: GraphFacts, silent: str) -> Fault | None:
     """The first break on the way to a silent topic; None if nothing is wrong that can be seen."""
-    way = way_to(facts, silent)
-    on_way = {*way}
-    for name in way:
+    path = path_to(facts, silent)
+    on_path = {*path}
+    for name in path:
         topic = facts.topics.get(name, TopicFacts(name))
-        found = _look(facts, topic, silent=silent, on_way=on_way)
+        found = _fault_at(facts, topic, silent=silent, on_path=on_path)
         if found is not None:
             return found
     return None
 
 
-def unread_input(facts: Facts, name: str) -> Break | None:
+def find_input_fault(facts: GraphFacts, name: str) -> Fault | None:
     """What is wrong with the reading end of an input; None if nothing that can be seen."""
     topic = facts.topics.get(name, TopicFacts(name))
-    wanted = sorted(topic.all_readers)
-    return _types(topic, wanted) or _qos(topic, wanted) or _unread(facts, topic, wanted)
+    wanted = sorted(topic.all_subscribers)
+    return (
+        _type_mismatch(topic, wanted)
+        or _qos_mismatch(topic, wanted)
+        or _no_subscription(facts, topic, wanted)
+    )
 
 
-def _look(facts: Facts, topic: TopicFacts, *, silent: str, on_way: set[str]) -> Break | None:
+def _fault_at(
+    facts: GraphFacts, topic: TopicFacts, *, silent: str, on_path: set[str]
+) -> Fault | None:
     if not topic.writers:
-        return _unwritten(facts, topic)
-    wanted = sorted(_leading_on(facts, topic, silent, on_way))
-    found = _types(topic, wanted) or _qos(topic, wanted)
+        return _no_publisher(facts, topic)
+    wanted = sorted(_downstream_nodes(facts, topic, silent, on_path))
+    found = _type_mismatch(topic, wanted) or _qos_mismatch(topic, wanted)
     if found is None and topic.passed == 0 and facts.played:
-        found = _swallowed(facts, topic)
-    return found or _unread(facts, topic, wanted)
+        found = _no_output(facts, topic)
+    return found or _no_subscription(facts, topic, wanted)
 
 
-def _leading_on(facts: Facts, topic: TopicFacts, silent: str, on_way: set[str]) -> Iterator[str]:
+def _downstream_nodes(
+    facts: GraphFacts, topic: TopicFacts, silent: str, on_path: set[str]
+) -> Iterator[str]:
     """Who must read a topic for messages to come further on the way."""
-    for reader in topic.all_readers:
+    for reader in topic.all_subscribers:
         if reader in HARNESS:
             if topic.name == silent:
                 yield reader
         elif any(
-            reader in facts.topics[name].all_writers
-            for name in on_way - {topic.name}
+            reader in facts.topics[name].all_publishers
+            for name in on_path - {topic.name}
             if name in facts.topics
         ):
             yield reader
 
 
-def _unwritten(facts: Facts, topic: TopicFacts) -> Break:
-    owner = next(iter(topic.planned_writers), "")
-    instead = facts.written_by(owner) if owner else ()
+def _no_publisher(facts: GraphFacts, topic: TopicFacts) -> Fault:
+    owner = next(iter(topic.planned_publishers), "")
+    instead = facts.topics_published_by(owner) if owner else ()
     loose = [
         name
         for name, each in facts.topics.items()
-        if each.writers and not each.readers and not each.planned_writers
+        if each.writers and not each.readers and not each.planned_publishers
     ]
-    close = _nearest(topic.name, instead) or _nearest(topic.name, loose)
+    close = _closest_name(topic.name, instead) or _closest_name(topic.name, loose)
     said = f"{topic.name}: nobody writes it"
     if close:
         by = _names(each.node for each in facts.topics[close].writers)
@@ -148,14 +156,14 @@ def _unwritten(facts: Facts, topic: TopicFacts) -> Break:
     elif loose:
         by = _names(each.node for each in facts.topics[loose[0]].writers)
         said += f"; nobody reads {loose[0]}, which {by} writes"
-    return Break("unwritten", topic.name, owner, said)
+    return Fault("unwritten", topic.name, owner, said)
 
 
-def _types(topic: TopicFacts, wanted: Iterable[str]) -> Break | None:
+def _type_mismatch(topic: TopicFacts, wanted: Iterable[str]) -> Fault | None:
     for writer in topic.writers:
         for reader in topic.readers:
             if reader.node in wanted and reader.type != writer.type:
-                return Break(
+                return Fault(
                     "types",
                     topic.name,
                     reader.node,
@@ -163,8 +171,8 @@ def _types(topic: TopicFacts, wanted: Iterable[str]) -> Break | None:
                     f"{reader.type}; ROS never connects the two",
                 )
         # A monitor does not even subscribe before it has seen a writer of its type.
-        if topic.type and writer.type != topic.type and not _read_by(topic, wanted):
-            return Break(
+        if topic.type and writer.type != topic.type and not _has_subscription(topic, wanted):
+            return Fault(
                 "types",
                 topic.name,
                 writer.node,
@@ -174,10 +182,10 @@ def _types(topic: TopicFacts, wanted: Iterable[str]) -> Break | None:
     return None
 
 
-def _qos(topic: TopicFacts, wanted: Iterable[str]) -> Break | None:
-    for pair in topic.refused:
+def _qos_mismatch(topic: TopicFacts, wanted: Iterable[str]) -> Fault | None:
+    for pair in topic.qos_mismatches:
         if pair.reader in wanted:
-            return Break(
+            return Fault(
                 "qos",
                 topic.name,
                 pair.reader,
@@ -187,34 +195,34 @@ def _qos(topic: TopicFacts, wanted: Iterable[str]) -> Break | None:
     return None
 
 
-def _swallowed(facts: Facts, topic: TopicFacts) -> Break:
+def _no_output(facts: GraphFacts, topic: TopicFacts) -> Fault:
     writers = sorted({each.node for each in topic.writers})
     owner = writers[0]
     if topic.name in facts.inputs:
         said = f"{topic.name}: {_messages(facts.played)} were played, but none of them arrived"
-        return Break("swallowed", topic.name, owner, said)
-    read = [facts.topics[name] for writer in writers for name in facts.read_by(writer)]
-    fed = [each for each in read if each.passed]
-    hungry = [each for each in read if not each.passed and each.name != topic.name]
-    if fed:
-        first = fed[0]
+        return Fault("swallowed", topic.name, owner, said)
+    read = [facts.topics[name] for writer in writers for name in facts.topics_subscribed_by(writer)]
+    supplied = [each for each in read if each.passed]
+    starved = [each for each in read if not each.passed and each.name != topic.name]
+    if supplied:
+        first = supplied[0]
         how = "were played" if first.name in facts.inputs else "passed"
         said = f"{first.name}: {_messages(first.passed)} {how}, and {_names(writers)} reads it; "
-        also = "".join(f", {_messages(each.passed)} on {each.name}" for each in fed[1:])
+        also = "".join(f", {_messages(each.passed)} on {each.name}" for each in supplied[1:])
         said += f"{_names(writers)} publishes nothing on {topic.name}" + (
             f", with {also[2:]} beside it" if also else ""
         )
     else:
         said = f"{topic.name}: {_names(writers)} publishes nothing on it"
-    for each in hungry[:1]:
+    for each in starved[:1]:
         why = "nobody writes" if not each.writers else "has carried nothing"
         said += f"; it also reads {each.name}, which {why}"
-    return Break("swallowed", topic.name, owner, said)
+    return Fault("swallowed", topic.name, owner, said)
 
 
-def _unread(facts: Facts, topic: TopicFacts, wanted: list[str]) -> Break | None:
-    missing = [each for each in wanted if not _read_by(topic, [each])]
-    if not missing and (wanted or _read_by_anyone(topic)):
+def _no_subscription(facts: GraphFacts, topic: TopicFacts, wanted: list[str]) -> Fault | None:
+    missing = [each for each in wanted if not _has_subscription(topic, [each])]
+    if not missing and (wanted or _has_any_subscription(topic)):
         return None
     owner = missing[0] if missing else ""
     others = [
@@ -227,9 +235,11 @@ def _unread(facts: Facts, topic: TopicFacts, wanted: list[str]) -> Break | None:
     if topic.passed:
         how = "were played" if topic.name in facts.inputs else "passed"
         passed = f"{_messages(topic.passed)} {how}, but "
-    who = f"{owner} does not read it" if owner and _read_by_anyone(topic) else "nobody reads it"
-    close = _nearest(topic.name, [name for name in others if not facts.topics[name].writers])
-    close = close or _nearest(topic.name, others)
+    who = (
+        f"{owner} does not read it" if owner and _has_any_subscription(topic) else "nobody reads it"
+    )
+    close = _closest_name(topic.name, [name for name in others if not facts.topics[name].writers])
+    close = close or _closest_name(topic.name, others)
     said = f"{topic.name}: {passed}{who}"
     if close:
         by = _names(each.node for each in facts.topics[close].readers)
@@ -237,22 +247,22 @@ def _unread(facts: Facts, topic: TopicFacts, wanted: list[str]) -> Break | None:
     elif owner and owner not in HARNESS:
         read = [name for name in others if any(e.node == owner for e in facts.topics[name].readers)]
         said += f"; {owner}, which should, reads {_names(read) or 'nothing'}"
-    return Break("unread", topic.name, owner, said)
+    return Fault("unread", topic.name, owner, said)
 
 
-def _nearest(wrong: str, names: Iterable[str]) -> str:
+def _closest_name(wrong: str, names: Iterable[str]) -> str:
     """The name that may have been meant, by what follows the namespace, which most have alike."""
     by_end = {name.rpartition("/")[2]: name for name in sorted(names, reverse=True)}
     close = did_you_mean(wrong.rpartition("/")[2], by_end)
     return by_end[close] if close else ""
 
 
-def _read_by(topic: TopicFacts, nodes: Iterable[str]) -> bool:
+def _has_subscription(topic: TopicFacts, nodes: Iterable[str]) -> bool:
     there = {each.node for each in topic.readers}
     return any(each in there for each in nodes)
 
 
-def _read_by_anyone(topic: TopicFacts) -> bool:
+def _has_any_subscription(topic: TopicFacts) -> bool:
     return any(each.node not in HARNESS for each in topic.readers)
 
 
@@ -264,21 +274,21 @@ def _messages(count: int | None) -> str:
     return f"{count} message" if count == 1 else f"{count} messages"
 
 
-def described(facts: Facts, way: Iterable[str]) -> list[str]:
+def path_lines(facts: GraphFacts, path: Iterable[str]) -> list[str]:
     """The way in lines: who writes and who reads each topic, type, QoS, and how many passed."""
     lines = []
-    for name in way:
+    for name in path:
         topic = facts.topics.get(name, TopicFacts(name))
         passed = "" if topic.passed is None else f"; {topic.passed} passed"
         lines.append(
             f"  {name} ({topic.type or 'type unknown'}): "
-            f"writers: {_ends(topic.writers, topic.type)}; "
-            f"readers: {_ends(topic.readers, topic.type)}{passed}"
+            f"writers: {_endpoint_texts(topic.writers, topic.type)}; "
+            f"readers: {_endpoint_texts(topic.readers, topic.type)}{passed}"
         )
     return lines
 
 
-def _ends(ends: tuple[Endpoint, ...], usual: str) -> str:
+def _endpoint_texts(ends: tuple[Endpoint, ...], usual: str) -> str:
     def one(end: Endpoint) -> str:
         said = [end.type] if end.type != usual else []
         said += [end.reliability]

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from r2bspec.ipc.protocol import Endpoint, Refused
+from r2bspec.ipc.protocol import Endpoint, QosMismatch
 from r2bspec.plan.plan import Plan
 
 HARNESS = ("loader", "player", "monitor")
@@ -20,36 +20,37 @@ class TopicFacts:
     Attributes:
         name: full name.
         type: as planned; empty if the plan does not know it, or not the topic.
-        planned_writers: nodes or parts of the harness.
-        planned_readers: likewise.
+        planned_publishers: nodes or parts of the harness.
+        planned_subscribers: likewise.
         writers: what discovery shows, parts of the harness by the names that plans use.
         readers: likewise; without whoever only looks.
-        refused: pairs that never connect, because the one offers less than the other asks for.
+        qos_mismatches: pairs that never connect, because the one offers less than the other asks
+            for.
         passed: messages that were seen on it while some were played; None if nobody could look.
     """
 
     name: str
     type: str = ""
-    planned_writers: tuple[str, ...] = ()
-    planned_readers: tuple[str, ...] = ()
+    planned_publishers: tuple[str, ...] = ()
+    planned_subscribers: tuple[str, ...] = ()
     writers: tuple[Endpoint, ...] = ()
     readers: tuple[Endpoint, ...] = ()
-    refused: tuple[Refused, ...] = ()
+    qos_mismatches: tuple[QosMismatch, ...] = ()
     passed: int | None = None
 
     @cached_property
-    def all_writers(self) -> frozenset[str]:
+    def all_publishers(self) -> frozenset[str]:
         """Whoever writes it, by plan or in fact."""
-        return frozenset(self.planned_writers) | {each.node for each in self.writers}
+        return frozenset(self.planned_publishers) | {each.node for each in self.writers}
 
     @cached_property
-    def all_readers(self) -> frozenset[str]:
+    def all_subscribers(self) -> frozenset[str]:
         """Whoever reads it, by plan or in fact."""
-        return frozenset(self.planned_readers) | {each.node for each in self.readers}
+        return frozenset(self.planned_subscribers) | {each.node for each in self.readers}
 
 
 @dataclass(frozen=True)
-class Facts:
+class GraphFacts:
     """A graph.
 
     Attributes:
@@ -64,11 +65,11 @@ class Facts:
     played: int | None = None
     nodes: frozenset[str] = frozenset()
 
-    def read_by(self, node: str) -> tuple[str, ...]:
+    def topics_subscribed_by(self, node: str) -> tuple[str, ...]:
         """The topics that a node reads, by plan or in fact, sorted."""
-        return tuple(sorted(n for n, each in self.topics.items() if node in each.all_readers))
+        return tuple(sorted(n for n, each in self.topics.items() if node in each.all_subscribers))
 
-    def written_by(self, node: str) -> tuple[str, ...]:
+    def topics_published_by(self, node: str) -> tuple[str, ...]:
         """The topics that a node writes in fact, sorted."""
         return tuple(
             sorted(
@@ -77,55 +78,55 @@ class Facts:
         )
 
 
-def gather(
+def gather_facts(
     plan: Plan,
     phase: str,
     seen: Mapping[str, tuple[tuple[Endpoint, ...], tuple[Endpoint, ...]]],
-    refused: Iterable[Refused] = (),
+    qos_mismatches: Iterable[QosMismatch] = (),
     *,
     nodes: Iterable[str] = (),
     passed: Mapping[str, int] | None = None,
     played: int | None = None,
-) -> Facts:
+) -> GraphFacts:
     """Put together what was planned and what was seen.
 
     Args:
         plan: of the run.
         phase: ``preprocess`` or ``measure``.
         seen: topic to its writers and readers, as discovery shows them.
-        refused: pairs that never connect.
+        qos_mismatches: pairs that never connect.
         nodes: the nodes that are there.
         passed: messages counted, by topic.
         played: steps that were played meanwhile.
     """
     planned = {each.name: each for each in plan.topics if each.phase == phase}
-    refusals = [*refused]
+    refusals = [*qos_mismatches]
     topics = {}
     for name in sorted({*planned, *seen}):
         plan_topic = planned.get(name)
         writers, readers = seen.get(name, ((), ()))
-        expected_readers = plan_topic.readers if plan_topic else ()
+        expected_subscribers = plan_topic.readers if plan_topic else ()
         topics[name] = TopicFacts(
             name=name,
             type=plan_topic.type if plan_topic else "",
-            planned_writers=plan_topic.writers if plan_topic else (),
-            planned_readers=expected_readers,
+            planned_publishers=plan_topic.writers if plan_topic else (),
+            planned_subscribers=expected_subscribers,
             writers=tuple(_plain(each) for each in writers),
             readers=tuple(
                 found
                 for each in readers
-                if (found := _plain(each)).node not in HARNESS or found.node in expected_readers
+                if (found := _plain(each)).node not in HARNESS or found.node in expected_subscribers
             ),
-            refused=tuple(
-                Refused(_name(each.writer), _name(each.reader), each.topic, each.why)
+            qos_mismatches=tuple(
+                QosMismatch(_name(each.writer), _name(each.reader), each.topic, each.why)
                 for each in refusals
                 if each.topic == name
             ),
             passed=None if passed is None else passed.get(name),
         )
     begin = "loader" if phase == "preprocess" else "player"
-    inputs = tuple(name for name, each in topics.items() if begin in each.planned_writers)
-    return Facts(topics=topics, inputs=inputs, played=played, nodes=frozenset(nodes))
+    inputs = tuple(name for name, each in topics.items() if begin in each.planned_publishers)
+    return GraphFacts(topics=topics, inputs=inputs, played=played, nodes=frozenset(nodes))
 
 
 def _name(node: str) -> str:

@@ -18,8 +18,8 @@ import psutil
 _SYSTEM = Path("/")
 
 
-class Reading(NamedTuple):
-    """One reading; see `r2bspec.record.run_record.SURROUNDINGS_FIELDS`."""
+class InterferenceReading(NamedTuple):
+    """One reading; see `r2bspec.record.run_record.INTERFERENCE_FIELDS`."""
 
     busy_s: float
     stolen_s: float
@@ -27,7 +27,7 @@ class Reading(NamedTuple):
     throttled_s: float
 
 
-class Surroundings:
+class InterferenceReader:
     """Reads them for the processes of this one's control group, on the cores it may use."""
 
     def __init__(self, root: Path = _SYSTEM) -> None:
@@ -42,21 +42,25 @@ class Surroundings:
             (each for each in (group / "cpu.pressure" for group in groups) if each.exists()),
             root / "proc/pressure/cpu",
         )
-        self._quotas = [each for each in (group / "cpu.stat" for group in groups) if each.exists()]
-        self._heat = [
+        self._quota_files = [
+            each for each in (group / "cpu.stat" for group in groups) if each.exists()
+        ]
+        self._thermal_files = [
             *root.glob("sys/devices/system/cpu/cpu*/thermal_throttle/core_throttle_total_time_ms")
         ]
 
-    def read(self) -> Reading:
+    def read(self) -> InterferenceReading:
         """What has been counted until now."""
-        busy_s, stolen_s = _processors(self._cores)
-        quota = _largest(_throttled_s, self._quotas)
-        heat = _largest(_hot_s, self._heat)
+        busy_s, stolen_s = _core_times(self._cores)
+        quota = _largest(_throttled_s, self._quota_files)
+        heat = _largest(_thermal_throttled_s, self._thermal_files)
         known = [each for each in (quota, heat) if not math.isnan(each)]
-        return Reading(busy_s, stolen_s, _waited_s(self._pressure), sum(known) if known else quota)
+        return InterferenceReading(
+            busy_s, stolen_s, _cpu_pressure_s(self._pressure), sum(known) if known else quota
+        )
 
 
-def _processors(cores: list[int]) -> tuple[float, float]:
+def _core_times(cores: list[int]) -> tuple[float, float]:
     times = psutil.cpu_times(percpu=True)
     # A core that was taken offline has no line.
     ours = [times[core] for core in cores if core < len(times)]
@@ -73,7 +77,7 @@ def busy_seconds(times: psutil._ntuples.scputimes) -> float:
     return float(used - getattr(times, "guest", 0.0) - getattr(times, "guest_nice", 0.0))
 
 
-def _waited_s(path: Path) -> float:
+def _cpu_pressure_s(path: Path) -> float:
     """``some avg10=0.00 avg60=0.00 avg300=0.00 total=MICROSECONDS``."""
     with contextlib.suppress(OSError, ValueError):
         for line in path.read_text().splitlines():
@@ -94,7 +98,7 @@ def _throttled_s(path: Path) -> float:
     return math.nan
 
 
-def _hot_s(path: Path) -> float:
+def _thermal_throttled_s(path: Path) -> float:
     with contextlib.suppress(OSError, ValueError):
         return int(path.read_text()) / 1e3
     return math.nan

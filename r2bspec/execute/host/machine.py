@@ -12,8 +12,7 @@ from typing import Any
 import psutil
 
 from r2bspec._version import __version__
-
-_DISTRIBUTIONS = ("rclpy", "fastrtps", "rmw-fastrtps-cpp", "numpy", "opencv-python-headless")
+from r2bspec.middleware.registry import middleware_of, selected_rmw
 
 
 def describe_machine() -> dict[str, Any]:
@@ -44,7 +43,8 @@ def describe_machine() -> dict[str, Any]:
 def describe_versions() -> dict[str, str]:
     """Versions of r2bspec, Python, and the ROS packages that are installed."""
     versions = {"r2bspec": __version__, "python": platform.python_version()}
-    for name in _DISTRIBUTIONS:
+    middleware = middleware_of(os.environ).distributions
+    for name in ("rclpy", *middleware, "numpy", "opencv-python-headless"):
         for candidate in (f"ros-jazzy-{name}", f"ros-{name}", name):
             try:
                 versions[name] = importlib.metadata.version(candidate)
@@ -53,7 +53,7 @@ def describe_versions() -> dict[str, str]:
                 continue
     if distribution := os.environ.get("ROS_DISTRO"):
         versions["ros_distro"] = distribution
-    versions["rmw"] = os.environ.get("RMW_IMPLEMENTATION", "default")
+    versions["rmw"] = selected_rmw(os.environ)
     return versions
 
 

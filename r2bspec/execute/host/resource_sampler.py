@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 import psutil
 
-from r2bspec.execute.host.interference_counters import Surroundings, busy_seconds
-from r2bspec.measure.resource_usage import CONTROLLER, MACHINE
+from r2bspec.execute.host.interference_counters import InterferenceReader, busy_seconds
+from r2bspec.measure.resource_usage import CONTROLLER_INDEX, MACHINE_INDEX
 
 if TYPE_CHECKING:
     from r2bspec.record.sample_arrays import Rows
@@ -29,7 +29,7 @@ about half a millisecond of processor time, 0.3 % of a core at this period."""
 
 _RESOURCES = struct.Struct("<qidq")
 _SURROUNDINGS = struct.Struct("<qdddd")
-"""Rows of `r2bspec.record.run_record.RESOURCE_FIELDS` and `SURROUNDINGS_FIELDS`."""
+"""Rows of `r2bspec.record.run_record.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
 
 
 class ResourceSampler:
@@ -43,13 +43,13 @@ class ResourceSampler:
         self._processes: list[psutil.Process | None] = []
         # Packed as they will be written: a day of samples is then some ten megabytes.
         self._rows = bytearray()
-        self._around = bytearray()
-        self._surroundings = Surroundings()
+        self._interference_rows = bytearray()
+        self._interference = InterferenceReader()
         self._self = psutil.Process()
         self._resident: dict[int, int] = {}
         self._cores: dict[int, float] = {}
-        self._last: dict[int, tuple[int, float]] = {}
-        self._wanted: list[int] = []
+        self._last_use: dict[int, tuple[int, float]] = {}
+        self._requested_ns: list[int] = []
         self._lock = threading.Condition()
         self._stopped = False
         self._thread = threading.Thread(target=self._run, name="resources", daemon=True)
@@ -69,7 +69,7 @@ class ResourceSampler:
     def sample_at(self, time_ns: int) -> None:
         """Take a sample at a time (CLOCK_MONOTONIC), at once if that is past; returns at once."""
         with self._lock:
-            heapq.heappush(self._wanted, time_ns)
+            heapq.heappush(self._requested_ns, time_ns)
             self._lock.notify()
 
     def resident(self, pid: int) -> int:
@@ -94,20 +94,20 @@ class ResourceSampler:
         return self.rows(), self.surroundings()
 
     def rows(self) -> Rows:
-        """What has been sampled so far: rows of `r2bspec.record.sample_arrays.RESOURCES`."""
+        """What has been sampled so far: rows of `r2bspec.record.sample_arrays.RESOURCE_DTYPE`."""
         import numpy as np
 
-        from r2bspec.record.sample_arrays import RESOURCES
+        from r2bspec.record.sample_arrays import RESOURCE_DTYPE
 
-        return np.frombuffer(bytes(self._rows), dtype=RESOURCES)
+        return np.frombuffer(bytes(self._rows), dtype=RESOURCE_DTYPE)
 
     def surroundings(self) -> Rows:
-        """The same of the surroundings: rows of `r2bspec.record.sample_arrays.SURROUNDINGS`."""
+        """The same of host interference: rows of `sample_arrays.INTERFERENCE_DTYPE`."""
         import numpy as np
 
-        from r2bspec.record.sample_arrays import SURROUNDINGS
+        from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE
 
-        return np.frombuffer(bytes(self._around), dtype=SURROUNDINGS)
+        return np.frombuffer(bytes(self._interference_rows), dtype=INTERFERENCE_DTYPE)
 
     def _run(self) -> None:
         while True:
@@ -120,11 +120,11 @@ class ResourceSampler:
         """Wait for the end of the period or a time that was asked for; True if stopped."""
         end_ns = time.monotonic_ns() + round(_PERIOD_S * 1e9)
         while not self._stopped:
-            next_ns = min([end_ns, *self._wanted[:1]])
+            next_ns = min([end_ns, *self._requested_ns[:1]])
             now_ns = time.monotonic_ns()
             if now_ns >= next_ns:
-                while self._wanted and self._wanted[0] <= now_ns:
-                    heapq.heappop(self._wanted)
+                while self._requested_ns and self._requested_ns[0] <= now_ns:
+                    heapq.heappop(self._requested_ns)
                 return False
             self._lock.wait((next_ns - now_ns) / 1e9)
         return True
@@ -132,13 +132,17 @@ class ResourceSampler:
     def _sample(self) -> None:
         with self._lock:
             processes = list(enumerate(self._processes))
-        self._around += _SURROUNDINGS.pack(time.monotonic_ns(), *self._surroundings.read())
+        self._interference_rows += _SURROUNDINGS.pack(
+            time.monotonic_ns(), *self._interference.read()
+        )
         busy_s = busy_seconds(psutil.cpu_times())
         memory = psutil.virtual_memory()
-        self._keep(MACHINE, time.monotonic_ns(), busy_s, memory.total - memory.available)
+        self._append_row(
+            MACHINE_INDEX, time.monotonic_ns(), busy_s, memory.total - memory.available
+        )
         ours = self._self.cpu_times()
         resident = self._self.memory_info().rss
-        self._keep(CONTROLLER, time.monotonic_ns(), ours.user + ours.system, resident)
+        self._append_row(CONTROLLER_INDEX, time.monotonic_ns(), ours.user + ours.system, resident)
         for number, process in processes:
             if process is None:
                 continue
@@ -151,20 +155,20 @@ class ResourceSampler:
                 self._cores.pop(process.pid, None)
                 continue
             self._resident[process.pid] = resident
-            self._keep_pace(process.pid, now_ns, cpu_s)
-            self._keep(number, now_ns, cpu_s, resident)
+            self._update_cores(process.pid, now_ns, cpu_s)
+            self._append_row(number, now_ns, cpu_s, resident)
 
-    def _keep(self, process: int, time_ns: int, cpu_s: float, memory_bytes: int) -> None:
+    def _append_row(self, process: int, time_ns: int, cpu_s: float, memory_bytes: int) -> None:
         self._rows += _RESOURCES.pack(time_ns, process, cpu_s, memory_bytes)
 
-    def _keep_pace(self, pid: int, now_ns: int, cpu_s: float) -> None:
-        before_ns, before_s = self._last.get(pid, (now_ns, cpu_s))
+    def _update_cores(self, pid: int, now_ns: int, cpu_s: float) -> None:
+        before_ns, before_s = self._last_use.get(pid, (now_ns, cpu_s))
         # Ticks of 10 ms say nothing over less than several of them.
         if now_ns - before_ns >= _PERIOD_S * 1e9 / 2:
             self._cores[pid] = (cpu_s - before_s) / ((now_ns - before_ns) / 1e9)
-        elif pid in self._last:
+        elif pid in self._last_use:
             return
-        self._last[pid] = (now_ns, cpu_s)
+        self._last_use[pid] = (now_ns, cpu_s)
 
 
 def _descendants(process: psutil.Process) -> list[psutil.Process]:

@@ -13,7 +13,7 @@ from r2bspec.ipc.buffers import BufferIndex
 
 
 @dataclass(frozen=True)
-class Aligned:
+class AlignedSteps:
     """The steps to play: `steps[i][k]` is the position in input k of the message of step i.
 
     `unpaired` counts, for each topic, the messages that found no partner.
@@ -23,7 +23,7 @@ class Aligned:
     unpaired: dict[str, int]
 
 
-def align(inputs: list[BufferIndex], limit: int) -> Aligned:
+def align(inputs: list[BufferIndex], limit: int) -> AlignedSteps:
     """Pair the messages of all inputs, in the order of their stamps.
 
     Inputs with a header are paired by equal stamps. An input without one has nothing to be
@@ -70,7 +70,7 @@ def align(inputs: list[BufferIndex], limit: int) -> Aligned:
             columns.append([lookup[stamp_ns] for stamp_ns in kept])
         else:
             columns.append([step % len(each.sizes) for step in range(len(kept))])
-    return Aligned(
+    return AlignedSteps(
         steps=tuple(zip(*columns, strict=True)),
         unpaired={
             each.topic: len(each.sizes) - len(common)
@@ -80,7 +80,7 @@ def align(inputs: list[BufferIndex], limit: int) -> Aligned:
     )
 
 
-def in_order(steps: tuple[tuple[int, ...], ...], mode: str) -> tuple[tuple[int, ...], ...]:
+def playback_order(steps: tuple[tuple[int, ...], ...], mode: str) -> tuple[tuple[int, ...], ...]:
     """The steps of one round of playing.
 
     Looping begins again after the last step. Sweeping goes back to the first one step by step,

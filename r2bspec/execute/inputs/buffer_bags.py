@@ -21,7 +21,7 @@ from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
 from r2bspec.plan.plan import DatasetPlan
 
 
-class _Part(NamedTuple):
+class _BagSource(NamedTuple):
     """What is read of one bag: its topics, by their names there, as topics of the graph."""
 
     bag: Path
@@ -51,7 +51,7 @@ def buffer_bags(
         types[TF] = TF_TYPE
     stamped = {topic: begins_with_header(type_name) for topic, type_name in types.items()}
     parts = [
-        _Part(bag, _targets(dataset, bag), window)
+        _BagSource(bag, _graph_topics(dataset, bag), window)
         for bag, dataset, window in zip(bags, datasets, _windows(bags, datasets), strict=True)
     ]
     expected = sum(each.count for dataset in datasets for each in dataset.topics)
@@ -61,7 +61,7 @@ def buffer_bags(
             writer = BufferWriter(folder, topic, type_name, has_header=stamped[topic])
             stack.callback(writer.close)
             writers[topic] = writer
-        for done, (topic, message) in enumerate(_merged(parts)):
+        for done, (topic, message) in enumerate(_merge_bags(parts)):
             stamp_ns = read_stamp(message.data) if stamped[topic] else message.time_ns
             writers[topic].append(stamp_ns, message.data, message.time_ns)
             if done % 16 == 0:
@@ -70,7 +70,7 @@ def buffer_bags(
     return counts | _buffer_static(bags, datasets, folder)
 
 
-def _targets(dataset: DatasetPlan, bag: Path) -> dict[str, str]:
+def _graph_topics(dataset: DatasetPlan, bag: Path) -> dict[str, str]:
     """The topics of a bag that are read, as they are called in the graph."""
     targets = {each.bag_topic: each.topic for each in dataset.topics}
     if dataset.publish_tf and index_bag(bag).find(TF) is not None:
@@ -78,14 +78,14 @@ def _targets(dataset: DatasetPlan, bag: Path) -> dict[str, str]:
     return targets
 
 
-def _merged(parts: Sequence[_Part]) -> Iterator[tuple[str, Message]]:
+def _merge_bags(parts: Sequence[_BagSource]) -> Iterator[tuple[str, Message]]:
     """The messages of all bags by time, each with its topic in the graph."""
-    streams = [_stream(part) for part in parts]
+    streams = [_read_bag(part) for part in parts]
     for _, topic, message in heapq.merge(*streams, key=itemgetter(0)):
         yield topic, message
 
 
-def _stream(part: _Part) -> Iterator[tuple[int, str, Message]]:
+def _read_bag(part: _BagSource) -> Iterator[tuple[int, str, Message]]:
     by_name = {name.lstrip("/"): topic for name, topic in part.targets.items()}
     for message in read_messages(part.bag, list(part.targets), part.window):
         yield message.time_ns, by_name[message.topic.lstrip("/")], message
@@ -95,12 +95,12 @@ def _buffer_static(
     bags: Sequence[Path], datasets: Sequence[DatasetPlan], folder: Path
 ) -> dict[str, int]:
     """Buffer the static transforms of all bags that are to be asked for them, as one message."""
-    asked = [
+    with_static = [
         bag
         for bag, dataset in zip(bags, datasets, strict=True)
         if dataset.publish_tf_static and index_bag(bag).find(TF_STATIC) is not None
     ]
-    found = [message for bag in asked for message in read_messages(bag, [TF_STATIC])]
+    found = [message for bag in with_static for message in read_messages(bag, [TF_STATIC])]
     if not found:
         return {}
     found.sort(key=lambda each: each.time_ns)

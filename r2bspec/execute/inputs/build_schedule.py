@@ -12,17 +12,17 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.inputs.align_by_stamp import align, in_order
+from r2bspec.execute.inputs.align_by_stamp import align, playback_order
 from r2bspec.execute.inputs.timeline import make_timeline, times_by_stamp
 from r2bspec.execute.inputs.transform_schedule import place_transforms
 from r2bspec.ipc.buffers import BufferIndex, buffered_transforms, read_index, read_stamps
-from r2bspec.ipc.schedule import Cyclic, Schedule, Timeline
+from r2bspec.ipc.schedule import CyclicSchedule, Schedule, TimelineSchedule
 from r2bspec.ipc.transform_stamps import TF
-from r2bspec.measure.expected_steps import input_bits
+from r2bspec.measure.expected_steps import input_mask
 from r2bspec.plan.plan import InputPlan, Plan
 
 
-def arrange(
+def build_schedule(
     plan: Plan, folder: Path, headers: Mapping[str, bool], note: Callable[[str], None]
 ) -> Schedule:
     """Make the schedule of a plan.
@@ -36,27 +36,27 @@ def arrange(
     Raises:
         RunError: an input has no message, or what is there fits nowhere.
     """
-    found = [_index(folder, each.source, headers[each.topic]) for each in plan.inputs]
+    found = [_load_index(folder, each.source, headers[each.topic]) for each in plan.inputs]
     types = {each.source: headers[each.topic] for each in plan.inputs if each.bag_topic}
     recorded = {
         each.topic for dataset in plan.datasets or (plan.dataset,) for each in dataset.topics
     }
-    sources = [_index(folder, topic, types.get(topic)) for topic in sorted(recorded)]
-    transforms = _transforms(plan, folder)
+    sources = [_load_index(folder, topic, types.get(topic)) for topic in sorted(recorded)]
+    transforms = _load_tf_index(plan, folder)
     pairs = list(zip(plan.inputs, found, strict=True))
     if plan.timeline is None:
         aligned = align(found, plan.buffer)
         for topic, count in aligned.unpaired.items():
             note(f"{topic}: {count} messages have no partner of the same stamp")
-        steps = in_order(aligned.steps, plan.playback_mode)
+        steps = playback_order(aligned.steps, plan.playback_mode)
         if transforms is None:
-            return Cyclic(steps=steps)
-        timed = [_recorded(each, index, sources) for each, index in pairs]
-        return Cyclic(steps=steps, transforms=place_transforms(transforms, steps, timed))
+            return CyclicSchedule(steps=steps)
+        timed = [_with_recorded_times(each, index, sources) for each, index in pairs]
+        return CyclicSchedule(steps=steps, transforms=place_transforms(transforms, steps, timed))
     timeline, unknown = make_timeline(pairs, sources, plan.timeline, plan.buffer, transforms)
     for topic, count in unknown.items():
         note(f"{topic}: {count} messages are not played: no recorded message has their stamp")
-    _refuse_unasked(plan, timeline)
+    _check_every_monitor_has_steps(plan, timeline)
     note(
         f"a round of the timeline has {len(timeline.steps)} steps and takes "
         f"{timeline.period_ns / 1e9:.4g} s"
@@ -64,7 +64,9 @@ def arrange(
     return timeline
 
 
-def _recorded(plan: InputPlan, index: BufferIndex, sources: list[BufferIndex]) -> BufferIndex:
+def _with_recorded_times(
+    plan: InputPlan, index: BufferIndex, sources: list[BufferIndex]
+) -> BufferIndex:
     """The index with the times of the recording in place of those of preprocessing."""
     if plan.bag_topic:
         return index
@@ -73,23 +75,23 @@ def _recorded(plan: InputPlan, index: BufferIndex, sources: list[BufferIndex]) -
     return msgspec.structs.replace(index, times_ns=known)
 
 
-def _index(folder: Path, topic: str, has_header: bool | None) -> BufferIndex:
+def _load_index(folder: Path, topic: str, has_header: bool | None) -> BufferIndex:
     index = read_index(folder, topic)
     return read_stamps(folder, index) if has_header and index.has_header is None else index
 
 
-def _transforms(plan: Plan, folder: Path) -> BufferIndex | None:
+def _load_tf_index(plan: Plan, folder: Path) -> BufferIndex | None:
     """What was buffered of /tf, if it is played along."""
     if not any(each.publish_tf for each in plan.datasets or (plan.dataset,)):
         return None
     return read_index(folder, TF) if TF in buffered_transforms(folder) else None
 
 
-def _refuse_unasked(plan: Plan, timeline: Timeline) -> None:
+def _check_every_monitor_has_steps(plan: Plan, timeline: TimelineSchedule) -> None:
     """See that each monitor is asked about some step."""
     kinds = {each.inputs for each in timeline.steps}
     for monitor in plan.monitors:
-        wanted = input_bits(plan.inputs, monitor.answers)
+        wanted = input_mask(plan.inputs, monitor.answers)
         if not any(kind & wanted == wanted for kind in kinds):
             raise RunError(
                 f"no step of the timeline has messages of all of {', '.join(monitor.answers)}, "

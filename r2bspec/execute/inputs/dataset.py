@@ -16,14 +16,14 @@ from r2bspec.plan.plan import DatasetPlan
 
 
 @dataclass(frozen=True)
-class Dataset:
+class ResolvedDataset:
     """A bag on disk, and what the record says of it."""
 
     path: Path
     provenance: dict[str, Any]
 
 
-def obtain(plan: DatasetPlan, base_dir: Path, progress: Progress) -> Dataset:
+def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> ResolvedDataset:
     """Find the bag, or make it if it is a synthetic one that is not in the cache.
 
     Raises:
@@ -48,4 +48,4 @@ def obtain(plan: DatasetPlan, base_dir: Path, progress: Progress) -> Dataset:
             f"{plan.source} is not the bag that the spec pins: its hash is {digest}",
             hint="Fetch the right bag, or update data_loader.bag.sha256.",
         )
-    return Dataset(path, provenance | {"path": str(path), "sha256": digest})
+    return ResolvedDataset(path, provenance | {"path": str(path), "sha256": digest})

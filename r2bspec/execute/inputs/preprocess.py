@@ -13,16 +13,23 @@ from typing import Final
 
 from r2bspec.execute.bringup.launcher import (
     Launcher,
-    explain,
-    listeners,
-    readers_wanted,
+    expected_subscriptions,
+    graph_error,
+    subscription_counts,
     wait_until_matched,
 )
-from r2bspec.execute.bringup.spec_mismatches import suspicions
-from r2bspec.execute.diagnosis.graph_facts import Facts
-from r2bspec.execute.diagnosis.observe_graph import PLAY_HZ, PLAY_STEPS, Observer, breaks_of, told
+from r2bspec.execute.bringup.spec_mismatches import related_differences
+from r2bspec.execute.bringup.start_deadline import StartDeadline
+from r2bspec.execute.diagnosis.graph_facts import GraphFacts
+from r2bspec.execute.diagnosis.observe_graph import (
+    TRACE_RATE_HZ,
+    TRACE_STEPS,
+    GraphObserver,
+    fault_report,
+    find_faults,
+)
 from r2bspec.execute.errors import NoOutputError
-from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
@@ -30,14 +37,13 @@ from r2bspec.plan.command_lines import HARNESS_ARGV
 from r2bspec.plan.plan import Plan, ProcessPlan
 
 _PHASE: Final = "preprocess"
-_PATIENCE_NS = 5_000_000_000
-_LOAD_S = 3600.0
-_PLAY_S = 60.0
+_LOAD_TIMEOUT_S = 3600.0
+_PLAY_TIMEOUT_S = 60.0
 
 
 def preprocess(
     plan: Plan,
-    children: Children,
+    supervisor: ProcessSupervisor,
     launcher: Launcher,
     buffer_dir: Path,
     note: Callable[[str], None],
@@ -62,7 +68,7 @@ def preprocess(
     transforms = buffered_transforms(buffer_dir)
     if TF in transforms:
         sources[TF] = TF_TYPE
-    launcher.see_to_room(plan, _PHASE)
+    launcher.check_shared_memory(plan, _PHASE)
     loader = launcher.start(next(each for each in processes if each.role == "loader"))
     launcher.configure(
         loader,
@@ -70,34 +76,36 @@ def preprocess(
             sources=sources,
             recorded=recorded,
             buffer_dir=str(buffer_dir),
-            passed=tuple(sorted(played - sources.keys())),
+            buffer_only=tuple(sorted(played - sources.keys())),
             retime=plan.timeline is not None and plan.timeline.recorded,
             static=TF_STATIC in transforms,
         ),
     )
     others = [each for each in processes if each.role != "loader"]
-    nodes = launcher.start_nodes(others, plan.start_timeout_ns / 1e9)
-    children.ask(loader, protocol.Subscribe(), protocol.Matched, 10.0)
+    deadline = StartDeadline(plan.start_timeout_ns)
+    nodes = launcher.start_nodes(others, deadline)
+    supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
     # What is played as it was recorded, too, has perhaps no reader here: not all nodes are known.
     wanted = {
-        topic: readers_wanted(plan, topic, _PHASE)
+        topic: expected_subscriptions(plan, topic, _PHASE)
         for topic in sources
         if read.get(topic) or topic not in {*played, TF}
     }
-    wanted |= dict.fromkeys(recorded, 1) | listeners(launcher, transforms)
-    between = _readers_between(zip(nodes, others, strict=True), launcher, recorded)
-    wait_until_matched(children, launcher, {loader: wanted} | between, plan, _PHASE)
+    wanted |= dict.fromkeys(recorded, 1) | subscription_counts(launcher, transforms)
+    between = _expected_subscriptions_by_host(zip(nodes, others, strict=True), launcher, recorded)
+    wait_until_matched(supervisor, launcher, {loader: wanted} | between, plan, _PHASE, deadline)
     load = protocol.Load(
-        patience_ns=_PATIENCE_NS, real_time=any(dataset.real_time for dataset in datasets)
+        max_output_gap_ns=plan.drain_timeout_ns,
+        real_time=any(dataset.real_time for dataset in datasets),
     )
-    loaded = children.ask(loader, load, protocol.Loaded, _LOAD_S)
-    _check(plan, children, launcher, loader, loaded, buffer_dir, note)
-    children.end([loader, *nodes])
+    loaded = supervisor.request(loader, load, protocol.Loaded, _LOAD_TIMEOUT_S)
+    _check_outputs(plan, supervisor, launcher, loader, loaded, buffer_dir, note)
+    supervisor.end([loader, *nodes])
 
 
-def _readers_between(
-    nodes: Iterable[tuple[Child, ProcessPlan]], launcher: Launcher, recorded: Iterable[str]
-) -> dict[Child, dict[str, int]]:
+def _expected_subscriptions_by_host(
+    nodes: Iterable[tuple[ManagedProcess, ProcessPlan]], launcher: Launcher, recorded: Iterable[str]
+) -> dict[ManagedProcess, dict[str, int]]:
     """For each host, how many readers its topics must find among the preprocessors and the loader.
 
     The loader sees its own ends of the graph only. What the first of a chain publishes before the
@@ -116,28 +124,28 @@ def _readers_between(
     }
 
 
-def _check(
+def _check_outputs(
     plan: Plan,
-    children: Children,
+    supervisor: ProcessSupervisor,
     launcher: Launcher,
-    loader: Child,
+    loader: ManagedProcess,
     loaded: protocol.Loaded,
     buffer_dir: Path,
     note: Callable[[str], None],
 ) -> None:
     """Compare what came out with what went in."""
     silent = [topic for topic, count in loaded.recorded.items() if count == 0]
-    fed = ", ".join(f"{topic}: {count} messages" for topic, count in loaded.published.items())
+    published = ", ".join(f"{topic}: {count} messages" for topic, count in loaded.published.items())
     if silent:
-        facts = _watch_all(plan, children, launcher, loader, buffer_dir)
-        breaks = breaks_of(facts, silent)
-        also = suspicions(breaks, launcher.differences)
-        raise explain(
+        facts = _trace_messages(plan, supervisor, launcher, loader, buffer_dir)
+        faults = find_faults(facts, silent)
+        also = related_differences(faults, launcher.differences)
+        raise graph_error(
             launcher,
-            breaks,
-            f"nothing arrived on {', '.join(silent)}: {told(facts, silent, breaks, also)}",
+            faults,
+            f"nothing arrived on {', '.join(silent)}: {fault_report(facts, silent, faults, also)}",
             otherwise=NoOutputError,
-            hint=f"The preprocessors were fed ({fed}), but published nothing there.",
+            hint=f"The preprocessors were fed ({published}), but published nothing there.",
         )
     # The shortest source: whatever is made of several has no more to go by.
     sent = min(
@@ -148,18 +156,24 @@ def _check(
             note(f"{topic}: {count} messages came out of the preprocessors for {sent} in")
 
 
-def _watch_all(
-    plan: Plan, children: Children, launcher: Launcher, loader: Child, rows_dir: Path
-) -> Facts:
+def _trace_messages(
+    plan: Plan,
+    supervisor: ProcessSupervisor,
+    launcher: Launcher,
+    loader: ManagedProcess,
+    rows_dir: Path,
+) -> GraphFacts:
     """Load some messages again, and see what passes on each topic."""
-    eyes = launcher.start(
+    observer_process = launcher.start(
         ProcessPlan(name="observer", role="monitor", phase=_PHASE, argv=HARNESS_ARGV, env={})
     )
-    launcher.configure(eyes, protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir)))
+    launcher.configure(
+        observer_process, protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir))
+    )
 
     def play() -> None:
-        command = protocol.Play(rate_hz=PLAY_HZ, steps=PLAY_STEPS)
-        children.ask(loader, command, protocol.Played, _PLAY_S)
+        command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
+        supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
 
     known = launcher.endpoints_in(plan, _PHASE)
-    return Observer(children, eyes, plan, _PHASE, known).watch(rows_dir, play)
+    return GraphObserver(supervisor, observer_process, plan, _PHASE, known).trace(rows_dir, play)

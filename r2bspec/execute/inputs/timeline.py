@@ -16,18 +16,18 @@ from r2bspec.execute.errors import RunError
 from r2bspec.ipc.buffers import BufferIndex
 from r2bspec.ipc.schedule import (
     NO_STEP,
-    Timeline,
     TimelineMessage,
+    TimelineSchedule,
     TimelineStep,
     round_length_ns,
 )
 from r2bspec.plan.plan import InputPlan, TimelinePlan
 
-_BEFORE_NS = 1_000_000_000
+_MAX_TF_AGE_NS = 1_000_000_000
 """How old transforms may be, at the beginning of a timeline, that are published with it."""
 
 
-class _Found(NamedTuple):
+class _TimedMessage(NamedTuple):
     """A message: its input, position, time and, unless it has none, its stamp."""
 
     input: int
@@ -42,7 +42,7 @@ def make_timeline(
     plan: TimelinePlan,
     buffer: int = 0,
     transforms: BufferIndex | None = None,
-) -> tuple[Timeline, dict[str, int]]:
+) -> tuple[TimelineSchedule, dict[str, int]]:
     """Lay out the messages of all inputs in time.
 
     Args:
@@ -60,7 +60,7 @@ def make_timeline(
         RunError: an input has no message, or none whose time is known.
     """
     by_stamp = times_by_stamp(sources)
-    found: list[_Found] = []
+    found: list[_TimedMessage] = []
     unknown: dict[str, int] = {}
     for column, (each, index) in enumerate(inputs):
         times_ns = [
@@ -70,7 +70,7 @@ def make_timeline(
             for position in range(len(index.sizes))[: buffer or None]
         ]
         known = [
-            _Found(
+            _TimedMessage(
                 column,
                 position,
                 time_ns + each.later_ns,
@@ -80,11 +80,11 @@ def make_timeline(
             if time_ns is not None
         ]
         if not known:
-            raise _nothing(each, len(times_ns))
+            raise _no_messages_error(each, len(times_ns))
         if len(known) < len(times_ns):
             unknown[index.topic] = len(times_ns) - len(known)
         found += known
-    return _laid_out(found, plan, len(inputs), transforms), unknown
+    return _build_timeline(found, plan, len(inputs), transforms), unknown
 
 
 def times_by_stamp(sources: Sequence[BufferIndex]) -> dict[int, int]:
@@ -97,7 +97,7 @@ def times_by_stamp(sources: Sequence[BufferIndex]) -> dict[int, int]:
     return found
 
 
-def _nothing(plan: InputPlan, count: int) -> RunError:
+def _no_messages_error(plan: InputPlan, count: int) -> RunError:
     if not count:
         return RunError(
             f"no message was buffered for {plan.source}",
@@ -113,13 +113,13 @@ def _nothing(plan: InputPlan, count: int) -> RunError:
     )
 
 
-def _laid_out(
-    found: list[_Found], plan: TimelinePlan, inputs: int, transforms: BufferIndex | None
-) -> Timeline:
+def _build_timeline(
+    found: list[_TimedMessage], plan: TimelinePlan, inputs: int, transforms: BufferIndex | None
+) -> TimelineSchedule:
     found.sort(key=lambda each: (each.time_ns, each.input, each.position))
     start_ns = found[0].time_ns
     keys, first_ns, masks = _steps(found)
-    stamps = _unique({key: key[0] for key in masks})
+    stamps = _unique_stamps({key: key[0] for key in masks})
     numbers = {key: number for number, key in enumerate(first_ns)}
     length_ns = max(round_length_ns(list(first_ns.values())), found[-1].time_ns - start_ns + 1)
     messages = [
@@ -129,11 +129,11 @@ def _laid_out(
         for each, key in zip(found, keys, strict=True)
     ]
     if transforms is not None:
-        messages += _placed(transforms, start_ns, length_ns, plan.speed, inputs)
+        messages += _transform_messages(transforms, start_ns, length_ns, plan.speed, inputs)
         # What a message needs was there before it.
         messages.sort(key=lambda each: (each.offset_ns, each.step != NO_STEP))
     spread_ns = max(stamps.values()) - min(stamps.values())
-    return Timeline(
+    return TimelineSchedule(
         steps=tuple(TimelineStep(stamps[key], masks[key]) for key in first_ns),
         messages=tuple(messages),
         # No message is stamped later than it is published; the freshest one in no time before.
@@ -146,17 +146,19 @@ def _laid_out(
     )
 
 
-_Key = tuple[int, int, int]
+_StepKey = tuple[int, int, int]
 """A step: its stamp, which of several with that stamp on one input, and the input if it has no
 header."""
 
 
-def _steps(found: list[_Found]) -> tuple[list[_Key], dict[_Key, int], dict[_Key, int]]:
+def _steps(
+    found: list[_TimedMessage],
+) -> tuple[list[_StepKey], dict[_StepKey, int], dict[_StepKey, int]]:
     """The step of each message; and, in the order of time, when each begins and its inputs."""
     seen: dict[tuple[int, int | None], int] = {}
     keys = []
-    first_ns: dict[_Key, int] = {}
-    masks: dict[_Key, int] = {}
+    first_ns: dict[_StepKey, int] = {}
+    masks: dict[_StepKey, int] = {}
     for each in found:
         # A device may repeat a stamp; the n-th messages of it belong together.
         nth = seen.get((each.input, each.stamp_ns), 0)
@@ -168,13 +170,13 @@ def _steps(found: list[_Found]) -> tuple[list[_Key], dict[_Key, int], dict[_Key,
     return keys, first_ns, masks
 
 
-def _key(message: _Found, nth: int) -> _Key:
+def _key(message: _TimedMessage, nth: int) -> _StepKey:
     if message.stamp_ns is None:
         return message.time_ns, nth, message.input
     return message.stamp_ns, nth, -1
 
 
-def _unique(stamps: dict[_Key, int]) -> dict[_Key, int]:
+def _unique_stamps(stamps: dict[_StepKey, int]) -> dict[_StepKey, int]:
     """The stamps, those that repeat moved on by nanoseconds: outputs are told apart by them."""
     last_ns: int | None = None
     found = {}
@@ -184,12 +186,12 @@ def _unique(stamps: dict[_Key, int]) -> dict[_Key, int]:
     return found
 
 
-def _placed(
+def _transform_messages(
     transforms: BufferIndex, start_ns: int, length_ns: int, speed: float, column: int
 ) -> list[TimelineMessage]:
     """Where transforms lie in a round; what came shortly before its beginning comes with it."""
     return [
         TimelineMessage(round(max(0, time_ns - start_ns) / speed), NO_STEP, column, position)
         for position, time_ns in enumerate(transforms.times_ns)
-        if -_BEFORE_NS <= time_ns - start_ns < length_ns
+        if -_MAX_TF_AGE_NS <= time_ns - start_ns < length_ns
     ]

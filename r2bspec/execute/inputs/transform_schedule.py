@@ -46,7 +46,7 @@ def place_transforms(
 
     Args:
         transforms: what was recorded of /tf.
-        steps: one round, as `r2bspec.execute.inputs.align_by_stamp.in_order` gives it.
+        steps: one round, as `r2bspec.execute.inputs.align_by_stamp.playback_order` gives it.
         inputs: what was buffered for each input.
     """
     times_ns = [

@@ -13,47 +13,47 @@ from pathlib import Path
 
 import msgspec
 
-from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import Schedule
-from r2bspec.measure.expected_steps import asked_of
+from r2bspec.measure.expected_steps import select_expected_steps
 from r2bspec.measure.matching import match
 from r2bspec.measure.percentiles import percentile
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, FloorRecord
 from r2bspec.record.sample_arrays import Rows
 
-SECONDS = 1.0
-_LEAST_STEPS, _MOST_STEPS = 20, 2000
+DURATION_S = 1.0
+_MIN_STEPS, _MAX_STEPS = 20, 2000
 _DEFAULT_HZ = 30.0
 _WARM_UP_STEPS = 30
 """More than a queue holds, so that every page that will be used has been touched."""
 
-_READER_DEPTH = 1000
-_ASK_S = 10.0
-_MATCH_S = 10.0
-_QUIET_S = 0.3
+_SUBSCRIPTION_DEPTH = 1000
+_REPLY_TIMEOUT_S = 10.0
+_MAX_MATCH_WAIT_S = 10.0
+_QUIET_PERIOD_S = 0.3
 _POLL_S = 0.02
 
 
-def measure_floor(
-    children: Children,
-    player: Child,
-    monitor: Child,
+def measure_harness_overhead(
+    supervisor: ProcessSupervisor,
+    player: ManagedProcess,
+    monitor: ManagedProcess,
     inputs: tuple[InputPlan, ...],
     rows_dir: Path,
     playback: str,
     rate_hz: float,
     schedule: Schedule,
 ) -> tuple[FloorRecord, ...]:
-    """Measure the floor of each input; takes about `SECONDS`, and longer below 20 Hz.
+    """Measure the floor of each input; takes about `DURATION_S`, and longer below 20 Hz.
 
     Nothing is measured, and the answer is empty, where it would disturb: if somebody reads an
     input already, or if an input is kept for late joiners, who would get what was played here.
 
     Args:
-        children: all processes.
+        supervisor: all processes.
         player: configured with these inputs.
         monitor: configured; it need not have subscribed.
         inputs: what the player plays.
@@ -68,7 +68,7 @@ def measure_floor(
     if any(each.qos.durability == "transient_local" for each in inputs):
         return ()
     topics = [each.topic for each in inputs]
-    if any(_matches(children, player, topics)):
+    if any(_matches(supervisor, player, topics)):
         return ()
     watches = tuple(
         # A name that no monitor can have.
@@ -78,46 +78,50 @@ def measure_floor(
             type=each.type,
             match="stamp",
             answers=(each.topic,),
-            qos=msgspec.structs.replace(each.qos, depth=_READER_DEPTH),
+            qos=msgspec.structs.replace(each.qos, depth=_SUBSCRIPTION_DEPTH),
         )
         for number, each in enumerate(inputs)
     )
     files = [RowReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
     played = RowReader(rows_dir / playback, PLAYBACK_FIELDS)
-    children.ask(monitor, protocol.Watch(monitors=watches), protocol.Matched, _ASK_S)
+    supervisor.request(
+        monitor, protocol.Watch(monitors=watches), protocol.Matched, _REPLY_TIMEOUT_S
+    )
     records: tuple[FloorRecord, ...] = ()
-    if _wait_for_matches(children, player, topics, wanted=True):
-        usual = schedule.steps_within(rate_hz, round(SECONDS * 1e9))
-        _play(children, player, files, rate_hz, min(_WARM_UP_STEPS, max(1, usual)), schedule)
+    if _wait_for_matches(supervisor, player, topics, wanted=True):
+        usual = schedule.steps_within(rate_hz, round(DURATION_S * 1e9))
+        _play(supervisor, player, files, rate_hz, min(_WARM_UP_STEPS, max(1, usual)), schedule)
         first, before = played.count(), [each.count() for each in files]
-        steps = min(max(_LEAST_STEPS, usual), _MOST_STEPS)
-        _play(children, player, files, rate_hz, steps, schedule)
+        steps = min(max(_MIN_STEPS, usual), _MAX_STEPS)
+        _play(supervisor, player, files, rate_hz, steps, schedule)
         sent = played.read(first)
         records = tuple(
-            floor_record(watch.topic, rate_hz, asked_of(sent, inputs, watch), file.read(start))
+            overhead_record(
+                watch.topic, rate_hz, select_expected_steps(sent, inputs, watch), file.read(start)
+            )
             for watch, file, start in zip(watches, files, before, strict=True)
         )
-    children.ask(monitor, protocol.Unwatch(), protocol.Matched, _ASK_S)
+    supervisor.request(monitor, protocol.Unwatch(), protocol.Matched, _REPLY_TIMEOUT_S)
     # Nodes are waited for by counting readers, and these must not be among them.
-    _wait_for_matches(children, player, topics, wanted=False)
+    _wait_for_matches(supervisor, player, topics, wanted=False)
     return records
 
 
-def usual_rate_hz(plan: Plan) -> float:
+def overhead_rate_hz(plan: Plan) -> float:
     """The rate at which a floor stands beside a plan's results: the lowest that they are for."""
     rates = [*(each.rate_hz for each in plan.play), *plan.sustained_hz]
     rates += [plan.search.min_hz] if plan.search and not rates else []
     return min(rates, default=_DEFAULT_HZ)
 
 
-def floor_record(topic: str, rate_hz: float, playback: Rows, received: Rows) -> FloorRecord:
+def overhead_record(topic: str, rate_hz: float, playback: Rows, received: Rows) -> FloorRecord:
     """What samples say of one input.
 
     Args:
         topic: the input.
         rate_hz: the rate at which it was played.
-        playback: rows of type `PLAYBACK`.
-        received: rows of type `MONITOR`; stamps are 0 where the type has no header.
+        playback: rows of type `PLAYBACK_DTYPE`.
+        received: rows of type `MONITOR_DTYPE`; stamps are 0 where the type has no header.
     """
     found = match(playback, received, "stamp" if (received["stamp_ns"] != 0).any() else "order")
     answered = found.first_row >= 0
@@ -143,8 +147,8 @@ def _quantile(values_ns: Rows, q: float) -> int | None:
 
 
 def _play(
-    children: Children,
-    player: Child,
+    supervisor: ProcessSupervisor,
+    player: ManagedProcess,
     files: list[RowReader],
     rate_hz: float,
     steps: int,
@@ -154,29 +158,31 @@ def _play(
     goal = [each.count() + steps for each in files]
     command = protocol.Play(rate_hz=rate_hz, steps=steps)
     span_s = schedule.span_ns(rate_hz, steps) / 1e9
-    children.ask(player, command, protocol.Played, span_s * 1.5 + _ASK_S)
+    supervisor.request(player, command, protocol.Played, span_s * 1.5 + _REPLY_TIMEOUT_S)
     last, changed = [0], time.monotonic()
-    while time.monotonic() - changed < _QUIET_S:
+    while time.monotonic() - changed < _QUIET_PERIOD_S:
         counts = [each.count() for each in files]
         if all(count >= wanted for count, wanted in zip(counts, goal, strict=True)):
             return
         if counts != last:
             last, changed = counts, time.monotonic()
-        children.pump(_POLL_S)
+        supervisor.pump(_POLL_S)
 
 
-def _matches(children: Children, player: Child, topics: list[str]) -> list[int]:
-    counts = children.ask(player, protocol.CountMatches(), protocol.Matched, _ASK_S).counts
+def _matches(supervisor: ProcessSupervisor, player: ManagedProcess, topics: list[str]) -> list[int]:
+    counts = supervisor.request(
+        player, protocol.CountMatches(), protocol.Matched, _REPLY_TIMEOUT_S
+    ).counts
     return [counts.get(topic, 0) for topic in topics]
 
 
 def _wait_for_matches(
-    children: Children, player: Child, topics: list[str], *, wanted: bool
+    supervisor: ProcessSupervisor, player: ManagedProcess, topics: list[str], *, wanted: bool
 ) -> bool:
     """Wait until every input has a reader, or none has; False if that does not come about."""
-    deadline = time.monotonic() + _MATCH_S
+    deadline = time.monotonic() + _MAX_MATCH_WAIT_S
     while time.monotonic() < deadline:
-        if all((count > 0) == wanted for count in _matches(children, player, topics)):
+        if all((count > 0) == wanted for count in _matches(supervisor, player, topics)):
             return True
-        children.pump(_POLL_S)
+        supervisor.pump(_POLL_S)
     return False

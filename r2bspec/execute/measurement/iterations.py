@@ -16,16 +16,16 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from r2bspec.execute.measurement.segments import Stage
-from r2bspec.execute.measurement.time_budget import Budget
-from r2bspec.judge.decision_policy import terms_of
-from r2bspec.judge.interim_looks import Looks, decide_at
+from r2bspec.execute.measurement.segments import SegmentPlayer
+from r2bspec.execute.measurement.time_budget import TimeBudget
+from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.interim_looks import InterimLooks, decide_after_look
 from r2bspec.judge.verdict import DisturbedIteration, Verdict
 from r2bspec.plan.plan import Plan, PlayPlan
 
 
 @dataclass(frozen=True)
-class Iterating:
+class IterationRunner:
     """Playing the iterations of a plan on a stage.
 
     Attributes:
@@ -35,10 +35,10 @@ class Iterating:
     """
 
     plan: Plan
-    stage: Stage
+    segment_player: SegmentPlayer
     judge_so_far: Callable[[], Verdict]
     note: Callable[[str], None]
-    budget: Budget
+    budget: TimeBudget
 
     def play(self) -> tuple[Verdict, int]:
         """Play look by look.
@@ -47,16 +47,18 @@ class Iterating:
             The verdict, and how many iterations were played at each rate.
 
         Raises:
-            RunError: what `Stage.play` raises.
+            RunError: what `SegmentPlayer.play` raises.
         """
         plays = self.plan.play
-        looks = terms_of(self.plan).looks or Looks((max(each.iterations for each in plays),))
+        looks = decision_policy(self.plan).looks or InterimLooks(
+            (max(each.iterations for each in plays),)
+        )
         began_s, played = self.budget.spent_s(), 0
         for number, end in enumerate(looks.iterations, start=1):
-            self._play_on(played, end)
+            self._play_range(played, end)
             played = end
             verdict = self._judge()
-            if number == len(looks) or not _goes_on(verdict, looks, number):
+            if number == len(looks) or not _needs_more(verdict, looks, number):
                 break
             each_s = (self.budget.spent_s() - began_s) / played
             more_s = each_s * (looks.iterations[number] - played)
@@ -65,16 +67,16 @@ class Iterating:
             self.note(f"not all is decided after {end} iterations; there will be more")
         return verdict, played
 
-    def play_so_many(self, number: int) -> Verdict:
+    def play_fixed_number(self, number: int) -> Verdict:
         """Play a fixed number of iterations.
 
         Raises:
-            RunError: what `Stage.play` raises.
+            RunError: what `SegmentPlayer.play` raises.
         """
-        self._play_on(0, number)
+        self._play_range(0, number)
         return self._judge()
 
-    def _play_on(self, played: int, end: int) -> None:
+    def _play_range(self, played: int, end: int) -> None:
         for index in range(played + 1, end + 1):
             for play in self.plan.play:
                 self._play_once(play, index, f"iteration {index} of {end}")
@@ -82,7 +84,7 @@ class Iterating:
     def _judge(self) -> Verdict:
         """The verdict, after the disturbed iterations that it hangs on were played again."""
         verdict = self.judge_so_far()
-        wanted = disturbed_in_vain(verdict)
+        wanted = iterations_to_rerun(verdict)
         again = 0
         for one in wanted:
             play = next(each for each in self.plan.play if each.rate_hz == one.rate_hz)
@@ -92,7 +94,9 @@ class Iterating:
                 break
             reasons = "; ".join(one.reasons)
             self.note(f"{one.segment} was disturbed by the machine ({reasons}); it is played again")
-            (index,) = (each.index for each in self.stage.segments if each.id == one.segment)
+            (index,) = (
+                each.index for each in self.segment_player.segments if each.id == one.segment
+            )
             self._play_once(play, index, f"iteration {index} again", rerun_of=one.segment)
             again += 1
         return self.judge_so_far() if again else verdict
@@ -101,7 +105,7 @@ class Iterating:
         again = "-again" if rerun_of else ""
         at = f"{play.rate_hz:g} Hz, " if play.rate_hz else ""
         name = f"rate-{play.rate_hz:g}Hz" if play.rate_hz else "iteration"
-        self.stage.play_for(
+        self.segment_player.play_for(
             "iteration",
             f"{name}-{index:03d}{again}",
             play.rate_hz,
@@ -112,7 +116,7 @@ class Iterating:
         )
 
 
-def disturbed_in_vain(verdict: Verdict) -> Sequence[DisturbedIteration]:
+def iterations_to_rerun(verdict: Verdict) -> Sequence[DisturbedIteration]:
     """The disturbed iterations that a failure hangs on, and that were not played again yet."""
     rates = {one.at_hz for one in verdict.requirements if one.weakened and one.at_hz is not None}
     return [
@@ -124,7 +128,7 @@ def disturbed_in_vain(verdict: Verdict) -> Sequence[DisturbedIteration]:
     ]
 
 
-def _goes_on(verdict: Verdict, looks: Looks, number: int) -> bool:
+def _needs_more(verdict: Verdict, looks: InterimLooks, number: int) -> bool:
     """Whether a look leaves something open that more iterations can settle."""
     counted = [each for each in verdict.requirements if each.level == "error"]
-    return decide_at(looks, number, counted) == "go on"
+    return decide_after_look(looks, number, counted) == "go on"

@@ -11,18 +11,18 @@ from collections.abc import Callable
 
 import numpy as np
 
-from r2bspec.execute.measurement.segments import Observed, Stage
+from r2bspec.execute.measurement.segments import SegmentObservation, SegmentPlayer
 from r2bspec.record.run_record import Segment, SegmentKind
-from r2bspec.record.sample_arrays import PLAYBACK, Rows
+from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
 
 _POLL_S = 0.25
-_CLOCK_NS = 1_000_000
+_MAX_CLOCK_DRIFT_NS = 1_000_000
 """By more than this only somebody who sets the system clock changes it within a segment."""
 
-_READINGS = 5
+_CLOCK_READINGS = 5
 
 
-class LiveStage(Stage):
+class LiveSegmentWatcher(SegmentPlayer):
     """A stage on which the graph's own source plays."""
 
     def play_for(
@@ -34,17 +34,17 @@ class LiveStage(Stage):
         *,
         title: str,
         index: int = 1,
-        least_steps: int = 2,
+        min_steps: int = 2,
         rerun_of: str = "",
-    ) -> Observed:
+    ) -> SegmentObservation:
         """Watch for so long, and record it; the rate and the least steps have no meaning here.
 
         Raises:
             RunError: a process died or failed.
         """
-        del rate_hz, least_steps
+        del rate_hz, min_steps
         self._progress.segment(title, 0)
-        first = self._unread()
+        first = self._first_rows()
         offset_ns = clock_offset_ns()
         began_ns = time.monotonic_ns()
         complete = False
@@ -57,10 +57,10 @@ class LiveStage(Stage):
         finally:
             ended_ns = began_ns + duration_ns if complete else time.monotonic_ns()
             changed_ns = clock_offset_ns() - offset_ns
-            observed = self._seen(first, began_ns, ended_ns)
-            self._keep(
+            observation = self._observe_between(first, began_ns, ended_ns)
+            self._write_samples(
                 Segment(
-                    id=self.id_of(segment_id),
+                    id=self.segment_id_for(segment_id),
                     kind=self._kind_of(kind),
                     rate_hz=0.0,
                     index=index,
@@ -70,34 +70,40 @@ class LiveStage(Stage):
                     complete=complete,
                     rerun_of=rerun_of,
                     live=True,
-                    clock_offset_ns=offset_ns if abs(changed_ns) <= _CLOCK_NS else None,
+                    clock_offset_ns=offset_ns if abs(changed_ns) <= _MAX_CLOCK_DRIFT_NS else None,
                 ),
-                observed,
+                observation,
                 first,
             )
-        self._look_for_silence(kind, observed)
-        return observed
+        self._detect_stopped_outputs(kind, observation)
+        return observation
 
-    def play_aside(self, rate_hz: float, steps: int) -> None:
+    def play_unrecorded(self, rate_hz: float, steps: int) -> None:
         """Let the source play for as long as so many steps would take."""
         end = time.monotonic() + steps / rate_hz
         while (left_s := end - time.monotonic()) > 0:
-            self._children.pump(left_s)
+            self._supervisor.pump(left_s)
 
-    def _look_for_silence(self, kind: SegmentKind, observed: Observed) -> None:
+    def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
         """Tell of outputs of which nothing came, each once."""
-        for plan in self._plans:
-            if kind == "warm_up" or plan.name in self._silent or observed.monitors[plan.name].size:
+        for plan in self._plan.monitors:
+            if (
+                kind == "warm_up"
+                or plan.name in self._stopped_outputs
+                or observation.monitors[plan.name].size
+            ):
                 continue
-            self._silent.add(plan.name)
-            self.on_silence(self.segments[-1], plan)
+            self._stopped_outputs.add(plan.name)
+            self.on_output_stopped(self.segments[-1], plan)
 
     def _wait_until(self, end_ns: int, report: Callable[[], None]) -> None:
         while (left_ns := end_ns - time.monotonic_ns()) > 0:
-            self._children.pump(min(_POLL_S, left_ns / 1e9))
+            self._supervisor.pump(min(_POLL_S, left_ns / 1e9))
             report()
 
-    def _seen(self, first: dict[str, int], began_ns: int, ended_ns: int) -> Observed:
+    def _observe_between(
+        self, first: dict[str, int], began_ns: int, ended_ns: int
+    ) -> SegmentObservation:
         """What was received between two times."""
 
         def within(rows: Rows) -> Rows:
@@ -105,15 +111,15 @@ class LiveStage(Stage):
             found: Rows = rows[(received >= began_ns) & (received < ended_ns)]
             return found
 
-        observed = self._observed(first)
-        monitors = {name: within(rows) for name, rows in observed.monitors.items()}
-        return Observed(np.empty(0, PLAYBACK), monitors, self._plans, self._inputs, 0)
+        observation = self._observe(first)
+        monitors = {name: within(rows) for name, rows in observation.monitors.items()}
+        return SegmentObservation(self._plan, np.empty(0, PLAYBACK_DTYPE), monitors)
 
 
 def clock_offset_ns() -> int:
     """The system clock minus CLOCK_MONOTONIC, from the closest of a few pairs of readings."""
     closest = None
-    for _ in range(_READINGS):
+    for _ in range(_CLOCK_READINGS):
         before_ns = time.monotonic_ns()
         system_ns = time.time_ns()
         after_ns = time.monotonic_ns()

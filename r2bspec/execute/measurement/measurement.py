@@ -6,41 +6,41 @@ from collections.abc import Callable
 
 import msgspec
 
-from r2bspec.execute.measurement.iterations import Iterating
+from r2bspec.execute.measurement.iterations import IterationRunner
 from r2bspec.execute.measurement.peak_search import PeakSearch
-from r2bspec.execute.measurement.rate_probe import Prober
-from r2bspec.execute.measurement.reporting import Reporting
-from r2bspec.execute.measurement.segments import Stage
-from r2bspec.execute.measurement.time_budget import Budget
+from r2bspec.execute.measurement.rate_probe import RateProber
+from r2bspec.execute.measurement.run_reporter import RunReporter
+from r2bspec.execute.measurement.segments import SegmentPlayer
+from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.judge.verdict import Method, Verdict
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import ConfirmationRecord, FloorRecord, Probe, SearchRecord
 
 
-class Measuring:
+class Measurement:
     """The measuring of one batch, and what its probes found."""
 
     def __init__(
         self,
         plan: Plan,
-        stage: Stage,
-        reporting: Reporting,
+        segment_player: SegmentPlayer,
+        reporter: RunReporter,
         judge_so_far: Callable[[], Verdict],
-        budget: Budget,
+        budget: TimeBudget,
     ) -> None:
         """Measure on a stage.
 
         Args:
             plan: of the run.
-            stage: where to play.
-            reporting: is told what happens.
+            segment_player: where to play.
+            reporter: is told what happens.
             judge_so_far: the verdict on everything that was played in the batch.
             budget: of the whole run.
         """
         self._plan = plan
-        self._stage = stage
-        self._tell = reporting
-        self._prober = Prober(plan, stage, reporting.note)
+        self._segment_player = segment_player
+        self._reporter = reporter
+        self._prober = RateProber(plan, segment_player, reporter.note)
         self._judge_so_far = judge_so_far
         self._budget = budget
         self._search: PeakSearch | None = None
@@ -77,13 +77,13 @@ class Measuring:
         self._budget.begin()
         self._probe_peak()
         self._probe_sustained()
-        plan = self._at_rates_found(self.peak_hz)
+        plan = self._plan_with_peak(self.peak_hz)
         if not plan.play:
             return self._judge_so_far(), 0
-        self._tell.phase("play", _playing(plan))
-        return self._iterating(plan).play()
+        self._reporter.phase("play", _phase_text(plan))
+        return self._iteration_runner(plan).play()
 
-    def measure_again(
+    def measure_confirmation(
         self, failed: frozenset[Method], iterations: int, peak_hz: float | None
     ) -> None:
         """Measure what a failure rests on.
@@ -101,15 +101,17 @@ class Measuring:
             self._probe_peak()
         if "sequential probe" in failed:
             self._probe_sustained()
-        plan = self._at_rates_found(self.peak_hz or peak_hz)
+        plan = self._plan_with_peak(self.peak_hz or peak_hz)
         if failed - {"search bracket", "sequential probe"} and plan.play:
-            self._tell.phase("play", _playing(plan))
-            self._iterating(plan).play_so_many(iterations)
+            self._reporter.phase("play", _phase_text(plan))
+            self._iteration_runner(plan).play_fixed_number(iterations)
 
-    def _iterating(self, plan: Plan) -> Iterating:
-        return Iterating(plan, self._stage, self._judge_so_far, self._tell.note, self._budget)
+    def _iteration_runner(self, plan: Plan) -> IterationRunner:
+        return IterationRunner(
+            plan, self._segment_player, self._judge_so_far, self._reporter.note, self._budget
+        )
 
-    def _at_rates_found(self, peak_hz: float | None) -> Plan:
+    def _plan_with_peak(self, peak_hz: float | None) -> Plan:
         """The plan with what is to be played at the peak among its rates, where one was found."""
         asked = self._plan.play_at_peak
         if (
@@ -125,7 +127,7 @@ class Measuring:
         wanted = self._plan.search
         if wanted is None:
             return
-        self._tell.phase("search", "searching for the peak rate")
+        self._reporter.phase("search", "searching for the peak rate")
         self._search = PeakSearch(
             wanted.min_hz,
             wanted.max_hz,
@@ -138,12 +140,12 @@ class Measuring:
     def _probe_sustained(self) -> None:
         if not self._plan.sustained_hz:
             return
-        self._tell.phase("sustained", "probing the rates to be sustained")
+        self._reporter.phase("sustained", "probing the rates to be sustained")
         for rate_hz in self._plan.sustained_hz:
-            self._sustained.append(self._prober.sustain(rate_hz).probe)
+            self._sustained.append(self._prober.probe_sustained(rate_hz).probe)
 
 
-def _playing(plan: Plan) -> str:
+def _phase_text(plan: Plan) -> str:
     return {"timeline": "playing the recording", "live": "watching the graph"}.get(
         plan.playback_mode, "playing at fixed rates"
     )

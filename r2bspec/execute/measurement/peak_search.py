@@ -23,30 +23,32 @@ _STRIDE_GROWTH = 4.0
 """Strides of 1, 4 and 16 times the precision: next to a good guess the first one ends the search,
 and a bad guess is left behind after two or three."""
 
-_WIDEST = 0.5
+_MAX_STEP = 0.5
 """However little an open probe tells, the next one is no further away than that."""
 
-_MOST_OPEN = 8
+_MAX_OPEN_PROBES = 8
 """Probes that stay open are the longest ones; after so many there is no use in going on."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ProbeOutcome:
     """What one probe found.
 
     Attributes:
         probe: for the record.
-        by_player: the rate did not hold because the player could not offer it, which says nothing
+        limited_by_player: the rate did not hold because the player could not offer it, which says
+            nothing
             about the graph.
-        unclear: the relative half-width within which the probe knows the rate of the graph.
+        relative_half_width: the relative half-width within which the probe knows the rate of the
+            graph.
     """
 
     probe: Probe
-    by_player: bool = False
-    unclear: float = 0.0
+    limited_by_player: bool = False
+    relative_half_width: float = 0.0
 
 
-ProbeFunction = Callable[[float], Outcome]
+ProbeFunction = Callable[[float], ProbeOutcome]
 
 
 class PeakSearch:
@@ -106,25 +108,25 @@ class PeakSearch:
     def _try(self, rate_hz: float) -> bool | None:
         outcome = self._probe(rate_hz)
         self._probes.append(outcome.probe)
-        if outcome.probe.holds is False and self._surprising(outcome):
+        if outcome.probe.holds is False and self._needs_retry(outcome):
             # A hiccup of the machine looks like a slow graph once, but hardly twice.
             outcome = self._probe(rate_hz)
             self._probes.append(outcome.probe)
         if outcome.probe.holds is None:
-            self._open[rate_hz] = outcome.unclear
+            self._open[rate_hz] = outcome.relative_half_width
         elif outcome.probe.holds:
             self._holds_hz = max(rate_hz, self._holds_hz or 0.0)
         elif self._fails_hz is None or rate_hz < self._fails_hz:
             self._fails_hz = rate_hz
-            self._fails_by_player = outcome.by_player
-            if not outcome.by_player and not self._guess_tried:
+            self._fails_by_player = outcome.limited_by_player
+            if not outcome.limited_by_player and not self._guess_tried:
                 self._guess_hz = outcome.probe.delivered_hz
         return outcome.probe.holds
 
-    def _surprising(self, outcome: Outcome) -> bool:
+    def _needs_retry(self, outcome: ProbeOutcome) -> bool:
         """Whether a rate failed that should have held: the lowest, or one seen to be delivered."""
         rate_hz = outcome.probe.rate_hz
-        return not outcome.by_player and (
+        return not outcome.limited_by_player and (
             rate_hz <= self._minimum_hz or rate_hz < self._guess_hz * (1 - self._precision)
         )
 
@@ -136,7 +138,7 @@ class PeakSearch:
             return None
         around = sorted(rate for rate in self._open if lower_hz <= rate <= upper_hz)
         if around:
-            return self._beside(around, lower_hz, upper_hz)
+            return self._next_to_open(around, lower_hz, upper_hz)
         if self._holds_hz is None or self._fails_hz is None:
             return None
         return self._between(self._holds_hz, self._fails_hz)
@@ -155,7 +157,7 @@ class PeakSearch:
             return min(middle_hz, holds_hz * step)
         return max(middle_hz, fails_hz / step)
 
-    def _beside(self, around: list[float], lower_hz: float, upper_hz: float) -> float | None:
+    def _next_to_open(self, around: list[float], lower_hz: float, upper_hz: float) -> float | None:
         """A rate below or above those that are open; None if both gaps are as narrow as can be.
 
         Args:
@@ -163,11 +165,11 @@ class PeakSearch:
             lower_hz: the lower end of the bracket.
             upper_hz: its upper end.
         """
-        if len(self._open) >= _MOST_OPEN:
+        if len(self._open) >= _MAX_OPEN_PROBES:
             return None
         below_hz, above_hz = around[0], around[-1]
         down, up = (
-            1 + min(max(self._precision, self._open[each]), _WIDEST) * 2.0 ** (len(around) // 2)
+            1 + min(max(self._precision, self._open[each]), _MAX_STEP) * 2.0 ** (len(around) // 2)
             for each in (below_hz, above_hz)
         )
         # A gap of one step is as narrow as it can be made.

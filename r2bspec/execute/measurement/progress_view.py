@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     Nanoseconds = NDArray[np.int64]
 
 
-_LOG_STEP = math.log(1.01)
-_STEPS = 2800
+_LOG_BIN_WIDTH = math.log(1.01)
+_BINS = 2800
 """Steps of 1 % from a nanosecond to some 20 minutes."""
 
 
-_KEPT = 10_000
+_MAX_KEPT_STEPS = 10_000
 """Steps that an answer may still come to."""
 
 
-class LiveView:
+class ProgressView:
     """One stretch, as far as it has been played.
 
     Args:
@@ -47,9 +47,9 @@ class LiveView:
         first: Mapping[str, int],
         use: Callable[[], Mapping[str, float]],
     ) -> None:
-        self._playback = _Column(playback, first[""])
+        self._playback = _SampleColumns(playback, first[""])
         self._monitors = {
-            name: _Latencies(plan, _Column(rows, first[name]))
+            name: _Latencies(plan, _SampleColumns(rows, first[name]))
             for name, (plan, rows) in monitors.items()
         }
         self._use = use
@@ -73,7 +73,7 @@ class LiveView:
             each.rows.read()
         self._playback.read()
         found = [each.p99_ns(self._playback) for each in self._monitors.values()]
-        self._playback.drop(_KEPT)
+        self._playback.drop(_MAX_KEPT_STEPS)
         return max((each for each in found if each is not None), default=None)
 
     def cores(self) -> Mapping[str, float]:
@@ -81,7 +81,7 @@ class LiveView:
         return self._use()
 
 
-class _Column:
+class _SampleColumns:
     """The rows of a stretch, as they are read; all but the latest may be dropped."""
 
     def __init__(self, rows: RowReader, first: int) -> None:
@@ -117,14 +117,14 @@ class _Column:
 class _Latencies:
     """The latencies of one monitor, of which only the new ones are matched."""
 
-    def __init__(self, plan: MonitorPlan, rows: _Column) -> None:
+    def __init__(self, plan: MonitorPlan, rows: _SampleColumns) -> None:
         import numpy as np
 
         self.rows = rows
         self._by_stamp = plan.match == "stamp"
-        self._counts: Nanoseconds = np.zeros(_STEPS, np.int64)
+        self._counts: Nanoseconds = np.zeros(_BINS, np.int64)
 
-    def p99_ns(self, playback: _Column) -> int | None:
+    def p99_ns(self, playback: _SampleColumns) -> int | None:
         import numpy as np
 
         from r2bspec.measure.percentiles import rank
@@ -140,10 +140,10 @@ class _Latencies:
             known[known] = playback.stamps[steps[known]] == stamps[known]
         new = received[known] - playback.times[steps[known]]
         self.rows.drop(0)
-        steps_of = np.ceil(np.log(np.maximum(new, 1)) / _LOG_STEP).astype(np.int64)
-        self._counts += np.bincount(np.minimum(steps_of, _STEPS - 1), minlength=_STEPS)
+        steps_of = np.ceil(np.log(np.maximum(new, 1)) / _LOG_BIN_WIDTH).astype(np.int64)
+        self._counts += np.bincount(np.minimum(steps_of, _BINS - 1), minlength=_BINS)
         total = int(self._counts.sum())
         if not total:
             return None
         step = int(np.searchsorted(np.cumsum(self._counts), rank(0.99, total)))
-        return round(math.exp(step * _LOG_STEP))
+        return round(math.exp(step * _LOG_BIN_WIDTH))

@@ -6,122 +6,124 @@ import itertools
 from collections.abc import Callable
 from typing import Literal
 
-from r2bspec.execute.measurement.peak_search import Outcome
-from r2bspec.execute.measurement.segments import Observed, Stage
+from r2bspec.execute.measurement.peak_search import ProbeOutcome
+from r2bspec.execute.measurement.segments import SegmentObservation, SegmentPlayer
 from r2bspec.judge.rate_test import (
     Criterion,
-    Judgement,
-    Seen,
-    judge_end,
-    judge_look,
-    planned_looks,
-    see,
-    worst,
+    ProbeEstimate,
+    ProbeJudgement,
+    estimate_probe,
+    judge_final,
+    judge_interim,
+    plan_interim_looks,
+    worst_judgement,
 )
 from r2bspec.judge.verdict import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import resolve
-from r2bspec.measure.metric_values import value
+from r2bspec.measure.metric_values import metric_value
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import Probe
 
-_PRECISION = 0.02
-_PROBE_NS = 10_000_000_000
+_DEFAULT_PRECISION = 0.02
+_DEFAULT_PROBE_NS = 10_000_000_000
 """Of a probe for `sustained` where the spec has no search that says otherwise."""
 
-_LEAST_STEPS = 20
+_MIN_STEPS = 20
 
-_WORDS = {True: "holds", False: "does not hold", None: "stays open"}
+_STATE_TEXTS = {True: "holds", False: "does not hold", None: "stays open"}
 
 
-class Prober:
+class RateProber:
     """Probes rates; of several monitors, the one that does worst decides."""
 
-    def __init__(self, plan: Plan, stage: Stage, note: Callable[[str], None]) -> None:
+    def __init__(
+        self, plan: Plan, segment_player: SegmentPlayer, note: Callable[[str], None]
+    ) -> None:
         search = plan.search
         self._plan = plan
-        self._stage = stage
+        self._segment_player = segment_player
         self._note = note
-        self._limit_s = (search.probe_ns if search else _PROBE_NS) / 1e9
+        self._limit_s = (search.probe_ns if search else _DEFAULT_PROBE_NS) / 1e9
         self._conditions = search.holds if search else ()
         self._criterion = Criterion(
-            precision=search.precision if search else _PRECISION,
+            precision=search.precision if search else _DEFAULT_PRECISION,
             loss=max((_allowed_loss(each) for each in self._conditions), default=0.0),
             confidence=search.confidence if search else CONFIDENCE,
         )
         self._numbers = itertools.count(1)
 
-    def probe(self, rate_hz: float) -> Outcome:
+    def probe(self, rate_hz: float) -> ProbeOutcome:
         """Probe one rate for the search."""
         return self._play("probe", rate_hz)
 
-    def sustain(self, rate_hz: float) -> Outcome:
+    def probe_sustained(self, rate_hz: float) -> ProbeOutcome:
         """Probe one rate for an objective that requires it to be sustained."""
         return self._play("sustained", rate_hz)
 
-    def _play(self, kind: Literal["probe", "sustained"], rate_hz: float) -> Outcome:
+    def _play(self, kind: Literal["probe", "sustained"], rate_hz: float) -> ProbeOutcome:
         number = next(self._numbers)
         name = f"{kind}-{number:03d}"
-        steps = max(_LEAST_STEPS, round(self._limit_s * rate_hz))
-        watching = _Watching(
-            self._criterion, steps / rate_hz, lambda each: self._see(rate_hz, each)
+        steps = max(_MIN_STEPS, round(self._limit_s * rate_hz))
+        interim = _InterimMonitor(
+            self._criterion, steps / rate_hz, lambda each: self._estimate(rate_hz, each)
         )
-        observed = self._stage.play(
+        observation = self._segment_player.play(
             kind,
             name,
             rate_hz,
             steps,
             title=f"probing {rate_hz:.4g} Hz",
             index=number,
-            watch=watching.watch,
+            stop_condition=interim.watch,
         )
-        seen = self._see(rate_hz, observed)
-        judgement = watching.conclude(seen)
+        estimates = self._estimate(rate_hz, observation)
+        judgement = interim.conclude(estimates)
         if judgement.holds:
-            judgement = self._check_conditions(observed, rate_hz)
-        self._note(f"{rate_hz:.4g} Hz {_WORDS[judgement.holds]}: {judgement.reason}")
-        return Outcome(
+            judgement = self._check_conditions(observation, rate_hz)
+        self._note(f"{rate_hz:.4g} Hz {_STATE_TEXTS[judgement.holds]}: {judgement.reason}")
+        return ProbeOutcome(
             Probe(
-                segment=self._stage.id_of(name),
+                segment=self._segment_player.segment_id_for(name),
                 rate_hz=rate_hz,
-                delivered_hz=min((each.whole.delivered_hz for each in seen), default=0.0),
+                delivered_hz=min((each.overall.delivered_hz for each in estimates), default=0.0),
                 holds=judgement.holds,
                 reason=judgement.reason,
                 confidence=self._criterion.confidence,
             ),
-            by_player=judgement.by_player,
-            unclear=judgement.unclear,
+            limited_by_player=judgement.limited_by_player,
+            relative_half_width=judgement.relative_half_width,
         )
 
-    def _see(self, rate_hz: float, observed: Observed) -> list[Seen]:
-        if not observed.playback.size:
+    def _estimate(self, rate_hz: float, observation: SegmentObservation) -> list[ProbeEstimate]:
+        if not observation.playback.size:
             return []
         return [
-            see(
+            estimate_probe(
                 rate_hz,
-                observed.playback,
-                observed.monitors[plan.name],
-                observed.matching(plan.name),
-                observed.now_ns,
+                observation.playback,
+                observation.monitors[plan.name],
+                observation.matched(plan.name).matching,
+                observation.now_ns,
             )
             for plan in self._plan.monitors
         ]
 
-    def _check_conditions(self, observed: Observed, rate_hz: float) -> Judgement:
+    def _check_conditions(self, observation: SegmentObservation, rate_hz: float) -> ProbeJudgement:
         """The conditions that the spec puts on a rate that holds, on what was measured."""
         names = [plan.name for plan in self._plan.monitors]
-        samples = observed.samples(self._stage.segments[-1])
+        samples = observation.samples(self._segment_player.segments[-1])
         for condition in self._conditions:
             named, metric = resolve(condition.metric, names)
             for monitor in [named] if named else names:
-                measured = value(metric, monitor, samples)
+                measured = metric_value(metric, monitor, samples)
                 per_step = samples.monitors[monitor].per_step if metric.scope == "monitor" else 1.0
                 limit = _limit(condition, rate_hz * per_step)
                 if limit is None or (measured is not None and condition.is_met(measured, limit)):
                     continue
                 shown = "nothing was measured" if measured is None else f"it is {measured:.4g}"
-                return Judgement(holds=False, reason=f"{condition} does not hold: {shown}")
-        return Judgement(holds=True, reason="delivered as offered")
+                return ProbeJudgement(holds=False, reason=f"{condition} does not hold: {shown}")
+        return ProbeJudgement(holds=True, reason="delivered as offered")
 
 
 def _limit(condition: Requirement, rate_hz: float) -> float | None:
@@ -138,38 +140,42 @@ def _allowed_loss(condition: Requirement) -> float:
     return condition.bound.value if condition.op in {"<", "<="} else 0.0
 
 
-class _Watching:
+class _InterimMonitor:
     """Looks at a probe at the planned times, and remembers what the first clear look has shown."""
 
     def __init__(
-        self, criterion: Criterion, limit_s: float, see_all: Callable[[Observed], list[Seen]]
+        self,
+        criterion: Criterion,
+        limit_s: float,
+        estimate_all: Callable[[SegmentObservation], list[ProbeEstimate]],
     ) -> None:
         self._criterion = criterion
-        self._looks = planned_looks(limit_s)
-        self._see_all = see_all
+        self._looks = plan_interim_looks(limit_s)
+        self._estimate_all = estimate_all
         self._number = 0
         self._decided: list[bool | None] = []
 
-    def watch(self, observed: Observed, elapsed_s: float) -> bool:
+    def watch(self, observation: SegmentObservation, elapsed_s: float) -> bool:
         """Whether the answer is clear; called while playing."""
         due = [each for each in self._looks[self._number : -1] if each.at_s <= elapsed_s]
         if not due:
             return False
         self._number += len(due)
         judgements = [
-            judge_look(each, self._criterion, due[-1]) for each in self._see_all(observed)
+            judge_interim(each, self._criterion, due[-1])
+            for each in self._estimate_all(observation)
         ]
-        if worst(judgements).holds is None:
+        if worst_judgement(judgements).holds is None:
             return False
         self._decided = [each.holds for each in judgements]
         return True
 
-    def conclude(self, seen: list[Seen]) -> Judgement:
+    def conclude(self, estimates: list[ProbeEstimate]) -> ProbeJudgement:
         """What was found, when the graph has drained."""
-        decided = self._decided or [None] * len(seen)
-        return worst(
+        decided = self._decided or [None] * len(estimates)
+        return worst_judgement(
             [
-                judge_end(each, self._criterion, self._looks[-1], holds)
-                for each, holds in zip(seen, decided, strict=True)
+                judge_final(each, self._criterion, self._looks[-1], holds)
+                for each, holds in zip(estimates, decided, strict=True)
             ]
         )

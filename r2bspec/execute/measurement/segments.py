@@ -8,22 +8,27 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Final, Literal
 
-from r2bspec.execute.diagnosis.stopped_outputs import fell_silent
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.execute.diagnosis.stopped_outputs import output_stopped
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.host.resource_sampler import ResourceSampler
-from r2bspec.execute.measurement.progress_view import LiveView
-from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.execute.measurement.progress_view import ProgressView
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.progress import Progress
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import RowReader
-from r2bspec.ipc.schedule import Cyclic, Schedule
-from r2bspec.ipc.stall_log import HeldReader
-from r2bspec.measure.expected_steps import asked_of
-from r2bspec.measure.matching import Matching, match, ratio_of
+from r2bspec.ipc.schedule import CyclicSchedule, Schedule
+from r2bspec.ipc.stall_log import StallLogReader
+from r2bspec.measure.matched_monitor import MatchedMonitor, match_monitor
+from r2bspec.measure.matching import NO_MATCH
+from r2bspec.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
 from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
-from r2bspec.plan.plan import InputPlan, MonitorPlan
-from r2bspec.plan.taps import tap_watches
+from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.plan.taps import tap_monitors
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind
 from r2bspec.record.sample_arrays import Rows
@@ -31,76 +36,84 @@ from r2bspec.record.sample_arrays import Rows
 PLAYBACK_ROWS = "playback"
 """The player's sample file; those of the monitors end in ``.rows``."""
 
-_WATCH_S = 0.25
-_QUIET_LEAST_S = 0.3
-_QUIET_MOST_S = 3.0
-_DRAIN_MOST_S = 60.0
+_CHECK_INTERVAL_S = 0.25
+_JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation"})
+_DRAIN_POLL_S = 0.01
+_MIN_QUIET_S = 0.3
+_QUIET_FACTOR = 5
+"""A gap is waited for so many times the longest pause between two arrivals."""
+_MAX_DRAIN_S = 60.0
+"""For a graph that never stops sending."""
 _PLAYER_SLACK_S = 30.0
 
-Watch = Callable[["Observed", float], bool]
+Outstanding = Literal["nothing", "gaps", "tail"]
+"""The answers that are missing: none; some, but not the last; the last one, and perhaps more."""
+
+StopCondition = Callable[["SegmentObservation", float], bool]
 """Called every quarter second with what is there so far and the seconds played; True stops."""
 
 
-class Observed:
+class SegmentObservation:
     """The samples of one segment, all there is at the moment they were read."""
 
     def __init__(
-        self,
-        playback: Rows,
-        monitors: dict[str, Rows],
-        plans: tuple[MonitorPlan, ...],
-        inputs: tuple[InputPlan, ...],
-        played_before: int,
+        self, plan: Plan, playback: Rows, monitors: dict[str, Rows], played_before: int = 0
     ) -> None:
         self.playback = playback
         self.monitors = monitors
         self.played_before = played_before
         self.now_ns = time.monotonic_ns()
-        self._plans = plans
-        self._inputs = inputs
+        self._plan = plan
+        self._matched: dict[str, MatchedMonitor] = {}
 
-    def matching(self, name: str) -> Matching:
-        """How the messages of a monitor answer the steps of the playback."""
-        plan = self._plan(name)
-        ratio = ratio_of(plan, self.played_before)
-        return match(self.asked(name), self.monitors[name], plan.match, ratio)
+    def matched(self, name: str) -> MatchedMonitor:
+        """The steps that count for a monitor, and how its messages answer them."""
+        if name not in self._matched:
+            monitor = next(each for each in self._plan.monitors if each.name == name)
+            self._matched[name] = match_monitor(
+                self.playback,
+                self.monitors[name],
+                monitor,
+                self._plan.inputs,
+                self.played_before,
+            )
+        return self._matched[name]
 
     def samples(self, segment: Segment) -> SegmentSamples:
-        """The samples as metrics need them, without those of processes."""
+        """The samples as metrics need them, without hops, processes and the host."""
         return SegmentSamples(
             segment=segment,
             playback=playback_samples(self.playback),
             monitors={
-                name: monitor_samples(segment, self.asked(name), rows, self._plan(name))
-                for name, rows in self.monitors.items()
+                name: monitor_samples(segment, matched)
+                for name, matched in self.all_matched().items()
             },
             processes={},
             machine=None,
         )
 
-    def asked(self, name: str) -> Rows:
-        """The steps that count for a monitor."""
-        return asked_of(self.playback, self._inputs, self._plan(name))
-
-    def _plan(self, name: str) -> MonitorPlan:
-        return next(plan for plan in self._plans if plan.name == name)
+    def all_matched(self) -> dict[str, MatchedMonitor]:
+        """The same of every monitor."""
+        return {name: self.matched(name) for name in self.monitors}
 
 
-class Stage:
+class SegmentPlayer:
     """The player, the monitors and their sample files: everything that playing needs.
 
     A stage without a player can only be watched (`r2bspec.execute.measurement.live_mode`).
 
     Attributes:
         segments: what has been played.
-        on_silence: is called once for each monitor whose output stops, after the segment.
+        samples: the samples of what counts for a verdict, by the id of their segment, without
+            those of processes and of the host.
+        on_output_stopped: is called once for each monitor whose output stops, after the segment.
     """
 
     def __init__(
         self,
-        children: Children,
-        player: Child | None,
-        monitors: tuple[MonitorPlan, ...],
+        plan: Plan,
+        supervisor: ProcessSupervisor,
+        player: ManagedProcess | None,
         rows_dir: Path,
         folder: RunFolder,
         progress: Progress,
@@ -108,35 +121,36 @@ class Stage:
         resources: ResourceSampler,
         *,
         schedule: Schedule | None = None,
-        inputs: tuple[InputPlan, ...] = (),
         confirms: bool = False,
     ) -> None:
-        self._schedule = schedule or Cyclic(steps=())
-        self._inputs = inputs
+        self._plan = plan
+        self._schedule = schedule or CyclicSchedule(steps=())
         self._confirms = confirms
         self._resources = resources
         self._on_segment = on_segment
-        self._children = children
+        self._supervisor = supervisor
         self._player = player
-        self._plans = monitors
+        monitors = plan.monitors
         self._playback = RowReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
-        self._held = HeldReader(rows_dir)
+        self._stall_log = StallLogReader(rows_dir)
         self._monitors = {
             plan.name: RowReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
             for plan in monitors
         }
         self._taps = {
             tap.topic: RowReader(rows_dir / f"{tap.name}.rows", MONITOR_FIELDS)
-            for tap in tap_watches(monitors)
+            for tap in tap_monitors(monitors)
         }
         # What was played by now, nobody has seen: the graph was not there.
-        self._begun = self._playback.count()
-        self._read: dict[str, int] = {}
-        self._silent: set[str] = set()
-        self.on_silence: Callable[[Segment, MonitorPlan], None] = lambda _, __: None
+        self._initial_count = self._playback.count()
+        self._next_rows: dict[str, int] = {}
+        self._stopped_outputs: set[str] = set()
+        self.on_output_stopped: Callable[[Segment, MonitorPlan], None] = lambda _, __: None
         self._folder = folder
         self._progress = progress
         self.segments: list[Segment] = []
+        self.samples: dict[str, SegmentSamples] = {}
+        self._stamps: list[NDArray[np.int64]] = []
 
     def play(
         self,
@@ -147,9 +161,9 @@ class Stage:
         *,
         title: str,
         index: int = 1,
-        watch: Watch | None = None,
+        stop_condition: StopCondition | None = None,
         rerun_of: str = "",
-    ) -> Observed:
+    ) -> SegmentObservation:
         """Play a segment and record it; one that ends with an exception is kept as incomplete.
 
         `rerun_of` is the id of the segment in whose place it is played. On the stage of a batch
@@ -161,24 +175,24 @@ class Stage:
         Raises:
             RunError: the player does not answer, or a process died or failed.
         """
-        kind, segment_id = self._kind_of(kind), self.id_of(segment_id)
+        kind, segment_id = self._kind_of(kind), self.segment_id_for(segment_id)
         self._progress.segment(title, steps)
-        first = self._unread()
+        first = self._first_rows()
         complete = False
         try:
-            played = self._play(rate_hz, steps, first, watch)
-            self._drain(first, played)
+            self._play(rate_hz, steps, first, stop_condition)
+            self._drain(kind, first)
             complete = True
         finally:
-            observed = self._observed(first)
-            self._write(
-                kind, segment_id, rate_hz, steps, index, first, observed, complete, rerun_of
+            observation = self._observe(first)
+            self._write_segment(
+                kind, segment_id, rate_hz, steps, index, first, observation, complete, rerun_of
             )
-        self._look_for_silence(kind, observed)
-        return observed
+        self._detect_stopped_outputs(kind, observation)
+        return observation
 
-    def play_aside(self, rate_hz: float, steps: int) -> None:
-        """Play what belongs to no segment; `skip` what comes of it.
+    def play_unrecorded(self, rate_hz: float, steps: int) -> None:
+        """Play what belongs to no segment; `discard_new_rows` what comes of it.
 
         Raises:
             RunError: the player does not answer, or a process died or failed.
@@ -187,21 +201,25 @@ class Stage:
             raise RunError("nothing is played in this run")
         timeout_s = self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         command = protocol.Play(rate_hz=rate_hz, steps=steps)
-        self._children.ask(self._player, command, protocol.Played, timeout_s)
+        self._supervisor.request(self._player, command, protocol.Played, timeout_s)
 
-    def skip(self) -> None:
+    def discard_new_rows(self) -> None:
         """Leave out what has arrived since the last segment."""
-        self._read = self._counts() | {name: rows.count() for name, rows in self._taps.items()}
+        self._next_rows = self._counts() | {name: rows.count() for name, rows in self._taps.items()}
 
-    def _look_for_silence(self, kind: SegmentKind, observed: Observed) -> None:
+    def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
         """Tell of outputs that have stopped, each once."""
-        for plan in self._plans:
-            if kind == "warm_up" or plan.name in self._silent or not observed.playback.size:
+        for plan in self._plan.monitors:
+            if (
+                kind == "warm_up"
+                or plan.name in self._stopped_outputs
+                or not observation.playback.size
+            ):
                 continue
-            seen, matched = observed.monitors[plan.name], observed.matching(plan.name)
-            if fell_silent(observed.asked(plan.name), seen, matched):
-                self._silent.add(plan.name)
-                self.on_silence(self.segments[-1], plan)
+            matched = observation.matched(plan.name)
+            if output_stopped(matched.steps, matched.rows, matched.matching):
+                self._stopped_outputs.add(plan.name)
+                self.on_output_stopped(self.segments[-1], plan)
 
     def play_for(
         self,
@@ -212,16 +230,16 @@ class Stage:
         *,
         title: str,
         index: int = 1,
-        least_steps: int = 2,
+        min_steps: int = 2,
         rerun_of: str = "",
-    ) -> Observed:
-        """Play a segment of a length in time, but of no fewer than `least_steps`; see `play`."""
-        steps = max(least_steps, self._schedule.steps_within(rate_hz, duration_ns))
+    ) -> SegmentObservation:
+        """Play a segment of a length in time, but of no fewer than `min_steps`; see `play`."""
+        steps = max(min_steps, self._schedule.steps_within(rate_hz, duration_ns))
         return self.play(
             kind, segment_id, rate_hz, steps, title=title, index=index, rerun_of=rerun_of
         )
 
-    def id_of(self, name: str) -> str:
+    def segment_id_for(self, name: str) -> str:
         """The id of a segment that is played under a name, apart from those of another batch."""
         return f"confirm-{name}" if self._confirms else name
 
@@ -235,40 +253,46 @@ class Stage:
     def _counts(self) -> dict[str, int]:
         return self.received() | {"": self._playback.count()}
 
-    def _unread(self) -> dict[str, int]:
+    def _first_rows(self) -> dict[str, int]:
         """The first row of each file that belongs to no segment yet.
 
         What arrived since the end of the last segment is kept with the next one.
         """
-        return {name: self._read.get(name, 0) for name in (*self._monitors, *self._taps)} | {
+        return {name: self._next_rows.get(name, 0) for name in (*self._monitors, *self._taps)} | {
             "": self._playback.count()
         }
 
-    def _observed(self, first: dict[str, int]) -> Observed:
+    def _observe(self, first: dict[str, int]) -> SegmentObservation:
         # Monitors first: a step that is in the monitors' rows must be in the player's.
         monitors = {name: rows.read(first[name]) for name, rows in self._monitors.items()}
-        before = first[""] - self._begun
+        before = first[""] - self._initial_count
         played = self._playback.read(first[""])
-        return Observed(played, monitors, self._plans, self._inputs, before)
+        return SegmentObservation(self._plan, played, monitors, before)
 
-    def _play(self, rate_hz: float, steps: int, first: dict[str, int], watch: Watch | None) -> int:
+    def _play(
+        self,
+        rate_hz: float,
+        steps: int,
+        first: dict[str, int],
+        stop_condition: StopCondition | None,
+    ) -> None:
         if self._player is None:
             raise RunError("nothing is played in this run")
         begin = time.monotonic()
         deadline = begin + self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
-        next_watch = begin + _WATCH_S
+        next_check = begin + _CHECK_INTERVAL_S
         stopping = False
         live = self._live(first)
         self._player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
         # While the player waits for the first due time: what was used before then is not counted.
         self._resources.sample_at(time.monotonic_ns())
         while True:
-            self._children.pump()
+            self._supervisor.pump()
             while self._player.inbox:
                 message = self._player.inbox.popleft()
                 if isinstance(message, protocol.Played):
                     self._sample_at_end(first, message.steps, rate_hz)
-                    return message.steps
+                    return
             now = time.monotonic()
             if now > deadline:
                 raise RunError(
@@ -277,19 +301,23 @@ class Stage:
                     hint="The machine may be overloaded, or a publication blocks.",
                     code="R2B645",
                 )
-            if now >= next_watch:
-                next_watch = now + _WATCH_S
+            if now >= next_check:
+                next_check = now + _CHECK_INTERVAL_S
                 self._progress.playing(live)
-                if watch and not stopping and watch(self._observed(first), now - begin):
+                if (
+                    stop_condition
+                    and not stopping
+                    and stop_condition(self._observe(first), now - begin)
+                ):
                     self._player.send(protocol.Stop())
                     stopping = True
 
-    def _live(self, first: dict[str, int]) -> LiveView:
-        monitors = {plan.name: (plan, self._monitors[plan.name]) for plan in self._plans}
-        return LiveView(self._playback, monitors, first, self._cores)
+    def _live(self, first: dict[str, int]) -> ProgressView:
+        monitors = {plan.name: (plan, self._monitors[plan.name]) for plan in self._plan.monitors}
+        return ProgressView(self._playback, monitors, first, self._cores)
 
     def _cores(self) -> dict[str, float]:
-        known = {each.name: self._resources.cores(each.pid) for each in self._children}
+        known = {each.name: self._resources.cores(each.pid) for each in self._supervisor}
         return {name: cores for name, cores in known.items() if cores is not None}
 
     def _sample_at_end(self, first: dict[str, int], steps: int, rate_hz: float) -> None:
@@ -299,40 +327,71 @@ class Stage:
             span_ns = self._schedule.span_ns(rate_hz, steps)
             self._resources.sample_at(int(begun["due_ns"][0]) + span_ns)
 
-    def _drain(self, first: dict[str, int], played: int) -> None:
-        """Wait until every step is answered, or nothing has come for longer than it ever took."""
-        last_counts: dict[str, int] = {}
+    def _drain(self, kind: SegmentKind, first: dict[str, int]) -> None:
+        """Wait for answers; what is missing when this returns counts as lost.
+
+        What comes after the last answer may be late: it is waited for until nothing has come for
+        the whole `drain_timeout`. A gap before an answer to the last step is most likely a loss,
+        because graphs rarely overtake themselves: it is waited for only for a multiple of the
+        longest pause so far, so that a graph that drops does not cost a time-out in each segment.
+        """
+        timeout_s = self._plan.drain_timeout_ns / 1e9
         changed = time.monotonic()
-        deadline = changed + _DRAIN_MOST_S
+        deadline = changed + max(_MAX_DRAIN_S, timeout_s)
+        last_counts: dict[str, int] = {}
         longest_pause_s = 0.0
-        while time.monotonic() < deadline:
+        outstanding: Outstanding | None = None
+        while (now := time.monotonic()) < deadline:
             counts = self._counts()
-            now = time.monotonic()
             if counts != last_counts:
-                if self._all_answered(first, counts, played):
-                    return
                 if last_counts:
                     longest_pause_s = max(longest_pause_s, now - changed)
-                last_counts, changed = counts, now
-            quiet_s = min(max(_QUIET_LEAST_S, 5 * longest_pause_s), _QUIET_MOST_S)
-            if now - changed > quiet_s:
+                last_counts, changed, outstanding = counts, now, None
+                if self._enough(first, counts) and self._outstanding(first) == "nothing":
+                    return
+            quiet_s = now - changed
+            if quiet_s > _MIN_QUIET_S and outstanding is None:
+                outstanding = self._outstanding(first)
+                # While the graph starts, playing on tells more than waiting.
+                if kind == "warm_up" and not all(self.received().values()):
+                    return
+            limit_s = timeout_s
+            if outstanding != "tail":
+                limit_s = min(max(_MIN_QUIET_S, _QUIET_FACTOR * longest_pause_s), timeout_s)
+            if quiet_s > limit_s:
                 return
-            self._children.pump(0.01)
+            self._supervisor.pump(_DRAIN_POLL_S)
 
-    def _all_answered(self, first: dict[str, int], counts: dict[str, int], played: int) -> bool:
-        """Whether each step has its answer and nothing more is to be expected.
+    def _enough(self, first: dict[str, int], counts: dict[str, int]) -> bool:
+        """Whether as many messages came as are expected, which is cheap to see."""
+        if not isinstance(self._schedule, CyclicSchedule):
+            # Of a timeline, not every step counts for every monitor.
+            return True
+        played = counts[""] - first[""]
+        return all(
+            (counts[each.name] - first[each.name] + 1) * each.ratio_inputs > played
+            for each in self._plan.monitors
+        )
+
+    def _outstanding(self, first: dict[str, int]) -> Outstanding:
+        """Which answers are still missing.
 
         As many messages as steps do not suffice: where some are answered twice, others still wait.
         """
-        for plan in self._plans if isinstance(self._schedule, Cyclic) else ():
-            # A step may lead to several messages, or to none by itself. In a timeline not every
-            # monitor is asked about every step.
-            if (counts[plan.name] - first[plan.name] + 1) * plan.ratio_inputs <= played:
-                return False
-        observed = self._observed(first)
-        return not any(observed.matching(name).missed for name in self._monitors)
+        observation = self._observe(first)
+        found: Outstanding = "nothing"
+        for name, matched in observation.all_matched().items():
+            if name in self._stopped_outputs:
+                continue
+            answers = matched.matching.first_row
+            if not answers.size or (answers != NO_MATCH).all():
+                continue
+            if answers[-1] == NO_MATCH:
+                return "tail"
+            found = "gaps"
+        return found
 
-    def _write(
+    def _write_segment(
         self,
         kind: SegmentKind,
         segment_id: str,
@@ -340,15 +399,15 @@ class Stage:
         steps: int,
         index: int,
         first: dict[str, int],
-        observed: Observed,
+        observation: SegmentObservation,
         complete: bool,
         rerun_of: str,
     ) -> None:
-        playback = observed.playback
+        playback = observation.playback
         if not playback.size:
             return
         began_ns = int(playback["due_ns"][0])
-        self._keep(
+        self._write_samples(
             Segment(
                 id=segment_id,
                 kind=kind,
@@ -358,23 +417,35 @@ class Stage:
                 began_ns=began_ns,
                 ended_ns=began_ns + self._schedule.span_ns(rate_hz, playback.size),
                 complete=complete,
-                played_before=observed.played_before,
+                played_before=observation.played_before,
                 rerun_of=rerun_of,
-                monitor_held_ns=self._held.between(began_ns, time.monotonic_ns()),
+                monitor_held_ns=self._stall_log.between(began_ns, time.monotonic_ns()),
             ),
-            observed,
+            observation,
             first,
         )
 
-    def _keep(self, segment: Segment, observed: Observed, first: dict[str, int]) -> None:
-        """Write a segment and its samples."""
-        self._folder.write_playback(segment.id, observed.playback)
-        for name, rows in observed.monitors.items():
+    def _write_samples(
+        self, segment: Segment, observation: SegmentObservation, first: dict[str, int]
+    ) -> None:
+        """Write a segment and its rows, and hold its samples if a verdict may rest on them."""
+        taps = {topic: reader.read(first[topic]) for topic, reader in self._taps.items()}
+        self._folder.write_playback(segment.id, observation.playback)
+        for name, rows in observation.monitors.items():
             self._folder.write_monitor(segment.id, name, rows)
-            self._read[name] = first[name] + rows.size
-        for topic, reader in self._taps.items():
-            rows = reader.read(first[topic])
+            self._next_rows[name] = first[name] + rows.size
+        for topic, rows in taps.items():
             self._folder.write_tap(segment.id, topic, rows)
-            self._read[topic] = first[topic] + rows.size
+            self._next_rows[topic] = first[topic] + rows.size
+        if segment.complete and segment.kind in _JUDGED_KINDS:
+            rows_of = SegmentRows(
+                observation.playback, observation.monitors, taps, self._earlier_stamps
+            )
+            matched = None if segment.live else observation.all_matched()
+            self.samples[segment.id] = segment_samples(self._plan, segment, rows_of, matched)
+        self._stamps.append(observation.playback["stamp_ns"].copy())
         self.segments.append(segment)
         self._on_segment()
+
+    def _earlier_stamps(self) -> NDArray[np.int64]:
+        return np.concatenate(self._stamps) if self._stamps else NO_STAMPS

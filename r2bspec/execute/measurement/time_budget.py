@@ -8,7 +8,7 @@ from collections.abc import Callable
 from r2bspec.language.quantities import Duration
 
 
-class Budget:
+class TimeBudget:
     """The time that measuring may take, from `begin` on.
 
     More iterations, playing disturbed ones again, and a fresh batch are asked for here before they

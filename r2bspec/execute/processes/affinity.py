@@ -9,7 +9,7 @@ from r2bspec.execute.errors import RunError
 from r2bspec.plan.plan import ProcessPlan
 
 
-def place(plan: ProcessPlan, pid: int) -> None:
+def apply_affinity(plan: ProcessPlan, pid: int) -> None:
     """Bind a process that has just been started to its processors, and set its priority.
 
     Done from outside, before the program has started its first thread: threads and descendants

@@ -22,10 +22,10 @@ def resolve_argv(plan: ProcessPlan) -> list[str]:
     Raises:
         NotInstalledError: a package, executable or program is not on this machine.
     """
-    return resolve_words(plan.argv, f"process {plan.name}")
+    return resolve_command(plan.argv, f"process {plan.name}")
 
 
-def resolve_words(words: Sequence[str], what: str) -> list[str]:
+def resolve_command(words: Sequence[str], what: str) -> list[str]:
     """The same for any command; `what` is whose it is, for the error.
 
     Raises:

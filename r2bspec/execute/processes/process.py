@@ -16,12 +16,12 @@ import msgspec
 
 from r2bspec.ipc import protocol
 
-_SEND_S = 10.0
+_SEND_TIMEOUT_S = 10.0
 _LOG_TAIL_LINES = 12
 _LOG_TAIL_BYTES = 8192
 
 
-class Child:
+class ManagedProcess:
     """One process, or a part of one that has a control channel of its own.
 
     Programs that know nothing of r2bspec have no channel.
@@ -30,8 +30,8 @@ class Child:
         parts: those of a harness process, by their roles. A part is started, watched and ended
             with its process.
         inbox: what it has said and nobody has taken yet.
-        ending: whether its end is no failure, because it was told to, or is meant to.
-        answered: whether it has ever said anything.
+        exit_expected: whether its end is no failure, because it was told to, or is meant to.
+        has_replied: whether it has ever said anything.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Child:
         process: subprocess.Popen[bytes],
         log: Path,
         connection: socket.socket | None,
-        conceal: Callable[[str], str] = str,
+        redact: Callable[[str], str] = str,
     ) -> None:
         self.name = name
         self.role = role
@@ -49,10 +49,10 @@ class Child:
         self.log = log
         self.connection = connection
         self.inbox: deque[Any] = deque()
-        self.ending = False
-        self.answered = False
-        self.parts: dict[str, Child] = {}
-        self._conceal = conceal
+        self.exit_expected = False
+        self.has_replied = False
+        self.parts: dict[str, ManagedProcess] = {}
+        self._redact = redact
         self._pending = bytearray()
 
     @property
@@ -61,7 +61,7 @@ class Child:
         return self.process.pid
 
     @property
-    def runs(self) -> bool:
+    def is_running(self) -> bool:
         """Whether it has not ended yet."""
         return self.process.poll() is None
 
@@ -69,7 +69,7 @@ class Child:
         """Send a command; a child that does not take it is dead or hangs, which will be noticed."""
         if self.connection is not None:
             with contextlib.suppress(OSError):
-                self.connection.settimeout(_SEND_S)
+                self.connection.settimeout(_SEND_TIMEOUT_S)
                 self.connection.sendall(protocol.encode(message))
 
     def read(self) -> bool:
@@ -91,16 +91,16 @@ class Child:
             # Whatever else a node may write to this socket by mistake is not for the controller.
             with contextlib.suppress(msgspec.DecodeError):
                 self.inbox.append(protocol.decode_reply(bytes(line)))
-                self.answered = True
+                self.has_replied = True
         return bool(received)
 
-    def ask_to_end(self) -> None:
+    def request_shutdown(self) -> None:
         """Ask it, in the way that it understands, to end by itself."""
-        self.ending = True
+        self.exit_expected = True
         self.send(protocol.Shutdown())
         if self.connection is None:
             self.signal(signal.SIGINT)
-        elif not self.answered:
+        elif not self.has_replied:
             # It is still being made, or hangs in that: it hears nothing, and has nothing yet
             # that it must put in order.
             self.signal(signal.SIGTERM)
@@ -119,7 +119,7 @@ class Child:
                 text = file.read().decode(errors="replace")
         except OSError:
             return ""
-        return self._conceal("\n".join(text.splitlines()[-_LOG_TAIL_LINES:]))
+        return self._redact("\n".join(text.splitlines()[-_LOG_TAIL_LINES:]))
 
 
 def describe_exit(status: int) -> str:

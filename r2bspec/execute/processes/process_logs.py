@@ -8,17 +8,17 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-LIMIT_BYTES = 32 << 20
+MAX_LOG_BYTES = 32 << 20
 """A log that is larger is cut."""
 
-HEAD_BYTES = 8 << 20
-TAIL_BYTES = 8 << 20
+KEPT_HEAD_BYTES = 8 << 20
+KEPT_TAIL_BYTES = 8 << 20
 """What is kept of a log that is cut: how it began, and what came last."""
 
 _PERIOD_S = 0.1
 
 
-class Logs:
+class LogLimiter:
     """Everything in the log folders of a run.
 
     Processes write to their logs directly, so that none ever waits for the controller to read
@@ -28,19 +28,19 @@ class Logs:
 
     def __init__(self) -> None:
         self._folders: set[Path] = set()
-        self._cut_bytes: dict[Path, int] = {}
+        self._removed_bytes: dict[Path, int] = {}
         self._next_s = 0.0
 
     @property
-    def cut(self) -> list[Path]:
+    def truncated(self) -> list[Path]:
         """The logs of which something was cut out."""
-        return sorted(self._cut_bytes)
+        return sorted(self._removed_bytes)
 
     def watch(self, folder: Path) -> None:
         """Keep the logs in a folder small, and those in folders below it."""
         self._folders.add(folder)
 
-    def keep_small(self, *, now: bool = False) -> None:
+    def truncate_large(self, *, now: bool = False) -> None:
         """Cut what has grown too large; looks at most every tenth of a second, unless told `now`.
 
         A log that cannot be cut stays as it is.
@@ -50,23 +50,25 @@ class Logs:
         self._next_s = time.monotonic() + _PERIOD_S
         for log in self._files():
             with contextlib.suppress(OSError):
-                if log.stat().st_size > LIMIT_BYTES:
-                    self._cut(log)
+                if log.stat().st_size > MAX_LOG_BYTES:
+                    self._truncate(log)
 
     def _files(self) -> Iterator[Path]:
         for folder in self._folders:
             for where, _, names in os.walk(folder):
                 yield from (Path(where, name) for name in names)
 
-    def _cut(self, log: Path) -> None:
+    def _truncate(self, log: Path) -> None:
         with log.open("ab+", buffering=0) as file:
             size = file.seek(0, os.SEEK_END)
-            file.seek(size - TAIL_BYTES)
-            tail = file.read(TAIL_BYTES) or b""
-            file.truncate(HEAD_BYTES)
+            file.seek(size - KEPT_TAIL_BYTES)
+            tail = file.read(KEPT_TAIL_BYTES) or b""
+            file.truncate(KEPT_HEAD_BYTES)
             # What earlier cuts took out is counted; their notes were cut out with the rest.
-            self._cut_bytes[log] = self._cut_bytes.get(log, 0) + size - HEAD_BYTES - TAIL_BYTES
-            file.write(_note(self._cut_bytes[log]) + tail)
+            self._removed_bytes[log] = (
+                self._removed_bytes.get(log, 0) + size - KEPT_HEAD_BYTES - KEPT_TAIL_BYTES
+            )
+            file.write(_note(self._removed_bytes[log]) + tail)
 
 
 def _note(cut_bytes: int) -> bytes:

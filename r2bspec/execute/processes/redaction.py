@@ -12,24 +12,24 @@ from collections.abc import Callable, Iterable, Mapping
 _SECRET = re.compile(r"AUTH|COOKIE|CREDENTIAL|KEY|PASS|PRIVATE|SECRET|TOKEN", re.IGNORECASE)
 """Names of variables that hold secrets. Others, such as a path, are worth more than hiding them."""
 
-_LEAST_LENGTH = 4
+_MIN_SECRET_LENGTH = 4
 """What is shorter occurs everywhere, and is no secret."""
 
-_CONCEALED = "***"
+_REDACTED = "***"
 
 
-def concealing(named: Iterable[str], environ: Mapping[str, str]) -> Callable[[str], str]:
+def make_redactor(names: Iterable[str], environ: Mapping[str, str]) -> Callable[[str], str]:
     """A function that replaces, in a text, the values of secret variables.
 
     Args:
-        named: the variables that the spec names.
+        names: the variables that the spec names.
         environ: where their values are.
     """
     values = sorted(
         {
             value
-            for name in named
-            if _SECRET.search(name) and len(value := environ.get(name, "")) >= _LEAST_LENGTH
+            for name in names
+            if _SECRET.search(name) and len(value := environ.get(name, "")) >= _MIN_SECRET_LENGTH
         },
         # A secret may contain another one.
         key=len,
@@ -38,4 +38,4 @@ def concealing(named: Iterable[str], environ: Mapping[str, str]) -> Callable[[st
     if not values:
         return str
     pattern = re.compile("|".join(map(re.escape, values)))
-    return lambda text: pattern.sub(_CONCEALED, text)
+    return lambda text: pattern.sub(_REDACTED, text)

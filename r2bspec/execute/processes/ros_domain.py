@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from r2bspec.execute.errors import RunError
 
-_FIRST, _LAST = 1, 100
+_MIN_DOMAIN, _MAX_DOMAIN = 1, 100
 """Domains whose UDP ports (7400 + 250 x domain) stay clear of the ephemeral range of Linux."""
 
 _PORT_BASE = 32768
@@ -26,7 +26,7 @@ def reserved_domain() -> Iterator[int]:
     Raises:
         RunError: all domains are taken.
     """
-    candidates = list(range(_FIRST, _LAST + 1))
+    candidates = list(range(_MIN_DOMAIN, _MAX_DOMAIN + 1))
     random.shuffle(candidates)
     for domain in candidates:
         with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as guard:
@@ -37,6 +37,6 @@ def reserved_domain() -> Iterator[int]:
             yield domain
             return
     raise RunError(
-        f"all ROS domains from {_FIRST} to {_LAST} are in use on this machine",
+        f"all ROS domains from {_MIN_DOMAIN} to {_MAX_DOMAIN} are in use on this machine",
         hint="Wait until other runs have ended.",
     )

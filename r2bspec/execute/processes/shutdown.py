@@ -6,60 +6,58 @@ import signal
 import time
 from collections.abc import Callable, Sequence
 
-from r2bspec.execute.processes.process import Child
+from r2bspec.execute.processes.process import ManagedProcess
 
-_IN_TURN_S = 3.0
-"""How long processes are waited for one by one, all together; then the rest are asked at once.
-
-A participant that leaves while it hears that another one leaves can hang for ever in Fast DDS
-2.14: `DomainParticipant::set_listener` waits for a callback of discovery to return, which waits
-for a lock that the caller of `set_listener` holds. Whoever leaves alone hears nothing.
-"""
-
-ASKED_S = 10.0
+MAX_EXIT_S = 10.0
 """How long a process that has been asked may take to end by itself."""
 
-GRACE_S = 2.0
+MAX_SIGTERM_S = 2.0
 """How long one may take after SIGTERM."""
 
-_KILLED_S = 5.0
+_MAX_SIGKILL_S = 5.0
 _POLL_S = 0.005
 
 
-def end_in_turn(children: Sequence[Child], meanwhile: Callable[[], None]) -> list[str]:
+def end_sequentially(
+    processes: Sequence[ManagedProcess], on_poll: Callable[[], None], in_turn_s: float
+) -> list[str]:
     """End some processes.
 
     Args:
-        children: in the order in which they are to end.
-        meanwhile: is called again and again while they are waited for.
+        processes: in the order in which they are to end.
+        on_poll: is called again and again while they are waited for.
+        in_turn_s: how long processes are waited for one by one, all together; then the rest are
+            asked at once (`Middleware.exit_in_turn_s`).
 
     Returns:
         The names of those that had to be killed.
     """
     began = time.monotonic()
-    for child in children:
-        child.ask_to_end()
-        _wait_for([child], began + _IN_TURN_S, meanwhile)
-    _wait_for(children, began + ASKED_S, meanwhile)
-    _signal_all(children, signal.SIGTERM)
-    _wait_for(children, time.monotonic() + GRACE_S, meanwhile)
-    killed = _signal_all(children, signal.SIGKILL)
-    _wait_for(children, time.monotonic() + _KILLED_S, meanwhile)
-    for child in children:
+    for child in processes:
+        child.request_shutdown()
+        _wait_for([child], began + in_turn_s, on_poll)
+    _wait_for(processes, began + MAX_EXIT_S, on_poll)
+    _signal_all(processes, signal.SIGTERM)
+    _wait_for(processes, time.monotonic() + MAX_SIGTERM_S, on_poll)
+    killed = _signal_all(processes, signal.SIGKILL)
+    _wait_for(processes, time.monotonic() + _MAX_SIGKILL_S, on_poll)
+    for child in processes:
         # Grandchildren in the group that outlived their parent.
         child.signal(signal.SIGKILL)
     return killed
 
 
-def _wait_for(children: Sequence[Child], deadline_s: float, meanwhile: Callable[[], None]) -> None:
-    while any(child.runs for child in children) and time.monotonic() < deadline_s:
-        meanwhile()
+def _wait_for(
+    processes: Sequence[ManagedProcess], deadline_s: float, on_poll: Callable[[], None]
+) -> None:
+    while any(child.is_running for child in processes) and time.monotonic() < deadline_s:
+        on_poll()
         time.sleep(_POLL_S)
 
 
-def _signal_all(children: Sequence[Child], which: signal.Signals) -> list[str]:
+def _signal_all(processes: Sequence[ManagedProcess], which: signal.Signals) -> list[str]:
     """Signal those that still run; returns their names."""
-    running = [child for child in children if child.runs]
+    running = [child for child in processes if child.is_running]
     for child in running:
         child.signal(which)
     return [child.name for child in running]

@@ -15,12 +15,12 @@ from r2bspec.execute.errors import InterruptedRunError
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-_SAME_ACT_S = 0.5
+_DEBOUNCE_S = 0.5
 """Signals that follow each other faster are one act: a terminal and a wrapper such as make or
 timeout both pass one Ctrl-C on, so that it arrives twice."""
 
 
-class _AtOnce(BaseException):
+class _ImmediateInterrupt(BaseException):
     """Leaves whatever is under way; no Exception, which readers of damaged files catch."""
 
 
@@ -35,7 +35,7 @@ class Interrupts:
         self._received: signal.Signals | None = None
         self._received_s = 0.0
         self._reported = False
-        self._at_once = False
+        self._is_immediate = False
         self._previous: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Interrupts:
@@ -61,13 +61,13 @@ class Interrupts:
         now_s = time.monotonic()
         if self._received is None:
             self._received, self._received_s = signal.Signals(number), now_s
-            if self._at_once:
-                raise _AtOnce
-        elif now_s - self._received_s >= _SAME_ACT_S:
+            if self._is_immediate:
+                raise _ImmediateInterrupt
+        elif now_s - self._received_s >= _DEBOUNCE_S:
             os._exit(InterruptedRunError.exit_code)
 
     @contextlib.contextmanager
-    def at_once(self) -> Iterator[None]:
+    def immediate(self) -> Iterator[None]:
         """While active, a signal raises wherever the program is, instead of waiting for `check`.
 
         For long work that needs no cleaning up in order, such as reading a bag.
@@ -76,13 +76,13 @@ class Interrupts:
             InterruptedRunError: a signal has arrived, or arrives.
         """
         self.check()
-        self._at_once = True
+        self._is_immediate = True
         try:
             yield
-        except _AtOnce:
+        except _ImmediateInterrupt:
             self.check()
         finally:
-            self._at_once = False
+            self._is_immediate = False
 
     def check(self) -> None:
         """Raise once after a signal; cleaning up afterwards is not disturbed again.

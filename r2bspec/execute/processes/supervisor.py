@@ -1,12 +1,13 @@
 """The processes of a run: started, listened to, watched for death, and ended in order.
 
-Everything happens in the controller's one thread: `Children.pump` waits for messages and looks at
-every process, and raises as soon as one has died that was not told to.
+Everything happens in the controller's one thread: `ProcessSupervisor.pump` waits for messages and
+looks at every process, and raises as soon as one has died that was not told to.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import selectors
 import socket
 import subprocess
@@ -17,26 +18,27 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
-from r2bspec.execute.processes.process import Child, describe_exit
-from r2bspec.execute.processes.process_logs import Logs
-from r2bspec.execute.processes.shutdown import GRACE_S, end_in_turn
+from r2bspec.execute.processes.process import ManagedProcess, describe_exit
+from r2bspec.execute.processes.process_logs import LogLimiter
+from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import clean_up
+from r2bspec.middleware.registry import middleware_of
 from r2bspec.record.run_record import ProcessRecord
 
-__all__ = ["Child", "Children", "describe_exit"]
+__all__ = ["ManagedProcess", "ProcessSupervisor", "describe_exit"]
 
 _POLL_S = 0.05
-_NOT_INSTALLED = "R2B62"
+_NOT_INSTALLED_PREFIX = "R2B62"
 """The family of codes for what is not there: to try the run again would not help."""
 
-_WITHOUT_CHANNEL = frozenset({"command", "container"})
+_ROLES_WITHOUT_CHANNEL = frozenset({"command", "container"})
 """Roles of programs that know nothing of r2bspec."""
 
 _Answer = TypeVar("_Answer")
 
 
-class Children:
+class ProcessSupervisor:
     """All processes of a run, and the watchdog that ends them should the controller be killed."""
 
     def __init__(
@@ -44,18 +46,18 @@ class Children:
         run_id: str,
         scratch: Path,
         check_interrupt: Callable[[], None],
-        on_start: Callable[[Child], None] | None = None,
-        conceal: Callable[[str], str] = str,
+        on_start: Callable[[ManagedProcess], None] | None = None,
+        redact: Callable[[str], str] = str,
     ) -> None:
-        self._conceal = conceal
+        self._redact = redact
         self._run_id = run_id
         self._check_interrupt = check_interrupt
         self._on_start = on_start
         self._selector = selectors.DefaultSelector()
-        self._living: dict[str, Child] = {}
-        self._all: list[Child] = []
+        self._running: dict[str, ManagedProcess] = {}
+        self._all: list[ManagedProcess] = []
         self._killed: list[str] = []
-        self._logs = Logs()
+        self._logs = LogLimiter()
         self._began_s = time.time()
         # The process environment is the controller's: the watchdog is no part of the run.
         self._watchdog = subprocess.Popen(
@@ -66,13 +68,13 @@ class Children:
             start_new_session=True,
         )
 
-    def __iter__(self) -> Iterator[Child]:
-        return iter(list(self._living.values()))
+    def __iter__(self) -> Iterator[ManagedProcess]:
+        return iter(list(self._running.values()))
 
-    def observer(self) -> Child:
+    def observer(self) -> ManagedProcess:
         """Who can be asked what discovery shows: the monitor or the loader, whichever is up."""
-        speakers = (each for child in self for each in (child, *child.parts.values()))
-        return next(each for each in speakers if each.role in {"monitor", "loader"})
+        endpoints = (each for child in self for each in (child, *child.parts.values()))
+        return next(each for each in endpoints if each.role in {"monitor", "loader"})
 
     def start(
         self,
@@ -84,7 +86,7 @@ class Children:
         cwd: Path,
         log: Path,
         parts: Iterable[str] = (),
-    ) -> Child:
+    ) -> ManagedProcess:
         """Start a process in a session of its own, with its output going to `log`.
 
         It has a control channel, and one more for each of its `parts`, but for programs that know
@@ -95,7 +97,7 @@ class Children:
         """
         command = list(argv)
         self._logs.watch(log.parent)
-        named = () if role in _WITHOUT_CHANNEL else ("", *parts)
+        named = () if role in _ROLES_WITHOUT_CHANNEL else ("", *parts)
         channels = {part: socket.socketpair() for part in named}
         theirs = {part: pair[1] for part, pair in channels.items()}
         env = env | {
@@ -124,15 +126,17 @@ class Children:
         finally:
             for each in theirs.values():
                 each.close()
-        self._tell_watchdog(f"session {process.pid}\n")
-        child = Child(name, role, process, log, None, self._conceal)
+        self._notify_watchdog(f"session {process.pid}\n")
+        child = ManagedProcess(name, role, process, log, None, self._redact)
         for part, (ours, _) in channels.items():
-            speaker = child
+            endpoint = child
             if part:
-                speaker = child.parts[part] = Child(part, part, process, log, None, self._conceal)
-            speaker.connection = ours
-            self._selector.register(ours, selectors.EVENT_READ, speaker)
-        self._living[name] = child
+                endpoint = child.parts[part] = ManagedProcess(
+                    part, part, process, log, None, self._redact
+                )
+            endpoint.connection = ours
+            self._selector.register(ours, selectors.EVENT_READ, endpoint)
+        self._running[name] = child
         self._all.append(child)
         if self._on_start is not None:
             self._on_start(child)
@@ -149,16 +153,16 @@ class Children:
         """
         self._check_interrupt()
         for key, _ in self._selector.select(timeout_s):
-            child: Child = key.data
+            child: ManagedProcess = key.data
             if not child.read():
                 self._selector.unregister(key.fileobj)
-        for child in self._living.values():
-            for speaker in (child, *child.parts.values()):
-                self._raise_failure(speaker)
-        self._logs.keep_small()
-        for child in list(self._living.values()):
-            if child.process.poll() is not None and not child.ending:
-                self._raise_death(child)
+        for child in self._running.values():
+            for endpoint in (child, *child.parts.values()):
+                self._raise_failure(endpoint)
+        self._logs.truncate_large()
+        for child in list(self._running.values()):
+            if child.process.poll() is not None and not child.exit_expected:
+                self._raise_exit(child)
         self._check_interrupt()
 
     def pump_for(self, seconds: float) -> None:
@@ -171,21 +175,21 @@ class Children:
         while time.monotonic() < deadline:
             self.pump()
 
-    def _raise_failure(self, child: Child) -> None:
+    def _raise_failure(self, child: ManagedProcess) -> None:
         for message in child.inbox:
             if isinstance(message, protocol.Failed):
-                missing = message.code.startswith(_NOT_INSTALLED)
+                missing = message.code.startswith(_NOT_INSTALLED_PREFIX)
                 raise (NotInstalledError if missing else ProcessFailedError)(
-                    f"{child.name}: {self._conceal(message.message)}",
-                    hint=self._conceal(message.hint) or f"Its output is in {child.log}",
+                    f"{child.name}: {self._redact(message.message)}",
+                    hint=self._redact(message.hint) or f"Its output is in {child.log}",
                     code=message.code,
                 )
 
-    def _raise_death(self, child: Child) -> None:
+    def _raise_exit(self, child: ManagedProcess) -> None:
         # Its last words may still be in the socket.
-        for speaker in (child, *child.parts.values()):
-            if speaker.read():
-                self._raise_failure(speaker)
+        for endpoint in (child, *child.parts.values()):
+            if endpoint.read():
+                self._raise_failure(endpoint)
         tail = child.log_tail()
         said = f"; the last it printed:\n{tail}" if tail else "; it printed nothing"
         raise ProcessDiedError(
@@ -193,7 +197,9 @@ class Children:
             hint=f"Its whole output is in {child.log}",
         )
 
-    def ask(self, child: Child, command: Any, kind: type[_Answer], timeout_s: float) -> _Answer:
+    def request(
+        self, child: ManagedProcess, command: Any, kind: type[_Answer], timeout_s: float
+    ) -> _Answer:
         """Send a command and wait for its answer.
 
         Raises:
@@ -202,7 +208,7 @@ class Children:
         child.send(command)
         return self.answer(child, kind, timeout_s)
 
-    def answer(self, child: Child, kind: type[_Answer], timeout_s: float) -> _Answer:
+    def answer(self, child: ManagedProcess, kind: type[_Answer], timeout_s: float) -> _Answer:
         """Wait for an answer of a kind.
 
         Raises:
@@ -222,34 +228,35 @@ class Children:
                 )
             self.pump()
 
-    def end(self, children: Iterable[Child]) -> None:
+    def end(self, children: Iterable[ManagedProcess]) -> None:
         """End some processes, one after another: asked, then told, then killed."""
-        ended = [child for child in children if child.name in self._living]
-        self._killed += end_in_turn(ended, self._logs.keep_small)
+        ended = [child for child in children if child.name in self._running]
+        in_turn_s = middleware_of(os.environ).exit_in_turn_s
+        self._killed += end_sequentially(ended, self._logs.truncate_large, in_turn_s)
         for child in ended:
             self._forget(child)
 
     def close(self) -> list[str]:
         """End everything, and leave nothing behind. Returns the names of what had to be killed."""
-        self.end(list(self._living.values()))
+        self.end(list(self._running.values()))
         sessions = [child.pid for child in self._all]
         self._killed += clean_up(
-            self._run_id, sessions, grace_s=GRACE_S, since_s=self._began_s - 1.0
+            self._run_id, sessions, grace_s=MAX_SIGTERM_S, since_s=self._began_s - 1.0
         )
-        self._tell_watchdog("done\n")
+        self._notify_watchdog("done\n")
         with contextlib.suppress(OSError):
             if self._watchdog.stdin is not None:
                 self._watchdog.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._watchdog.wait(5.0)
         self._selector.close()
-        self._logs.keep_small(now=True)
+        self._logs.truncate_large(now=True)
         return self._killed
 
     @property
-    def cut_logs(self) -> list[Path]:
+    def truncated_logs(self) -> list[Path]:
         """The logs of which a part had to be cut out."""
-        return self._logs.cut
+        return self._logs.truncated
 
     def records(self) -> tuple[ProcessRecord, ...]:
         """Every process that was started, with how it ended."""
@@ -260,15 +267,15 @@ class Children:
             for child in self._all
         )
 
-    def _forget(self, child: Child) -> None:
-        del self._living[child.name]
-        for speaker in (child, *child.parts.values()):
-            if speaker.connection is not None:
+    def _forget(self, child: ManagedProcess) -> None:
+        del self._running[child.name]
+        for endpoint in (child, *child.parts.values()):
+            if endpoint.connection is not None:
                 with contextlib.suppress(KeyError, ValueError):
-                    self._selector.unregister(speaker.connection)
-                speaker.connection.close()
+                    self._selector.unregister(endpoint.connection)
+                endpoint.connection.close()
 
-    def _tell_watchdog(self, line: str) -> None:
+    def _notify_watchdog(self, line: str) -> None:
         if self._watchdog.stdin is not None:
             with contextlib.suppress(OSError):
                 self._watchdog.stdin.write(line.encode())

@@ -10,7 +10,7 @@ from r2bspec.judge.verdict import ShareTest
 from r2bspec.judge.verdict_wording import clustering
 from r2bspec.measure.units import show
 
-_MOST = 100
+_MAX_RUN_FACTOR = 100
 """Runs more than this many times longer are not worth proposing."""
 
 
@@ -23,7 +23,10 @@ def settle_share(question: Question, test: ShareTest, things: str = "messages") 
         )
     inflation = test.n / test.effective_n
     needed = messages_to_settle(
-        test.share, test.allowed, question.confidence, most=_MOST * test.effective_n
+        test.share,
+        test.allowed,
+        question.confidence,
+        max_messages=_MAX_RUN_FACTOR * test.effective_n,
     )
     if needed is None:
         return (
@@ -36,12 +39,12 @@ def settle_share(question: Question, test: ShareTest, things: str = "messages") 
     iterations = math.ceil(needed * len(question.iterations) / test.n)
     iterations = max(iterations, len(question.iterations) + 1)
     return (
-        f"{_blame(question, test, things)}About {iterations} iterations like these (some "
+        f"{_clustering_note(question, test, things)}About {iterations} iterations like these (some "
         f"{show(needed, 'count')} {things}) would settle it, if the share stays what it is."
     )
 
 
-def _blame(question: Question, test: ShareTest, things: str) -> str:
+def _clustering_note(question: Question, test: ShareTest, things: str) -> str:
     """That it is the bursts which leave it open, where it is."""
     counts = test.over, test.n, question.confidence
     if test.effective_n >= test.n:

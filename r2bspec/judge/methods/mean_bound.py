@@ -14,27 +14,27 @@ from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.t_interval import MeanInterval, iterations_to_settle, mean_interval
 from r2bspec.judge.verdict import Outcome
 from r2bspec.measure.metric_catalogue import MetricInfo
-from r2bspec.measure.metric_values import value
+from r2bspec.measure.metric_values import metric_value
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.measure.units import show
 
-_MOST_ITERATIONS = 200
+_MAX_ITERATIONS = 200
 """More than this many are not worth proposing."""
 
-_CLOCK_S = 1e-6
+_CLOCK_RESOLUTION_S = 1e-6
 """Times are taken by software between system calls: nothing below a microsecond means anything."""
 
-_TICK_S = 0.01
+_CPU_TICK_S = 0.01
 """Linux accounts processor time in ticks of 10 ms."""
 
-_PAGE_B = 4096.0
+_PAGE_BYTES = 4096.0
 
 
 def judge_mean(question: Question) -> Answer:
     """Decide a requirement on a mean."""
     values: list[float] = []
     for one in question.iterations:
-        found = value(question.info, question.monitor, one)
+        found = metric_value(question.info, question.monitor, one)
         if found is None:
             return _no_value(question, one)
         values.append(found)
@@ -53,7 +53,7 @@ def judge_mean(question: Question) -> Answer:
     interval = mean_interval(values, question.confidence, _resolution(question, values), inflation)
     towards, against = (
         (interval.upper, interval.lower)
-        if question.wants_less
+        if question.is_upper_bound
         else (interval.lower, interval.upper)
     )
     outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
@@ -92,20 +92,20 @@ def _resolution(question: Question, values: list[float]) -> float:
     """The smallest difference in a value of this metric that the clocks can show."""
     segment = question.iterations[0].segment
     window_s = (segment.ended_ns - segment.began_ns) / 1e9
-    return resolution(question.info, max(values), max(window_s, _CLOCK_S))
+    return resolution(question.info, max(values), max(window_s, _CLOCK_RESOLUTION_S))
 
 
 def resolution(info: MetricInfo, typical: float, window_s: float) -> float:
     """The resolution of a metric of the size `typical` over a window of `window_s` seconds."""
     match info.dimension:
         case "time":
-            return _CLOCK_S
+            return _CLOCK_RESOLUTION_S
         case "rate":
-            return typical * _CLOCK_S / window_s
+            return typical * _CLOCK_RESOLUTION_S / window_s
         case "share":
-            return _TICK_S / window_s
+            return _CPU_TICK_S / window_s
         case "size":
-            return _PAGE_B
+            return _PAGE_BYTES
         case _:
             return 0.0
 
@@ -126,14 +126,14 @@ def _reason(
         )
     bound = question.requirement.bound
     limit = f"; the limit is {question.limit_text}" if bound and bound.of_offered else ""
-    if (outcome == "pass") == question.wants_less:
+    if (outcome == "pass") == question.is_upper_bound:
         return f"{mean}, {sure} at most {upper}{limit}."
     return f"{mean}, {sure} at least {lower}{limit}."
 
 
 def _settle(question: Question, interval: MeanInterval, inflation: float) -> str:
     needed = iterations_to_settle(
-        interval.mean, interval.deviation, question.limit, question.confidence, _MOST_ITERATIONS
+        interval.mean, interval.deviation, question.limit, question.confidence, _MAX_ITERATIONS
     )
     if needed is None:
         return (

@@ -12,32 +12,32 @@ import math
 import numpy as np
 
 from r2bspec.judge.decision import Answer, Question
-from r2bspec.judge.statistics.rule_of_three import share_at_most
-from r2bspec.judge.verdict_wording import things
-from r2bspec.measure.metric_values import value
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
+from r2bspec.judge.verdict_wording import counted_noun
+from r2bspec.measure.metric_values import metric_value
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.pooling import pool_monitor
-from r2bspec.measure.samples import LOSSES_COUNT, MonitorSamples
+from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, MonitorSamples
 from r2bspec.measure.units import show
 
-_ADDED = ("sent", "received", "missed", "duplicates", "reordered", "unmatched")
-_BAD = ("missed", "duplicates", "reordered", "unmatched")
+_COUNT_METRICS = ("sent", "received", "missed", "duplicates", "reordered", "unmatched")
+_FAULT_COUNTS = ("missed", "duplicates", "reordered", "unmatched")
 """Counts of which none is the best there can be, so that none seen is worth a rule of three."""
 
 
 def judge_observation(question: Question) -> Answer:
     """Compare what was seen in all iterations with the limit."""
-    seen = observed(question)
+    seen = observed_value(question)
     if seen is None:
         return Answer(
             outcome="inconclusive",
             method="none",
             reason=f"There is no value of {question.info.name} in these iterations.",
         )
-    n = _messages(question)
+    n = _count_messages(question)
     holds = question.holds(seen)
-    counts = holds and n > 0 and _of_single_messages(question, seen)
-    rule = share_at_most(n, question.confidence) if counts else None
+    counts = holds and n > 0 and _bounds_single_messages(question, seen)
+    rule = zero_failure_bound(n, question.confidence) if counts else None
     return Answer(
         outcome="pass" if holds else "fail",
         method="observation",
@@ -48,7 +48,7 @@ def judge_observation(question: Question) -> Answer:
     )
 
 
-def observed(question: Question) -> float | None:
+def observed_value(question: Question) -> float | None:
     """The value over all iterations: extremes of extremes, sums of counts, the mean of means."""
     info = question.info
     if info.quantile is not None:
@@ -56,14 +56,14 @@ def observed(question: Question) -> float | None:
     values = [
         found
         for one in question.iterations
-        if (found := value(info, question.monitor, one)) is not None
+        if (found := metric_value(info, question.monitor, one)) is not None
     ]
     if not values:
         return None
-    if info.name in _ADDED:
+    if info.name in _COUNT_METRICS:
         return sum(values)
     if info.name == "drop_rate":
-        pooled = pool_monitor(_monitors(question))
+        pooled = pool_monitor(_monitor_samples(question))
         return pooled.missed / pooled.expected if pooled.expected else None
     if info.part == "min":
         return min(values)
@@ -75,21 +75,21 @@ def _pooled_percentile(question: Question, quantile: float) -> float | None:
     if question.info.scope == "playback":
         lateness = np.concatenate([one.playback.lateness for one in question.iterations])
         return percentile(lateness, quantile)
-    pooled = pool_monitor(_monitors(question))
-    lost = pooled.missed if family in LOSSES_COUNT else 0
+    pooled = pool_monitor(_monitor_samples(question))
+    lost = pooled.missed if family in LOSS_SENSITIVE_FAMILIES else 0
     return percentile(pooled.times[family], quantile, lost)
 
 
-def _monitors(question: Question) -> list[MonitorSamples]:
+def _monitor_samples(question: Question) -> list[MonitorSamples]:
     return [one.monitors[question.monitor or ""] for one in question.iterations]
 
 
-def _messages(question: Question) -> int:
+def _count_messages(question: Question) -> int:
     """How many messages were looked at; for processes, which have none, how many iterations."""
     info = question.info
     if info.scope == "monitor":
-        seen = _monitors(question)
-        if info.family in seen[0].times and info.family not in LOSSES_COUNT:
+        seen = _monitor_samples(question)
+        if info.family in seen[0].times and info.family not in LOSS_SENSITIVE_FAMILIES:
             return sum(one.times[info.family].size for one in seen)
         return sum(one.expected for one in seen)
     if info.scope == "playback":
@@ -97,36 +97,36 @@ def _messages(question: Question) -> int:
     return len(question.iterations)
 
 
-def _of_single_messages(question: Question, seen: float) -> bool:
+def _bounds_single_messages(question: Question, seen: float) -> bool:
     """Whether the observation is that no single message broke the bound."""
     info = question.info
     if info.scope not in {"monitor", "playback"}:
         return False
-    return info.part in {"min", "max"} or (info.name in _BAD and seen == 0)
+    return info.part in {"min", "max"} or (info.name in _FAULT_COUNTS and seen == 0)
 
 
 def _reason(question: Question, seen: float, n: int, rule: float | None) -> str:
-    what = _what(question, seen, n)
+    what = _observation_text(question, seen, n)
     if rule is None:
         return f"{what}."
     return (
         f"{what}. This was seen, not proved: at {question.confidence_text} up to "
-        f"{show(rule, 'share', 2)} of {things(question)} may still break it."
+        f"{show(rule, 'share', 2)} of {counted_noun(question)} may still break it."
     )
 
 
-def _what(question: Question, seen: float, n: int) -> str:
+def _observation_text(question: Question, seen: float, n: int) -> str:
     info = question.info
     if info.part in {"min", "max"}:
         extreme = "smallest" if info.part == "min" else "largest"
         if math.isinf(seen):
-            missed = sum(one.missed for one in _monitors(question))
+            missed = sum(one.missed for one in _monitor_samples(question))
             return f"{show(missed, 'count')} of {show(n, 'count')} outputs never came"
-        of = f"{show(n, 'count')} {things(question)}"
+        of = f"{show(n, 'count')} {counted_noun(question)}"
         if info.scope not in {"monitor", "playback"}:
             of = f"{n} iteration{'s' if n > 1 else ''}"
         return f"The {extreme} in {of} is {show(seen, info.unit)}"
-    if info.name in _ADDED:
+    if info.name in _COUNT_METRICS:
         if question.iterations[0].live:
             count = len(question.iterations)
             return f"{show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"

@@ -26,7 +26,7 @@ def judge_peak(question: Question, search: SearchRecord | None) -> Answer:
     upper = search.upper_hz
     at_least = _at_least(question, lower)
     below = upper is not None and _below(question, upper)
-    passes, fails = (below, at_least) if question.wants_less else (at_least, below)
+    passes, fails = (below, at_least) if question.is_upper_bound else (at_least, below)
     outcome = decide(passes=passes, fails=fails)
     return Answer(
         outcome=outcome,
@@ -61,9 +61,9 @@ def _reason(search: SearchRecord, lower: float | None, upper: float | None) -> s
     probes = f"{len(search.probes)} probe{'s' if len(search.probes) > 1 else ''}"
     if lower is None:
         lowest = min(probe.rate_hz for probe in search.probes)
-        return f"In {probes}, not even {show(lowest, 'Hz')} held{_open(search)}."
+        return f"In {probes}, not even {show(lowest, 'Hz')} held{_undecided_text(search)}."
     if upper is not None:
-        between = _open(search)
+        between = _undecided_text(search)
         return f"In {probes}, {show(lower, 'Hz')} held and {show(upper, 'Hz')} did not{between}."
     why = {
         "range": "which is the end of the search's range",
@@ -72,7 +72,7 @@ def _reason(search: SearchRecord, lower: float | None, upper: float | None) -> s
     return f"In {probes}, {show(lower, 'Hz')} held, {why}."
 
 
-def _open(search: SearchRecord) -> str:
+def _undecided_text(search: SearchRecord) -> str:
     """What stayed open between the ends of the bracket."""
     rates = search.open_hz
     if not rates:

@@ -15,12 +15,16 @@ import numpy as np
 
 from r2bspec.judge.decision import Answer, Question, decide
 from r2bspec.judge.methods.forecast import settle_share
-from r2bspec.judge.statistics.binomial import lower_bound, upper_bound, withstands
-from r2bspec.judge.statistics.order_statistics import Ranked, allowed_share, percentile_interval
+from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
+from r2bspec.judge.statistics.order_statistics import (
+    RankedMessages,
+    allowed_share,
+    percentile_interval,
+)
 from r2bspec.judge.verdict import ShareTest
 from r2bspec.judge.verdict_wording import share_sentence
 from r2bspec.measure.latency import Seconds
-from r2bspec.measure.samples import LOSSES_COUNT
+from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES
 
 
 def judge_percentile(question: Question) -> Answer:
@@ -28,15 +32,15 @@ def judge_percentile(question: Question) -> Answer:
     quantile = question.info.quantile
     if quantile is None:
         raise ValueError(f"{question.info.name} is no percentile")
-    pieces, lost = _pieces(question)
-    ranked = Ranked(pieces)
+    pieces, lost = _values_by_iteration(question)
+    ranked = RankedMessages(pieces)
     if not ranked.n:
         return Answer(outcome="inconclusive", method="none", reason="There is nothing to judge.")
     interval = percentile_interval(ranked, quantile, question.confidence)
     share = _share_test(question, ranked, lost, quantile)
     towards, against = (
         (interval.upper, interval.lower)
-        if question.wants_less
+        if question.is_upper_bound
         else (interval.lower, interval.upper)
     )
     outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
@@ -56,18 +60,20 @@ def judge_percentile(question: Question) -> Answer:
     )
 
 
-def _pieces(question: Question) -> tuple[list[Seconds], int]:
+def _values_by_iteration(question: Question) -> tuple[list[Seconds], int]:
     """The messages of each iteration, in order, and how many are lost (infinitely off)."""
     family = question.info.family
     if question.info.scope == "playback":
         return [one.playback.lateness for one in question.iterations], 0
     seen = [one.monitors[question.monitor or ""] for one in question.iterations]
-    lost = sum(one.missed for one in seen) if family in LOSSES_COUNT else 0
-    worst = math.inf if question.wants_less else -math.inf
+    lost = sum(one.missed for one in seen) if family in LOSS_SENSITIVE_FAMILIES else 0
+    worst = math.inf if question.is_upper_bound else -math.inf
     return [one.in_order(family, worst) for one in seen], lost
 
 
-def _share_test(question: Question, ranked: Ranked, lost: int, quantile: float) -> ShareTest:
+def _share_test(
+    question: Question, ranked: RankedMessages, lost: int, quantile: float
+) -> ShareTest:
     """How many messages are on the wrong side of the limit, and how many may be.
 
     A floor (> L) fails on the messages that are at or below it: the ceiling's test, negated.
@@ -76,26 +82,26 @@ def _share_test(question: Question, ranked: Ranked, lost: int, quantile: float) 
     side = "left" if question.requirement.op in {"<", ">="} else "right"
     within = int(np.searchsorted(ranked.ordered, question.limit, side=side))  # type: ignore[call-overload]
     n, above = ranked.n, ranked.n - within
-    worth = ranked.worth(above, largest=question.wants_less)
-    counts = above / worth.inflation, n / worth.inflation
+    sample = ranked.effective_sample(above, largest=question.is_upper_bound)
+    counts = above / sample.inflation, n / sample.inflation
     lower = lower_bound(*counts, question.confidence)
     upper = upper_bound(*counts, question.confidence)
-    if question.wants_less:
+    if question.is_upper_bound:
         allowed = allowed_share(quantile)
-        stands = withstands(above, n, allowed, question.confidence)
+        tolerance = burst_tolerance(above, n, allowed, question.confidence)
     else:
         lower, upper = 1 - upper, 1 - lower
-        allowed, stands = quantile, None
+        allowed, tolerance = quantile, None
     return ShareTest(
         n=n,
-        effective_n=worth.messages,
-        over=worth.bad,
-        bursts=worth.bursts,
-        clustering=worth.cause,
+        effective_n=sample.messages,
+        over=sample.bad,
+        bursts=sample.bursts,
+        clustering=sample.cause,
         lost=lost,
-        share=worth.bad / n,
+        share=sample.bad / n,
         lower=lower,
         upper=upper,
         allowed=allowed,
-        withstands=stands,
+        withstands=tolerance,
     )

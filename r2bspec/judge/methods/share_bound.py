@@ -6,8 +6,8 @@ import numpy as np
 
 from r2bspec.judge.decision import Answer, Question, decide
 from r2bspec.judge.methods.forecast import settle_share
-from r2bspec.judge.statistics.binomial import lower_bound, upper_bound, withstands
-from r2bspec.judge.statistics.effective_sample_size import Effective, effective
+from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
+from r2bspec.judge.statistics.effective_sample_size import EffectiveSample, effective_sample
 from r2bspec.judge.verdict import ShareTest
 from r2bspec.judge.verdict_wording import share_sentence
 
@@ -15,13 +15,19 @@ from r2bspec.judge.verdict_wording import share_sentence
 def judge_share(question: Question) -> Answer:
     """Decide a requirement on ``drop_rate``: steps without an answer, of the steps sent."""
     seen = [one.monitors[question.monitor or ""] for one in question.iterations]
-    worth = effective([np.logical_not(one.steps.answered) for one in seen])
-    if not worth.n:
+    sample = effective_sample([np.logical_not(one.steps.answered) for one in seen])
+    if not sample.n:
         return Answer(outcome="inconclusive", method="none", reason="No step was played.")
     test = share_test(
-        worth, question.limit, question.confidence, lost=worth.bad, ceiling=question.wants_less
+        sample,
+        question.limit,
+        question.confidence,
+        lost=sample.bad,
+        ceiling=question.is_upper_bound,
     )
-    towards, against = (test.upper, test.lower) if question.wants_less else (test.lower, test.upper)
+    towards, against = (
+        (test.upper, test.lower) if question.is_upper_bound else (test.lower, test.upper)
+    )
     outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
     return Answer(
         outcome=outcome,
@@ -40,27 +46,32 @@ def judge_share(question: Question) -> Answer:
 
 
 def share_test(
-    worth: Effective, allowed: float, confidence: float, *, lost: int = 0, ceiling: bool = True
+    sample: EffectiveSample,
+    allowed: float,
+    confidence: float,
+    *,
+    lost: int = 0,
+    ceiling: bool = True,
 ) -> ShareTest:
     """The binomial test on counts whose effective number is known.
 
     Args:
-        worth: the counts.
+        sample: the counts.
         allowed: the share that is allowed, or, where `ceiling` is False, demanded.
         confidence: of each bound by itself.
         lost: how many of the bad ones never arrived.
         ceiling: whether few are good.
     """
     return ShareTest(
-        n=worth.n,
-        effective_n=worth.messages,
-        over=worth.bad,
-        bursts=worth.bursts,
-        clustering=worth.cause,
+        n=sample.n,
+        effective_n=sample.messages,
+        over=sample.bad,
+        bursts=sample.bursts,
+        clustering=sample.cause,
         lost=lost,
-        share=worth.bad / worth.n,
-        lower=lower_bound(worth.bad_messages, worth.messages, confidence),
-        upper=upper_bound(worth.bad_messages, worth.messages, confidence),
+        share=sample.bad / sample.n,
+        lower=lower_bound(sample.bad_messages, sample.messages, confidence),
+        upper=upper_bound(sample.bad_messages, sample.messages, confidence),
         allowed=allowed,
-        withstands=withstands(worth.bad, worth.n, allowed, confidence) if ceiling else None,
+        withstands=burst_tolerance(sample.bad, sample.n, allowed, confidence) if ceiling else None,
     )

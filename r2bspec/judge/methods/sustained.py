@@ -21,7 +21,7 @@ from r2bspec.judge.verdict import Outcome
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import Probe
 
-_KEPT: Final = {True: "held", False: "did not hold", None: "stayed open"}
+_ANSWER_TEXTS: Final = {True: "held", False: "did not hold", None: "stayed open"}
 _OUTCOMES: Final[dict[bool | None, Outcome]] = {True: "pass", False: "fail", None: "inconclusive"}
 
 _SETTLE = (
@@ -55,7 +55,7 @@ def judge_sustained(question: Question, probes: Iterable[Probe]) -> Answer:
     return Answer(
         outcome=_OUTCOMES[probe.holds],
         method="sequential probe",
-        reason=f"{show(probe.rate_hz, 'Hz')} {_KEPT[probe.holds]}{said} ({came}).",
+        reason=f"{show(probe.rate_hz, 'Hz')} {_ANSWER_TEXTS[probe.holds]}{said} ({came}).",
         settle=_SETTLE if probe.holds is None else "",
         estimate=probe.delivered_hz,
         n=1,

@@ -13,19 +13,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from r2bspec.judge.decision import Answer, Question, Windows, decide
+from r2bspec.judge.decision import Answer, Question, WindowCondition, decide
 from r2bspec.judge.methods.forecast import settle_share
 from r2bspec.judge.methods.share_bound import share_test
-from r2bspec.judge.statistics.effective_sample_size import Effective, Flags, effective
-from r2bspec.judge.statistics.order_statistics import Ranked, allowed_share, percentile_interval
+from r2bspec.judge.statistics.effective_sample_size import (
+    BadFlags,
+    EffectiveSample,
+    effective_sample,
+)
+from r2bspec.judge.statistics.order_statistics import (
+    RankedMessages,
+    allowed_share,
+    percentile_interval,
+)
 from r2bspec.judge.verdict import Outcome, ShareTest
-from r2bspec.judge.verdict_wording import share_sentence, things
+from r2bspec.judge.verdict_wording import counted_noun, share_sentence
 from r2bspec.measure.latency import Seconds
 from r2bspec.measure.units import show
 from r2bspec.measure.windows import WindowValues, has_windows, window_values
 
 
-def judge_windows(question: Question, asked: Windows) -> Answer:
+def judge_windows(question: Question, windows: WindowCondition) -> Answer:
     """Decide a requirement that must hold in a share of windows."""
     if not has_windows(question.info):
         return Answer(
@@ -33,21 +41,23 @@ def judge_windows(question: Question, asked: Windows) -> Answer:
             method="none",
             reason=f"{question.info.name} has no value in a window, only in a run.",
         )
-    worst = math.inf if question.wants_less else -math.inf
+    worst = math.inf if question.is_upper_bound else -math.inf
     found = [
-        window_values(question.info, question.monitor or "", one, asked.window_ns, worst)
+        window_values(question.info, question.monitor or "", one, windows.window_ns, worst)
         for one in question.iterations
     ]
     pieces = [np.array(one.values) for one in found]
     if not any(piece.size for piece in pieces):
-        return _none(question, asked, found)
+        return _without_windows(question, windows, found)
     if question.requirement.op in {"==", "!="}:
-        return _compared(question, asked, pieces)
-    return _ranked(question, asked, pieces)
+        return _judge_equality(question, windows, pieces)
+    return _judge_ordered(question, windows, pieces)
 
 
-def _none(question: Question, asked: Windows, found: list[WindowValues]) -> Answer:
-    length = show(asked.window_ns / 1e9, "s")
+def _without_windows(
+    question: Question, windows: WindowCondition, found: list[WindowValues]
+) -> Answer:
+    length = show(windows.window_ns / 1e9, "s")
     if any(one.without for one in found):
         reason = f"A window of {length} holds too few messages for {question.info.name}."
     else:
@@ -60,37 +70,37 @@ def _none(question: Question, asked: Windows, found: list[WindowValues]) -> Answ
     )
 
 
-def _ranked(question: Question, asked: Windows, pieces: list[Seconds]) -> Answer:
+def _judge_ordered(question: Question, windows: WindowCondition, pieces: list[Seconds]) -> Answer:
     """The test with its bounds in the metric's unit."""
-    sign = 1.0 if question.wants_less else -1.0
-    ranked = Ranked([sign * piece for piece in pieces])
-    interval = percentile_interval(ranked, asked.share, question.confidence)
+    sign = 1.0 if question.is_upper_bound else -1.0
+    ranked = RankedMessages([sign * piece for piece in pieces])
+    interval = percentile_interval(ranked, windows.share, question.confidence)
     outcome = decide(
         passes=question.holds(sign * interval.upper),
         fails=not question.holds(sign * interval.lower),
     )
     bad = sum(int(np.count_nonzero(flags)) for flags in _bad(question, pieces))
-    test = _test(question, asked, ranked.worth(bad))
+    test = _test(question, windows, ranked.effective_sample(bad))
     lower, upper = sorted((sign * interval.lower, sign * interval.upper))
     answer = _answer(question, test, outcome)
     return replace(answer, estimate=sign * interval.estimate, lower=lower, upper=upper)
 
 
-def _compared(question: Question, asked: Windows, pieces: list[Seconds]) -> Answer:
+def _judge_equality(question: Question, windows: WindowCondition, pieces: list[Seconds]) -> Answer:
     """The test alone: with == and != the windows' values have no order that matters."""
-    test = _test(question, asked, effective(_bad(question, pieces)))
+    test = _test(question, windows, effective_sample(_bad(question, pieces)))
     outcome = decide(passes=test.upper <= test.allowed, fails=test.lower > test.allowed)
     return _answer(question, test, outcome)
 
 
-def _bad(question: Question, pieces: list[Seconds]) -> list[Flags]:
+def _bad(question: Question, pieces: list[Seconds]) -> list[BadFlags]:
     return [
         np.array([not question.holds(value) for value in piece], dtype=np.bool_) for piece in pieces
     ]
 
 
-def _test(question: Question, asked: Windows, worth: Effective) -> ShareTest:
-    return share_test(worth, allowed_share(asked.share), question.confidence)
+def _test(question: Question, windows: WindowCondition, sample: EffectiveSample) -> ShareTest:
+    return share_test(sample, allowed_share(windows.share), question.confidence)
 
 
 def _answer(question: Question, test: ShareTest, outcome: Outcome) -> Answer:
@@ -98,7 +108,9 @@ def _answer(question: Question, test: ShareTest, outcome: Outcome) -> Answer:
         outcome=outcome,
         method="binomial over windows",
         reason=share_sentence(question, test, outcome),
-        settle=settle_share(question, test, things(question)) if outcome == "inconclusive" else "",
+        settle=settle_share(question, test, counted_noun(question))
+        if outcome == "inconclusive"
+        else "",
         n=test.n,
         effective_n=test.effective_n,
         over=test.over,

@@ -21,14 +21,14 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-_LEAST = 5
-_MOST = 0.9
+_MIN_VALUES = 5
+_MAX_AUTOCORRELATION = 0.9
 
 
 def serial_inflation(values: Sequence[float]) -> float:
     """F above, at least 1, of values in the order of time."""
     m = len(values)
-    if m < _LEAST:
+    if m < _MIN_VALUES:
         return 1.0
     mean = math.fsum(values) / m
     deviations = [value - mean for value in values]
@@ -38,6 +38,6 @@ def serial_inflation(values: Sequence[float]) -> float:
     r_1 = math.fsum(a * b for a, b in pairwise(deviations)) / squares
     if r_1 + 1 / m <= 1 / math.sqrt(m):
         return 1.0
-    r = min(_MOST, r_1 + (1 + 4 * r_1) / m)
+    r = min(_MAX_AUTOCORRELATION, r_1 + (1 + 4 * r_1) / m)
     # Digits that the order of additions decides are cut off.
     return round((1 + r) / (1 - r), 6)

@@ -63,7 +63,7 @@ def last_true(holds: Callable[[int], bool], low: int, high: int) -> int:
     return low
 
 
-def withstands(k: float, n: float, allowed: float, confidence: float) -> float | None:
+def burst_tolerance(k: float, n: float, allowed: float, confidence: float) -> float | None:
     """The mean length of bursts up to which k of n still show a share of at most `allowed`.
 
     Bursts of the mean length L inflate the variance by about F = 2 L - 1, so that k and n are
@@ -86,17 +86,19 @@ def withstands(k: float, n: float, allowed: float, confidence: float) -> float |
     return (low + 1) / 2
 
 
-def messages_to_settle(share: float, allowed: float, confidence: float, most: float) -> int | None:
+def messages_to_settle(
+    share: float, allowed: float, confidence: float, max_messages: float
+) -> int | None:
     """About how many messages decide for or against `allowed`, if a share `share` stays over.
 
     The smallest n of a geometric series (steps of 5 %) at which the test with k = round(n share)
     decides. A forecast, for the reader who asks how much longer to run, and no part of a test.
 
     Returns:
-        None if more than `most` are needed: the share is too close to what is allowed.
+        None if more than `max_messages` are needed: the share is too close to what is allowed.
     """
     n = 10.0
-    while n <= most:
+    while n <= max_messages:
         whole = math.ceil(n)
         k = round(whole * share)
         if upper_bound(k, whole, confidence) <= allowed:

@@ -42,22 +42,22 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 Clustering = Literal["", "bursts", "stretches", "iterations"]
 
-Flags = NDArray[np.bool_]
+BadFlags = NDArray[np.bool_]
 """Which of the messages of one iteration are bad, in the order of the steps; shape (n,)."""
 
-_FARTHEST = 200
+_MAX_LAG = 200
 """Messages; what is correlated over a longer distance shows between iterations."""
-_SHARE_OF_ITERATION = 4
+_LAG_DIVISOR = 4
 
-_LEAST_ITERATIONS = 5
+_MIN_ITERATIONS = 5
 """Fewer iterations say next to nothing about how much iterations differ."""
 
-_REFERENCE = 0.95
-_LONGEST_KNOWN = 0.999
+_REFERENCE_CONFIDENCE = 0.95
+_MAX_AUTOCORRELATION = 0.999
 
 
 @dataclass(frozen=True)
-class Effective:
+class EffectiveSample:
     """What a number of messages is worth.
 
     Attributes:
@@ -85,16 +85,18 @@ class Effective:
         return self.bad / self.inflation
 
 
-def effective(pieces: Sequence[Flags]) -> Effective:
+def effective_sample(pieces: Sequence[BadFlags]) -> EffectiveSample:
     """What the messages of some iterations are worth.
 
     Args:
         pieces: one array for each iteration, in the order they were played.
     """
-    return effective_rows(in_rows(pieces, fill=False), np.array([one.size for one in pieces]))
+    return effective_sample_of_rows(
+        pad_rows(pieces, fill=False), np.array([one.size for one in pieces])
+    )
 
 
-def in_rows(pieces: Sequence[NDArray[_Scalar]], fill: object) -> NDArray[_Scalar]:
+def pad_rows(pieces: Sequence[NDArray[_Scalar]], fill: object) -> NDArray[_Scalar]:
     """Arrays of different lengths as the rows of one, `fill` behind the shorter ones."""
     longest = max((piece.size for piece in pieces), default=0)
     rows: NDArray[_Scalar] = np.full((len(pieces), longest), fill)
@@ -103,7 +105,7 @@ def in_rows(pieces: Sequence[NDArray[_Scalar]], fill: object) -> NDArray[_Scalar
     return rows
 
 
-def effective_rows(flags: Flags, sizes: NDArray[np.int64]) -> Effective:
+def effective_sample_of_rows(flags: BadFlags, sizes: NDArray[np.int64]) -> EffectiveSample:
     """What the messages of some iterations are worth, which are the rows of one array.
 
     Args:
@@ -115,22 +117,24 @@ def effective_rows(flags: Flags, sizes: NDArray[np.int64]) -> Effective:
     bad = int(counts.sum())
     bursts, longest = _bursts(flags)
     if not 0 < bad < n:
-        return Effective(n=n, bad=bad, bursts=bursts, inflation=1.0, cause="")
+        return EffectiveSample(n=n, bad=bad, bursts=bursts, inflation=1.0, cause="")
     estimates: dict[Clustering, float] = {
         "": 1.0,
-        "bursts": _of_bursts(n, bad, bursts, longest),
-        "stretches": _of_stretches(flags, sizes, bad / n),
-        "iterations": _of_iterations(counts, sizes, bad / n),
+        "bursts": _burst_inflation(n, bad, bursts, longest),
+        "stretches": _autocorrelation_inflation(flags, sizes, bad / n),
+        "iterations": _iteration_inflation(counts, sizes, bad / n),
     }
     # Digits that the order of additions decides, which differs between processors, are cut off
     # before anything is compared. One message is the least that a run with any can be worth.
     cause, largest = max(
         ((cause, round(found, 6)) for cause, found in estimates.items()), key=lambda one: one[1]
     )
-    return Effective(n=n, bad=bad, bursts=bursts, inflation=min(largest, float(n)), cause=cause)
+    return EffectiveSample(
+        n=n, bad=bad, bursts=bursts, inflation=min(largest, float(n)), cause=cause
+    )
 
 
-def _bursts(flags: Flags) -> tuple[int, int]:
+def _bursts(flags: BadFlags) -> tuple[int, int]:
     """How many bursts there are, and how long the longest is."""
     if not flags.size:
         return 0, 0
@@ -142,17 +146,17 @@ def _bursts(flags: Flags) -> tuple[int, int]:
     return int(lengths.size), int(lengths.max(initial=0))
 
 
-def _of_bursts(n: int, bad: int, bursts: int, longest: int) -> float:
+def _burst_inflation(n: int, bad: int, bursts: int, longest: int) -> float:
     if longest < 2:
         return 1.0
     mean = (bad + longest) / bursts
-    r = min(1 - 1 / (mean * (1 - bad / n)), _LONGEST_KNOWN)
+    r = min(1 - 1 / (mean * (1 - bad / n)), _MAX_AUTOCORRELATION)
     return (1 + r) / (1 - r)
 
 
-def _of_stretches(flags: Flags, sizes: NDArray[np.int64], p: float) -> float:
+def _autocorrelation_inflation(flags: BadFlags, sizes: NDArray[np.int64], p: float) -> float:
     filled = sizes[sizes > 0]
-    lags = min(_FARTHEST, int(filled.min()) // _SHARE_OF_ITERATION)
+    lags = min(_MAX_LAG, int(filled.min()) // _LAG_DIVISOR)
     if lags < 2:
         return 1.0
     inside = np.arange(flags.shape[1]) < sizes[:, np.newaxis]
@@ -162,19 +166,19 @@ def _of_stretches(flags: Flags, sizes: NDArray[np.int64], p: float) -> float:
     return inflation(r / r[0])
 
 
-def _of_iterations(counts: NDArray[np.int64], sizes: NDArray[np.int64], p: float) -> float:
+def _iteration_inflation(counts: NDArray[np.int64], sizes: NDArray[np.int64], p: float) -> float:
     counts, sizes = counts[sizes > 0], sizes[sizes > 0]
     m = sizes.size
-    if m < _LEAST_ITERATIONS:
+    if m < _MIN_ITERATIONS:
         return 1.0
     # Iterations of one rate are equally long, but for a step; shares serve all.
     excess = float((sizes * (counts / sizes - p) ** 2).sum())
-    return excess / (m - 1) / (p * (1 - p)) * _small_number(m)
+    return excess / (m - 1) / (p * (1 - p)) * _small_sample_factor(m)
 
 
 @cache
-def _small_number(m: int) -> float:
+def _small_sample_factor(m: int) -> float:
     """(t_c(m - 1) / z_c)^2."""
     from scipy.special import ndtri, stdtrit
 
-    return float(stdtrit(m - 1, _REFERENCE) / ndtri(_REFERENCE)) ** 2
+    return float(stdtrit(m - 1, _REFERENCE_CONFIDENCE) / ndtri(_REFERENCE_CONFIDENCE)) ** 2

@@ -30,14 +30,14 @@ from numpy.typing import NDArray
 from r2bspec.judge.statistics.binomial import last_true, lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import (
     Clustering,
-    Effective,
-    effective_rows,
-    in_rows,
+    EffectiveSample,
+    effective_sample_of_rows,
+    pad_rows,
 )
 from r2bspec.measure.percentiles import rank
 
-_EACH = 16
-_STEP = 1.2
+_EXACT_LEVELS = 16
+_LEVEL_GROWTH = 1.2
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def allowed_share(q: float) -> float:
     return round(1 - q, 12)
 
 
-class Ranked:
+class RankedMessages:
     """The messages of some iterations, in the order played and in the order of size.
 
     Attributes:
@@ -64,39 +64,41 @@ class Ranked:
 
     def __init__(self, pieces: Sequence[NDArray[np.float64]]) -> None:
         """Take one array for each iteration; lost messages are +inf or -inf, as is worse."""
-        self._rows = in_rows(pieces, fill=math.nan)
+        self._rows = pad_rows(pieces, fill=math.nan)
         self._sizes = np.array([piece.size for piece in pieces])
         self.ordered = np.sort(np.concatenate([*pieces, np.empty(0)]))
         self.n = int(self.ordered.size)
         self._levels = _levels(self.n)
         self._found: dict[int, tuple[float, Clustering]] = {}
 
-    def worth(self, k: int, *, largest: bool = True) -> Effective:
+    def effective_sample(self, k: int, *, largest: bool = True) -> EffectiveSample:
         """What the messages are worth if the k largest are bad, or all but those k."""
         level = min(level for level in self._levels if level >= k)
-        inflation, cause = self._worth_at(level)
+        inflation, cause = self._inflation_at(level)
         edge = self._below(k)
         # Behind the end of an iteration there is NaN, which is neither over nor under.
         flags = self._rows > edge if largest else self._rows <= edge
-        return replace(effective_rows(flags, self._sizes), inflation=inflation, cause=cause)
+        return replace(
+            effective_sample_of_rows(flags, self._sizes), inflation=inflation, cause=cause
+        )
 
     def _below(self, k: int) -> float:
         """The largest message that is not one of the k largest."""
         return float(self.ordered[self.n - 1 - k]) if k < self.n else -math.inf
 
-    def _worth_at(self, level: int) -> tuple[float, Clustering]:
+    def _inflation_at(self, level: int) -> tuple[float, Clustering]:
         """F at one of the levels, and what makes it so large."""
         if level not in self._found:
             least = self.ordered[self.n - level] if level else math.nan
-            found = effective_rows(self._rows >= least, self._sizes)
+            found = effective_sample_of_rows(self._rows >= least, self._sizes)
             self._found[level] = found.inflation, found.cause
         return self._found[level]
 
-    def most_to_pass(self, allowed: float, confidence: float) -> int | None:
+    def max_passing(self, allowed: float, confidence: float) -> int | None:
         """k_pass; None if not even 0 passes."""
         best: int | None = None
         for below, level in self._buckets():
-            f, _ = self._worth_at(level)
+            f, _ = self._inflation_at(level)
             n = self.n / f
 
             def passes(k: int, f: float = f, n: float = n) -> bool:
@@ -109,11 +111,11 @@ class Ranked:
                 return best
         return best
 
-    def least_to_fail(self, allowed: float, confidence: float) -> int | None:
+    def min_failing(self, allowed: float, confidence: float) -> int | None:
         """k_fail; None if not even n fails."""
         best: int | None = None
         for below, level in reversed(list(self._buckets())):
-            f, _ = self._worth_at(level)
+            f, _ = self._inflation_at(level)
             n = self.n / f
 
             def open_(k: int, f: float = f, n: float = n) -> bool:
@@ -133,16 +135,16 @@ class Ranked:
 
 def _levels(n: int) -> tuple[int, ...]:
     """The k at which F is worked out, ascending, from 0 to n."""
-    found = set(range(min(_EACH, n) + 1))
-    level = float(_EACH)
+    found = set(range(min(_EXACT_LEVELS, n) + 1))
+    level = float(_EXACT_LEVELS)
     while level < n:
-        level *= _STEP
+        level *= _LEVEL_GROWTH
         found.add(min(math.ceil(level), n))
     return tuple(sorted(found | {n - k for k in found}))
 
 
 def percentile_interval(
-    pieces: Sequence[NDArray[np.float64]] | Ranked, q: float, confidence: float
+    pieces: Sequence[NDArray[np.float64]] | RankedMessages, q: float, confidence: float
 ) -> PercentileInterval:
     """The percentile `q` of all messages and its one-sided bounds, each at `confidence`.
 
@@ -152,10 +154,10 @@ def percentile_interval(
         q: 0 < q < 1.
         confidence: of each bound by itself.
     """
-    ranked = pieces if isinstance(pieces, Ranked) else Ranked(pieces)
+    ranked = pieces if isinstance(pieces, RankedMessages) else RankedMessages(pieces)
     n, ordered = ranked.n, ranked.ordered
-    passing = ranked.most_to_pass(allowed_share(q), confidence)
-    failing = ranked.least_to_fail(allowed_share(q), confidence)
+    passing = ranked.max_passing(allowed_share(q), confidence)
+    failing = ranked.min_failing(allowed_share(q), confidence)
     return PercentileInterval(
         estimate=float(ordered[rank(q, n) - 1]),
         lower=-math.inf if failing is None else float(ordered[n - failing]),

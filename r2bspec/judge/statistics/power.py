@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 from r2bspec.judge.statistics.t_interval import mean_interval
 
-POWER = 0.9
+DEFAULT_POWER = 0.9
 """Of ten runs of a changed graph, nine are to be found."""
 
 
@@ -96,7 +96,9 @@ def power_of_pairs(delta: float, deviation: float, n: int, confidence: float) ->
     return 1 - float(nctdtr(n - 1, delta * math.sqrt(n) / deviation, limit))
 
 
-def smallest_detectable(deviation: float, n: int, confidence: float, power: float = POWER) -> float:
+def smallest_detectable(
+    deviation: float, n: int, confidence: float, power: float = DEFAULT_POWER
+) -> float:
     """The delta* of the module's text: a logarithm, so that 0.03 is about 3 %.
 
     Args:
@@ -120,10 +122,14 @@ def smallest_detectable(deviation: float, n: int, confidence: float, power: floa
 
 
 def pairs_needed(
-    delta: float, deviation: float, confidence: float, power: float = POWER, most: int = 1000
+    delta: float,
+    deviation: float,
+    confidence: float,
+    power: float = DEFAULT_POWER,
+    max_pairs: int = 1000,
 ) -> int | None:
-    """The smallest number of pairs that decides with the given power; None if over `most`."""
-    for n in range(2, most + 1):
+    """The smallest number of pairs that decides with the given power; None if over `max_pairs`."""
+    for n in range(2, max_pairs + 1):
         if power_of_pairs(delta, deviation, n, confidence) >= power:
             return n
     return None

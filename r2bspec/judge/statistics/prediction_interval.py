@@ -25,10 +25,10 @@ from typing import Final
 from r2bspec.judge.statistics.paired_ratio import RatioInterval
 from r2bspec.judge.statistics.t_interval import mean_interval
 
-LEAST_RUNS: Final = 5
+MIN_HISTORY_RUNS: Final = 5
 """A history of fewer runs decides nothing: t_0.95(3) / t_0.95(30) is 1.4, t_0.95(1) is 6.3."""
 
-MOST_RUNS: Final = 30
+MAX_HISTORY_RUNS: Final = 30
 """Of a longer history, the latest are used: machines and code change slowly."""
 
 
@@ -43,7 +43,7 @@ def predicted_ratio(history: Sequence[float], new: float, confidence: float) -> 
     Raises:
         ValueError: fewer than two earlier runs, or a value that is not positive.
     """
-    used = history[-MOST_RUNS:]
+    used = history[-MAX_HISTORY_RUNS:]
     if any(value <= 0 or math.isinf(value) for value in (*used, new)):
         raise ValueError("a ratio needs positive, finite values")
     from scipy.special import stdtrit

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 
-def share_at_most(n: int, confidence: float) -> float:
+def zero_failure_bound(n: int, confidence: float) -> float:
     """The upper bound on a share of which n messages showed nothing.
 
     At 95 % it is close to 3/n, the rule of three, because -ln 0.05 = 2.996.

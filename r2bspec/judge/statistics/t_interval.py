@@ -54,13 +54,15 @@ def mean_interval(
     mean = math.fsum(values) / m
     variance = math.fsum((value - mean) ** 2 for value in values) / (m - 1)
     deviation = max(math.sqrt(variance), resolution / math.sqrt(12))
-    worth = m / inflation
-    half = float(stdtrit(max(worth - 1, 1.0), confidence)) * deviation / math.sqrt(worth)
+    effective_n = m / inflation
+    half = (
+        float(stdtrit(max(effective_n - 1, 1.0), confidence)) * deviation / math.sqrt(effective_n)
+    )
     return MeanInterval(mean=mean, lower=mean - half, upper=mean + half, deviation=deviation)
 
 
 def iterations_to_settle(
-    mean: float, deviation: float, limit: float, confidence: float, most: int
+    mean: float, deviation: float, limit: float, confidence: float, max_iterations: int
 ) -> int | None:
     """About how many iterations bring a bound past `limit`, if mean and deviation stay.
 
@@ -68,11 +70,11 @@ def iterations_to_settle(
     reader, and no part of a test.
 
     Returns:
-        None if more than `most` are needed: the mean is too close to the limit.
+        None if more than `max_iterations` are needed: the mean is too close to the limit.
     """
     from scipy.special import stdtrit
 
-    for m in range(2, most + 1):
+    for m in range(2, max_iterations + 1):
         if float(stdtrit(m - 1, confidence)) * deviation / math.sqrt(m) < abs(mean - limit):
             return m
     return None

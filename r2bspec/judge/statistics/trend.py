@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from r2bspec.judge.statistics.variance_inflation import inflation, lagged_products
 
-_SHARE_OF_POINTS = 3
-_LEAST = 10
+_LAG_DIVISOR = 3
+_MIN_POINTS = 10
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def trend(times: NDArray[np.float64], values: NDArray[np.float64], confidence: f
         confidence: of each bound by itself.
     """
     n = times.size
-    if n < _LEAST:
+    if n < _MIN_POINTS:
         return Trend(0.0, -math.inf, math.inf)
     from scipy.special import stdtrit
 
@@ -57,7 +57,7 @@ def trend(times: NDArray[np.float64], values: NDArray[np.float64], confidence: f
     # Nothing scatters, but for the last digits: the slope is known.
     if squares <= n * (1e-12 * float(np.abs(values).max())) ** 2:
         return Trend(slope, slope, slope)
-    products = lagged_products(residuals[np.newaxis], n // _SHARE_OF_POINTS)
+    products = lagged_products(residuals[np.newaxis], n // _LAG_DIVISOR)
     f = inflation(products / products[0])
     error = math.sqrt(squares / (n - 2) * f / spread)
     half = float(stdtrit(max(n / f - 2, 1.0), confidence)) * error

@@ -148,20 +148,23 @@ BENCHMARK: Schema = record(
         "search": _SEARCH,
         "warm_up": quantity(
             Duration,
-            "How long is played before each iteration without counting.",
+            "How long is played after each start of the processes, before anything is counted; at "
+            "least until every monitor has received a message.",
             default="1 s",
             examples=["1 s", "0 s"],
         ),
         "start_timeout": quantity(
             Duration,
-            "How long the graph may take until its first output.",
+            "How long the graph may take from the start of its first process to its first output. "
+            "Readiness probes and 'after_ready' steps have timeouts of their own.",
             default="30 s",
             examples=["30 s", "2 min"],
             positive=True,
         ),
         "drain_timeout": quantity(
             Duration,
-            "How long is waited for outputs after the last input.",
+            "How long the graph may publish nothing, after the last input of an iteration, "
+            "until the outputs that are still missing count as lost.",
             default="5 s",
             examples=["5 s"],
             positive=True,

@@ -6,10 +6,10 @@ from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.benchmark import BENCHMARK, SLOS
 from r2bspec.language.schema.data_loader import DATA_LOADER
 from r2bspec.language.schema.graph import GRAPH, MONITORS
-from r2bspec.language.schema.harness import HARNESS, TRANSPORT
+from r2bspec.language.schema.harness_keys import HARNESS, TRANSPORT
 from r2bspec.language.schema.node import nodes
 from r2bspec.language.schema.playback import PLAYBACK
-from r2bspec.language.schema.process import CONTAINERS
+from r2bspec.language.schema.process_keys import CONTAINERS
 from r2bspec.language.schema.reuse import EXTENDS, MATRIX, VARIABLES
 from r2bspec.language.schema.schema_builder import Schema, array, name_map, record, scalar, text
 from r2bspec.language.schema.steps import AFTER_READY, READY, SETUP

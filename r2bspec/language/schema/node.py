@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.parameters import PARAMETERS
-from r2bspec.language.schema.process import ENV, RESOURCES
+from r2bspec.language.schema.process_keys import ENV, RESOURCES
 from r2bspec.language.schema.qos import qos
 from r2bspec.language.schema.reuse import repeat, sibling
 from r2bspec.language.schema.schema_builder import (

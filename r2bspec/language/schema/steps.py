@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from r2bspec.language.quantities import Duration
 from r2bspec.language.schema import name_patterns
-from r2bspec.language.schema.process import ENV, words
+from r2bspec.language.schema.process_keys import ENV, words
 from r2bspec.language.schema.schema_builder import Schema, name_map, quantity, record, text
 
 

@@ -8,7 +8,7 @@ from r2bspec.compare.comparison import Comparison, Outcome
 from r2bspec.report.comparison.text import metric_text, summary, title
 from r2bspec.report.formats.github import command
 
-MOST = 9
+MAX_ANNOTATIONS = 9
 """GitHub keeps ten annotations of a step; one is the summary."""
 
 _KINDS: dict[Outcome, str] = {
@@ -28,6 +28,6 @@ def _lines(one: Comparison) -> Iterator[str]:
     worse = any(line.outcome == "worse" for line in one.lines)
     yield command("warning" if worse else "notice", title(one), summary(one), {})
     told = [line for kind in _KINDS for line in one.lines if line.outcome == kind]
-    for line in told[:MOST]:
+    for line in told[:MAX_ANNOTATIONS]:
         head = f"{metric_text(line)}: {line.outcome}"
         yield command(_KINDS[line.outcome], head, line.reason, {})

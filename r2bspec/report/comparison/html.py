@@ -6,8 +6,8 @@ import importlib.resources
 from collections.abc import Iterator, Sequence
 from html import escape
 
-from r2bspec.compare.comparison import ADVICE, Comparison, Line
-from r2bspec.report.comparison.text import WORDS, metric_text, numbers, summary, title
+from r2bspec.compare.comparison import ADVICE, Comparison, ComparisonLine
+from r2bspec.report.comparison.text import OUTCOME_TEXTS, metric_text, numbers, summary, title
 
 _HEADER = ("", "metric", "base", "head", "ratio", "bounds", "why")
 
@@ -41,11 +41,11 @@ def _page(comparisons: Sequence[Comparison]) -> Iterator[str]:
     yield f"<p>{_text(ADVICE)}</p>\n</main>\n</body>\n</html>"
 
 
-def _row(line: Line) -> str:
+def _row(line: ComparisonLine) -> str:
     cells = "".join(f'<td class="n">{_text(each) or "–"}</td>' for each in numbers(line))
     return (
         f'<tr class="{_STYLES[line.outcome]}"><td class="outcome"><strong>'
-        f"{_text(WORDS[line.outcome])}</strong></td>"
+        f"{_text(OUTCOME_TEXTS[line.outcome])}</strong></td>"
         f'<th scope="row" align="left"><code>{_text(metric_text(line))}</code></th>'
         f"{cells}<td>{_text(line.reason)}</td></tr>"
     )

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
-from r2bspec.compare.comparison import ADVICE, Comparison, Line, Outcome
+from r2bspec.compare.comparison import ADVICE, Comparison, ComparisonLine, Outcome
 from r2bspec.measure.units import at_rate, show
 from r2bspec.report.formats.markdown import code, escaped, folded, table
 
-WORDS: dict[Outcome, str] = {
+OUTCOME_TEXTS: dict[Outcome, str] = {
     "improved": "▲ improved",
     "worse": "▼ worse",
     "same": "= same",
@@ -31,7 +31,7 @@ def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
     from rich.console import Console
     from rich.text import Text
 
-    from r2bspec.report.terminal.style import QUIET, heading
+    from r2bspec.report.terminal.style import DIM_STYLE, heading
     from r2bspec.report.terminal.style import table as frame
 
     buffer = io.StringIO()
@@ -43,11 +43,11 @@ def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
         made = frame(["", "metric", "base", "head", "ratio", "bounds"])
         for line in one.lines:
             cells = (metric_text(line), *numbers(line))
-            made.add_row(Text(WORDS[line.outcome]), *map(Text, cells))
+            made.add_row(Text(OUTCOME_TEXTS[line.outcome]), *map(Text, cells))
         console.print(made)
         console.print(summary(one), highlight=False)
         console.print()
-    console.print(Text(ADVICE, style=QUIET))
+    console.print(Text(ADVICE, style=DIM_STYLE))
     return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())
 
 
@@ -75,11 +75,11 @@ def _markdown(one: Comparison) -> Iterator[str]:
         yield from folded("The same", table(header, [_row(line) for line in rows[False]]))
 
 
-def _row(line: Line) -> tuple[str, ...]:
-    return (WORDS[line.outcome], code(metric_text(line)), *map(escaped, numbers(line)))
+def _row(line: ComparisonLine) -> tuple[str, ...]:
+    return (OUTCOME_TEXTS[line.outcome], code(metric_text(line)), *map(escaped, numbers(line)))
 
 
-def numbers(line: Line) -> tuple[str, str, str, str]:
+def numbers(line: ComparisonLine) -> tuple[str, str, str, str]:
     """Base, head, ratio and bounds as text."""
     return (
         show(line.base, line.unit),
@@ -89,7 +89,7 @@ def numbers(line: Line) -> tuple[str, str, str, str]:
     )
 
 
-def _bounds(line: Line) -> str:
+def _bounds(line: ComparisonLine) -> str:
     if line.lower is None and line.upper is None:
         return ""
     if line.lower is None:
@@ -99,7 +99,7 @@ def _bounds(line: Line) -> str:
     return f"{show(line.lower, 'share', 4)} … {show(line.upper, 'share', 4)}"
 
 
-def metric_text(line: Line) -> str:
+def metric_text(line: ComparisonLine) -> str:
     """The metric with its monitor and rate."""
     name = f"{line.monitor}.{line.metric}" if line.monitor else line.metric
     return f"{name} {at_rate(line.offered_hz)}" if line.offered_hz is not None else name

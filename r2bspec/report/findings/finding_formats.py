@@ -15,7 +15,7 @@ FORMATS = {
 }
 """Each format and its use."""
 
-DOCUMENTS = frozenset({"json", "sarif", "junit"})
+DOCUMENT_FORMATS = frozenset({"json", "sarif", "junit"})
 """Formats that are one document; nothing else may be printed to the same stream."""
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from junitparser import TestCase
 
 
-_OF_THE_DOCUMENT = frozenset("01")
+_DOCUMENT_FAMILIES = frozenset("01")
 """Families whose errors prevent the rules of the other families from being applied."""
 
 
@@ -37,23 +37,23 @@ def render(
     xml = JUnitXml("r2bspec validate")
     for file, inside in by_file.items():
         suite = TestSuite(printable(file))
-        unusable = any(_is_error(one) and one.code[3] in _OF_THE_DOCUMENT for one in inside)
+        unusable = any(_is_error(one) and one.code[3] in _DOCUMENT_FAMILIES for one in inside)
         for family, title in FAMILIES.items():
             own = [one for one in inside if one.code[3] == family]
-            looked_at = not unusable or family in _OF_THE_DOCUMENT
-            suite.add_testcase(_case(f"R2B{family}xx {title}", file, own, looked_at=looked_at))
+            was_checked = not unusable or family in _DOCUMENT_FAMILIES
+            suite.add_testcase(_case(f"R2B{family}xx {title}", file, own, was_checked=was_checked))
         xml.add_testsuite(suite)
     buffer = io.BytesIO()
     xml.write(buffer, pretty=True)
     return buffer.getvalue().decode().rstrip() + "\n"
 
 
-def _case(name: str, file: str, inside: list[Diagnostic], *, looked_at: bool) -> TestCase:
+def _case(name: str, file: str, inside: list[Diagnostic], *, was_checked: bool) -> TestCase:
     from junitparser import Failure, Skipped, TestCase
 
     case = TestCase(name, printable(file))
     errors = [one for one in inside if _is_error(one)]
-    if not looked_at and not inside:
+    if not was_checked and not inside:
         case.result = [Skipped("not checked: the document itself has errors")]
     if errors:
         failure = Failure(_message(errors[0]), errors[0].code)

@@ -12,7 +12,7 @@ from r2bspec.diagnostics.source_lines import split_lines
 MAX_WIDTH = 100
 """The most characters of a source line that are shown."""
 
-_BEFORE = 40  # characters kept before the span in a truncated line
+_CONTEXT_BEFORE = 40  # characters kept before the span in a truncated line
 
 
 def excerpt(span: Span, text: str) -> tuple[str, str] | None:
@@ -37,7 +37,7 @@ def excerpt(span: Span, text: str) -> tuple[str, str] | None:
 def _window(line: str, start: int, end: int) -> tuple[str, int, int]:
     if len(line) <= MAX_WIDTH:
         return line, start, end
-    first = min(max(start - _BEFORE, 0), len(line) - MAX_WIDTH)
+    first = min(max(start - _CONTEXT_BEFORE, 0), len(line) - MAX_WIDTH)
     cut = line[first : first + MAX_WIDTH]
     if first + MAX_WIDTH < len(line):
         cut = cut[:-1] + "…"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.measure.metrics import RateMetrics
 from r2bspec.measure.units import rate_name
 
@@ -23,9 +23,9 @@ _MEASURES = (
 )
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The object, for ``bencher run --adapter json``."""
-    result = reported.result
+    result = report_input.result
     found: dict[str, Any] = {}
     for rate in result.metrics.rates:
         for monitor in rate.pooled.monitors:

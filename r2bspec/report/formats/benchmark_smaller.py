@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.report.action_benchmark import to_json
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The list; see `r2bspec.report.action_benchmark`."""
-    return to_json(reported, bigger=False)
+    return to_json(report_input, bigger=False)

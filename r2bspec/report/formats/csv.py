@@ -5,19 +5,19 @@ from __future__ import annotations
 import csv
 import io
 
-from r2bspec.compare.report_input import Reported
-from r2bspec.report.result_rows import rows
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.report.result_rows import result_rows
 
 HEADER = ("run_id", "name", "offered_hz", "iteration", "monitor", "metric", "unit", "value")
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """RFC 4180 with a header line; `iteration` is empty where all of them are pooled."""
-    result = reported.result
+    result = report_input.result
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\r\n")
     writer.writerow(HEADER)
-    for row in rows(result):
+    for row in result_rows(result):
         writer.writerow(
             (
                 result.run_id,

@@ -10,57 +10,59 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.units import at_rate
 from r2bspec.report.report_wording import requirement_text, sentences, several_monitors
-from r2bspec.report.requirement_locations import Places, read_places
+from r2bspec.report.requirement_locations import RequirementLocations, read_requirement_locations
 
-MOST = 9
+MAX_ANNOTATIONS = 9
 """Annotations of requirements; the verdict is the tenth."""
 
 _COMMANDS = {"fail": "error", "inconclusive": "warning"}
-_LESS = {"warn": "warning", "info": "notice"}
+_ADVISORY_COMMANDS = {"warn": "warning", "info": "notice"}
 """Of requirements that do not fail the run."""
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The commands, the verdict first, failures before what is inconclusive."""
-    return "".join(f"{line}\n" for line in _lines(reported)).encode()
+    return "".join(f"{line}\n" for line in _lines(report_input)).encode()
 
 
-def _lines(reported: Reported) -> Iterator[str]:
-    verdict = reported.result.verdict
-    spec_file = reported.spec_file
+def _lines(report_input: ReportInput) -> Iterator[str]:
+    verdict = report_input.result.verdict
+    spec_file = report_input.spec_file
     # GitHub knows files by their path in the repository, which is where a job stands.
     if spec_file is not None and spec_file.is_absolute() and spec_file.is_relative_to(Path.cwd()):
         spec_file = spec_file.relative_to(Path.cwd())
-    places = read_places(spec_file)
+    locations = read_requirement_locations(spec_file)
     file = str(spec_file) if spec_file is not None else ""
     kind = {"pass": "notice", "inconclusive": "warning"}.get(verdict.outcome, "error")
-    title = f"{reported.result.name}: {verdict.outcome}"
+    title = f"{report_input.result.name}: {verdict.outcome}"
     yield command(kind, title, verdict.reason, {"file": file} if file else {})
     several = several_monitors(verdict)
     told = [one for outcome in _COMMANDS for one in verdict.requirements if one.outcome == outcome]
-    told.sort(key=lambda one: one.level in _LESS)
-    for one in told[:MOST]:
+    told.sort(key=lambda one: one.level in _ADVISORY_COMMANDS)
+    for one in told[:MAX_ANNOTATIONS]:
         text = requirement_text(one, name_monitor=several)
         at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
         said = "\n".join(sentences(one))
-        shown = _LESS.get(one.level, _COMMANDS[one.outcome])
-        place = _place(one, places, file)
+        shown = _ADVISORY_COMMANDS.get(one.level, _COMMANDS[one.outcome])
+        place = _place(one, locations, file)
         yield command(shown, f"{one.objective}: {text}{at}", said, place)
-    if len(told) > MOST:
-        yield f"{len(told) - MOST} more requirements are not annotated; see the report"
+    if len(told) > MAX_ANNOTATIONS:
+        yield f"{len(told) - MAX_ANNOTATIONS} more requirements are not annotated; see the report"
 
 
-def _place(one: RequirementVerdict, places: Places | None, file: str) -> dict[str, str]:
-    if places is None:
+def _place(
+    one: RequirementVerdict, locations: RequirementLocations | None, file: str
+) -> dict[str, str]:
+    if locations is None:
         return {"file": file} if file else {}
-    span: Span = places.find(one)
+    span: Span = locations.find(one)
     # A value that came from an option has a place of its own, which is no file.
-    if not span.line or span.file != places.loaded.file:
+    if not span.line or span.file != locations.loaded.file:
         return {"file": file}
     found = {"file": span.file, "line": str(span.line), "endLine": str(span.end_line)}
     if span.line == span.end_line:  # GitHub refuses columns of a span of several lines

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.measure.percentiles import rank
 from r2bspec.report.errors import ReportError
 
@@ -22,25 +22,25 @@ _TICKS_PER_HALF = 5
 """Lines for each halving of the distance to 100 %, as HdrHistogram's own tools write."""
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The table with its two lines of summary.
 
     Raises:
         ReportError: there is not exactly one distribution, or no samples.
     """
-    reported.need_run("the format hdrhistogram")
-    values, lost = _values(reported)
+    report_input.require_run("the format hdrhistogram")
+    values, lost = _values(report_input)
     return "\n".join([*_lines(np.sort(values) * 1e3, lost), ""]).encode()
 
 
-def _values(reported: Reported) -> tuple[NDArray[np.float64], int | None]:
+def _values(report_input: ReportInput) -> tuple[NDArray[np.float64], int | None]:
     """The latencies, and how many messages are lost; None where nobody knows."""
-    samples = reported.samples
+    samples = report_input.samples
     found = [
         (rate, monitor)
         for rate in sorted(samples.iterations if samples else ())
         for monitor in (samples.monitors if samples else ())
-        if reported.rate_hz in {None, rate} and reported.monitor in {None, monitor}
+        if report_input.rate_hz in {None, rate} and report_input.monitor in {None, monitor}
     ]
     if samples is None or len(found) != 1:
         raise ReportError(

@@ -12,7 +12,7 @@ import datetime
 import io
 from typing import TYPE_CHECKING
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.quote import printable
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.units import at_rate, show
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
     from junitparser import TestCase
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The XML, with inconclusive requirements as errors."""
-    return to_xml(reported, lenient=False)
+    return to_xml(report_input, lenient=False)
 
 
-def to_xml(reported: Reported, *, lenient: bool) -> bytes:
+def to_xml(report_input: ReportInput, *, lenient: bool) -> bytes:
     """The XML; `lenient` makes what is inconclusive a skipped case instead of an error."""
     from junitparser import JUnitXml, TestSuite
 
-    result = reported.result
+    result = report_input.result
     name = printable(result.name)
     suite = TestSuite(name)
     suite.timestamp = result.started_at
@@ -48,7 +48,7 @@ def to_xml(reported: Reported, *, lenient: bool) -> bytes:
     suite.add_property("run_id", result.run_id)
     for key, value in result.labels.items():
         suite.add_property(printable(f"label.{key}"), printable(str(value)))
-    suite.add_testcase(_run_case(reported, name))
+    suite.add_testcase(_run_case(report_input, name))
     several = several_monitors(result.verdict)
     for one in result.verdict.requirements:
         suite.add_testcase(_case(one, name, several=several, lenient=lenient))
@@ -62,15 +62,17 @@ def to_xml(reported: Reported, *, lenient: bool) -> bytes:
     return buffer.getvalue().rstrip() + b"\n"
 
 
-def _run_case(reported: Reported, name: str) -> TestCase:
+def _run_case(report_input: ReportInput, name: str) -> TestCase:
     """Whether the run itself is one that can be judged."""
     from junitparser import Error, TestCase
 
-    verdict = reported.result.verdict
+    verdict = report_input.result.verdict
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
         case.result = [Error(printable(verdict.reason), verdict.outcome)]
-    said = [printable(note) for note in (*comparison(reported.result), *notes(reported.result))]
+    said = [
+        printable(note) for note in (*comparison(report_input.result), *notes(report_input.result))
+    ]
     if said:
         case.system_out = "\n".join(said)
     return case

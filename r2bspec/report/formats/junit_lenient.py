@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.report.formats.junit import to_xml
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The XML; see `r2bspec.report.formats.junit`."""
-    return to_xml(reported, lenient=True)
+    return to_xml(report_input, lenient=True)

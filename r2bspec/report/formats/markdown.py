@@ -9,7 +9,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
@@ -18,6 +19,7 @@ from r2bspec.report.report_wording import (
     bounds_text,
     comparison,
     estimate_text,
+    loaded_rmw,
     notes,
     own_pace,
     peak_text,
@@ -27,24 +29,27 @@ from r2bspec.report.report_wording import (
     verdict_word,
 )
 
-_MOST_ROWS = 60
+_MAX_ROWS = 60
 """Rows of a table that are shown at most."""
 
 _ORDER = ("fail", "inconclusive", "pass")
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The report: CommonMark with the tables and the folding of GitHub and GitLab."""
-    return "\n".join(_lines(reported)).encode()
+    return "\n".join(_lines(report_input)).encode()
 
 
-def _lines(reported: Reported) -> Iterator[str]:
-    result = reported.result
+def _lines(report_input: ReportInput) -> Iterator[str]:
+    result = report_input.result
     verdict = result.verdict
     yield f"### {OUTCOME_WORDS[verdict.outcome]} – {escaped(result.title or result.name)}"
     yield ""
     yield escaped(verdict.reason)
     yield ""
+    if rmw := loaded_rmw(result):
+        yield code(rmw)
+        yield ""
     if compared := list(comparison(result)):
         yield from (f"{escaped(each)}  " for each in compared)
         yield ""
@@ -52,8 +57,8 @@ def _lines(reported: Reported) -> Iterator[str]:
         yield from _requirements(verdict, own_pace(result.metrics))
     yield from (f"> {escaped(note)}  " for note in notes(result))
     yield ""
-    yield from folded("Measured", _measured(result.metrics))
-    yield from folded("Where and with what", _provenance(reported))
+    yield from folded("Measured", _measured(result))
+    yield from folded("Where and with what", _provenance(report_input))
 
 
 def _requirements(verdict: Verdict, pace: str) -> Iterator[str]:
@@ -75,7 +80,7 @@ def _requirements(verdict: Verdict, pace: str) -> Iterator[str]:
     )
     # Of a ratio that passes, the table does not show what it is of.
     explained = [one for one in ordered if one.outcome != "pass" or one.compared is not None]
-    for one in explained[:_MOST_ROWS]:
+    for one in explained[:_MAX_ROWS]:
         yield f"- {_why(one, several=several)}"
     yield ""
 
@@ -85,10 +90,11 @@ def _why(one: RequirementVerdict, *, several: bool) -> str:
     return " ".join([*said, *map(escaped, sentences(one))])
 
 
-def _measured(metrics: RunMetrics) -> Iterator[str]:
+def _measured(result: Result) -> Iterator[str]:
+    metrics = result.metrics
     names = dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)
     for name in names:
-        yield f"**{escaped(name)}**"
+        yield f"**{escaped(result.monitor_title(name))}**"
         yield ""
         yield from table(
             ("offered", "throughput", "p50", "p90", "p99", "max", "sent", "missed"),
@@ -132,8 +138,8 @@ def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
         yield from table(("offered", "from → to", "p50", "p99", "matched", "missed"), rows)
 
 
-def _provenance(reported: Reported) -> Iterator[str]:
-    result = reported.result
+def _provenance(report_input: ReportInput) -> Iterator[str]:
+    result = report_input.result
     facts = {
         "run": result.run_id,
         "started": result.started_at,
@@ -160,10 +166,10 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]
     """A table; its cells are Markdown already."""
     yield f"| {' | '.join(header)} |"
     yield f"| {' | '.join('---' for _ in header)} |"
-    yield from (f"| {' | '.join(row)} |" for row in rows[:_MOST_ROWS])
+    yield from (f"| {' | '.join(row)} |" for row in rows[:_MAX_ROWS])
     yield ""
-    if len(rows) > _MOST_ROWS:
-        yield f"{len(rows) - _MOST_ROWS} more rows are not shown."
+    if len(rows) > _MAX_ROWS:
+        yield f"{len(rows) - _MAX_ROWS} more rows are not shown."
         yield ""
 
 

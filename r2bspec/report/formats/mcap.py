@@ -18,10 +18,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import to_json
 from r2bspec.record.run_folder import Run
-from r2bspec.report.trace_timeline import loads, messages, phases
+from r2bspec.report.trace_timeline import expected_answers, load_samples, phases
 
 _NUMBER = {"type": "number"}
 
@@ -41,7 +41,7 @@ _Timed = tuple[int, int, str, str, dict[str, Any]]
 """Time, a number that keeps the order stable, schema, topic, content."""
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The file, its messages in the order of time.
 
     Raises:
@@ -49,7 +49,7 @@ def render(reported: Reported) -> bytes:
     """
     from mcap.writer import CompressionType, Writer
 
-    run = reported.need_run("the format mcap")
+    run = report_input.require_run("the format mcap")
     offset = _clock_offset_ns(run)
     buffer = io.BytesIO()
     writer = Writer(buffer, compression=CompressionType.ZSTD)
@@ -63,7 +63,7 @@ def render(reported: Reported) -> bytes:
         for name, properties in _SCHEMAS.items()
     }
     channels: dict[str, int] = {}
-    for at_ns, number, schema, topic, content in heapq.merge(*_sorted(reported, run)):
+    for at_ns, number, schema, topic, content in heapq.merge(*_sorted(report_input, run)):
         if topic not in channels:
             channels[topic] = writer.register_channel(
                 topic=topic, message_encoding="json", schema_id=schemas[schema]
@@ -76,7 +76,7 @@ def render(reported: Reported) -> bytes:
             sequence=number,
             data=json.dumps(content, separators=(",", ":")).encode(),
         )
-    result = reported.result
+    result = report_input.result
     facts = {"name": result.name, "run_id": result.run_id, "verdict": result.verdict.outcome}
     writer.add_metadata("r2bspec", facts)
     writer.add_attachment(
@@ -101,20 +101,20 @@ def _clock_offset_ns(run: Run) -> int:
     return 0
 
 
-def _sorted(reported: Reported, run: Run) -> list[list[_Timed]]:
+def _sorted(report_input: ReportInput, run: Run) -> list[list[_Timed]]:
     return [
         sorted((at_ns, number, *rest) for number, (at_ns, *rest) in enumerate(found))  # type: ignore[misc]
-        for found in _streams(reported, run)
+        for found in _streams(report_input, run)
     ]
 
 
 def _streams(
-    reported: Reported, run: Run
+    report_input: ReportInput, run: Run
 ) -> Iterator[Iterator[tuple[int, str, str, dict[str, Any]]]]:
     yield ((began, "phase", "/r2bspec/phase", {"phase": name}) for name, began, _ in phases(run))
     for monitor in run.plan.monitors:
         yield _of_messages(run, monitor.name)
-        yield _of_metrics(reported, run, monitor.name)
+        yield _of_metrics(report_input, run, monitor.name)
     yield (
         (
             load.at_ns,
@@ -122,12 +122,12 @@ def _streams(
             f"/r2bspec/load/{load.process.replace(' ', '_')}",
             {"cpu_percent": load.cpu * 100, "memory_mib": load.memory_bytes / 2**20},
         )
-        for load in loads(run)
+        for load in load_samples(run)
     )
 
 
 def _of_messages(run: Run, monitor: str) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
-    for one in messages(run, monitor):
+    for one in expected_answers(run, monitor):
         rate = one.segment.rate_hz
         if one.received_ns is None:
             content: dict[str, Any] = {"offered_hz": rate, "step": one.step}
@@ -140,10 +140,10 @@ def _of_messages(run: Run, monitor: str) -> Iterator[tuple[int, str, str, dict[s
 
 
 def _of_metrics(
-    reported: Reported, run: Run, monitor: str
+    report_input: ReportInput, run: Run, monitor: str
 ) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
     ended = {each.id: each.ended_ns for each in run.record.segments}
-    for rate in reported.result.metrics.rates:
+    for rate in report_input.result.metrics.rates:
         for one in rate.iterations:
             content = {
                 "offered_hz": rate.offered_hz,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.verdict import EXIT_CODES
 from r2bspec.measure.metric_catalogue import quantile
 from r2bspec.measure.metrics import Distribution, RateMetrics
@@ -61,19 +61,19 @@ class _Family:
             yield f"{self.name}{suffix}{{{shown}}} {value!r}"
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The exposition, ended by ``# EOF`` as the format wants it."""
-    lines = [line for family in _families(reported) for line in family.lines()]
+    lines = [line for family in _families(report_input) for line in family.lines()]
     return "\n".join([*lines, "# EOF", ""]).encode()
 
 
-def _families(reported: Reported) -> Iterator[_Family]:
-    result = reported.result
+def _families(report_input: ReportInput) -> Iterator[_Family]:
+    result = report_input.result
     named = {"benchmark": result.name}
-    yield _info(reported)
+    yield _info(report_input)
     yield _states("r2bspec_verdict", "How the run was judged.", named, result.verdict.outcome)
-    yield _requirements(reported)
-    yield _ratios(reported)
+    yield _requirements(report_input)
+    yield _ratios(report_input)
     yield from _of_monitors(result.metrics.rates, named)
     yield from _of_processes(result.metrics.rates, named)
     peak = _Family(
@@ -91,8 +91,8 @@ def _families(reported: Reported) -> Iterator[_Family]:
     yield below
 
 
-def _info(reported: Reported) -> _Family:
-    result = reported.result
+def _info(report_input: ReportInput) -> _Family:
+    result = report_input.result
     family = _Family("r2bspec_run", "info", "Which run this is, and of what.")
     labels = {
         "benchmark": result.name,
@@ -113,13 +113,13 @@ def _states(name: str, about: str, labels: Labels, outcome: str) -> _Family:
     return family
 
 
-def _requirements(reported: Reported) -> _Family:
+def _requirements(report_input: ReportInput) -> _Family:
     name = "r2bspec_requirement"
     family = _Family(name, "stateset", "How each requirement was judged.")
-    pace = own_pace(reported.result.metrics)
-    for one in reported.result.verdict.requirements:
+    pace = own_pace(report_input.result.metrics)
+    for one in report_input.result.verdict.requirements:
         labels = {
-            "benchmark": reported.result.name,
+            "benchmark": report_input.result.name,
             "objective": one.objective,
             "requirement": one.text.strip(),
             "monitor": one.monitor or "",
@@ -130,14 +130,14 @@ def _requirements(reported: Reported) -> _Family:
     return family
 
 
-def _ratios(reported: Reported) -> _Family:
+def _ratios(report_input: ReportInput) -> _Family:
     about = "Head over base, for requirements of the baseline."
     family = _Family("r2bspec_baseline_ratio", "gauge", about, "ratio")
-    for one in reported.result.verdict.requirements:
+    for one in report_input.result.verdict.requirements:
         if one.compared is None:
             continue
         labels = {
-            "benchmark": reported.result.name,
+            "benchmark": report_input.result.name,
             "requirement": one.text.strip(),
             "monitor": one.monitor or "",
             "offered_hz": _rate(one.at_hz) if one.at_hz is not None else "",

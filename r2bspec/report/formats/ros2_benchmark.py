@@ -16,44 +16,44 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.interop.ros2_benchmark import (
     BASIC_PREFIX,
     METADATA_PREFIX,
     PLAYBACK_MODES,
     RESOURCE_PREFIX,
 )
-from r2bspec.measure.expected_steps import asked_and_seen
+from r2bspec.measure.expected_steps import match_segment
 from r2bspec.measure.latency import arrivals
-from r2bspec.measure.resource_usage import MACHINE
+from r2bspec.measure.resource_usage import MACHINE_INDEX
 from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 from r2bspec.report.report_wording import peak_text
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The report, from the samples of the run.
 
     Raises:
         ReportError: only the result is known; it does not have what the keys ask for.
     """
-    run = reported.need_run("the format ros2_benchmark")
+    run = report_input.require_run("the format ros2_benchmark")
     rates: dict[float, list[Segment]] = {}
     for segment in run.record.segments:
         if segment.kind == "iteration" and not segment.rerun_of and segment.complete:
             rates.setdefault(segment.rate_hz, []).append(segment)
-    loads = _Loads(run)
+    loads = _MachineLoad(run)
     content: dict[str, Any] = {}
-    content |= _level(run, loads, _at_peak(run, rates))
+    content |= _rate_figures(run, loads, _at_peak(run, rates))
     for rate_hz, segments in sorted(rates.items()):
         if not rate_hz:
             # What has a rate of its own is played at no other: its figures are those above.
             continue
-        content[f"{float(rate_hz)}fps"] = _level(run, loads, segments)
-    content["custom"] = dict(reported.result.labels)
+        content[f"{float(rate_hz)}fps"] = _rate_figures(run, loads, segments)
+    content["custom"] = dict(report_input.result.labels)
     content["metadata"] = {
-        f"{METADATA_PREFIX}.{key}": value for key, value in _metadata(reported, run).items()
+        f"{METADATA_PREFIX}.{key}": value for key, value in _metadata(report_input, run).items()
     }
     return (json.dumps(content, indent=4, ensure_ascii=False) + "\n").encode()
 
@@ -70,13 +70,13 @@ def _at_peak(run: Run, rates: dict[float, list[Segment]]) -> list[Segment]:
     return rates[max(rates)] if rates else []
 
 
-def _level(run: Run, loads: _Loads, segments: Sequence[Segment]) -> dict[str, Any]:
+def _rate_figures(run: Run, loads: _MachineLoad, segments: Sequence[Segment]) -> dict[str, Any]:
     """The figures of some segments at one rate; monitors are told apart where there are several."""
     if not segments:
         return {}
     found: dict[str, Any] = {}
     for monitor in run.plan.monitors:
-        seen = [_Seen.of(run, each, monitor) for each in segments]
+        seen = [_MonitorFigures.of(run, each, monitor) for each in segments]
         figures = {f"{BASIC_PREFIX}.{key}": value for key, value in _figures(seen).items()}
         if len(run.plan.monitors) == 1:
             found |= figures
@@ -87,7 +87,7 @@ def _level(run: Run, loads: _Loads, segments: Sequence[Segment]) -> dict[str, An
     }
 
 
-def _figures(seen: Sequence[_Seen]) -> dict[str, float]:
+def _figures(seen: Sequence[_MonitorFigures]) -> dict[str, float]:
     latency = np.concatenate([each.latency for each in seen])
     jitter = np.concatenate([each.jitter for each in seen])
     found: dict[str, float | None] = {
@@ -117,7 +117,7 @@ def _figures(seen: Sequence[_Seen]) -> dict[str, float]:
     return {key: value for key, value in found.items() if value is not None}
 
 
-class _Seen:
+class _MonitorFigures:
     """One iteration at one monitor, in milliseconds and frames per second."""
 
     def __init__(
@@ -137,15 +137,15 @@ class _Seen:
         self.last_to_last = float(arrived[-1] - sent[-1]) / 1e6 if both else None
 
     @classmethod
-    def of(cls, run: Run, segment: Segment, plan: MonitorPlan) -> _Seen:
-        playback, monitor, matched = asked_and_seen(run, segment, plan)
+    def of(cls, run: Run, segment: Segment, plan: MonitorPlan) -> _MonitorFigures:
+        playback, monitor, matched = match_segment(run, segment, plan)
         if segment.live:
             seen = cls(None, np.sort(monitor["received_ns"]), 0)
         else:
             seen = cls(playback["published_ns"], arrivals(monitor, matched), matched.missed)
         answered = matched.answered
         received = monitor["received_ns"][matched.first_row[answered]]
-        seen.latency = (received - playback["published_ns"][matched.asked[answered]]) / 1e6
+        seen.latency = (received - playback["published_ns"][matched.trigger_steps[answered]]) / 1e6
         return seen
 
 
@@ -161,12 +161,12 @@ def _mean(values: Sequence[float | None]) -> float | None:
     return sum(known) / len(known) if known else None
 
 
-class _Loads:
+class _MachineLoad:
     """The load of the whole machine, in percent of all cores and of all memory."""
 
     def __init__(self, run: Run) -> None:
         rows = run.resources()
-        rows = rows[rows["process"] == MACHINE]
+        rows = rows[rows["process"] == MACHINE_INDEX]
         self._times = rows["time_ns"]
         self._cores = float(run.record.machine.get("cores") or 0)
         total = float(run.record.machine.get("memory_bytes") or 0)
@@ -200,7 +200,7 @@ def _summary(what: str, values: NDArray[np.float64]) -> dict[str, float]:
     }
 
 
-def _metadata(reported: Reported, run: Run) -> dict[str, Any]:
+def _metadata(report_input: ReportInput, run: Run) -> dict[str, Any]:
     record, plan = run.record, run.plan
     machine = record.machine
     system = " ".join(str(machine[key]) for key in ("os", "kernel") if machine.get(key))
@@ -208,7 +208,9 @@ def _metadata(reported: Reported, run: Run) -> dict[str, Any]:
     found = {
         "NAME": plan.title or plan.name,
         "TEST_DATETIME": record.started_at,
-        "TEST_FILE_PATH": str(reported.spec_file) if reported.spec_file is not None else None,
+        "TEST_FILE_PATH": str(report_input.spec_file)
+        if report_input.spec_file is not None
+        else None,
         "DEVICE_ARCH": machine.get("architecture"),
         "DEVICE_OS": system or None,
         "DEVICE_HOSTNAME": machine.get("hostname"),
@@ -222,7 +224,7 @@ def _metadata(reported: Reported, run: Run) -> dict[str, Any]:
         ),
         "PEAK_THROUGHPUT_PREDICTION": search.holds_hz if search is not None else None,
         "PEAK_THROUGHPUT": peak_text(search) if search is not None else None,
-        "CONFIG": reported.result.spec or None,
+        "CONFIG": report_input.result.spec or None,
         "GENERATOR": f"r2bspec {record.versions.get('r2bspec', '')}".strip(),
     }
     return {key: value for key, value in found.items() if value is not None}

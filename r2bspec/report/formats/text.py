@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.report.terminal import to_text
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The terminal report without colours, 100 columns wide."""
-    return to_text(reported.result).encode()
+    return to_text(report_input.result).encode()

@@ -11,28 +11,28 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.measure.metrics import pace_of
 from r2bspec.measure.units import show_rate
 from r2bspec.record.run_folder import Run
-from r2bspec.report.trace_timeline import loads, messages, phases
+from r2bspec.report.trace_timeline import expected_answers, load_samples, phases
 
 _RUN, _LOADS, _MESSAGES = 1, 2, 3
 """Groups of tracks; the format calls them processes."""
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The JSON object; one event a line.
 
     Raises:
         ReportError: only the result is known.
     """
-    run = reported.need_run("the format trace")
+    run = report_input.require_run("the format trace")
     lines = ",\n".join(json.dumps(event, separators=(",", ":")) for event in _events(run))
     about = {
-        "benchmark": reported.result.name,
-        "run_id": reported.result.run_id,
-        "verdict": reported.result.verdict.outcome,
+        "benchmark": report_input.result.name,
+        "run_id": report_input.result.run_id,
+        "verdict": report_input.result.verdict.outcome,
     }
     head = f'{{"displayTimeUnit":"ms","otherData":{json.dumps(about)},"traceEvents":[\n'
     return f"{head}{lines}\n]}}\n".encode()
@@ -64,7 +64,7 @@ def _events(run: Run) -> Iterator[dict[str, Any]]:
     for number, monitor in enumerate(run.plan.monitors):
         pid = _MESSAGES + number
         yield _named("process_name", pid, 0, f"in flight: {monitor.name}")
-        for count, one in enumerate(messages(run, monitor.name)):
+        for count, one in enumerate(expected_answers(run, monitor.name)):
             lost = one.received_ns is None
             ended = one.segment.ended_ns if one.received_ns is None else one.received_ns
             shared = {"cat": "message", "id": f"{number}.{count}", "pid": pid, "tid": 0}
@@ -74,7 +74,7 @@ def _events(run: Run) -> Iterator[dict[str, Any]]:
                 "ph": "b", "name": name, "ts": at(one.published_ns), "args": args, **shared
             }  # fmt: skip
             yield {"ph": "e", "name": name, "ts": at(max(ended, one.published_ns)), **shared}
-    for load in loads(run):
+    for load in load_samples(run):
         values = {"CPU %": round(load.cpu * 100, 2)}
         yield _counter(f"CPU {load.process}", at(load.at_ns), values)
         values = {"MiB": round(load.memory_bytes / 2**20, 2)}

@@ -78,7 +78,7 @@ class Chart:
 
 
 @dataclass
-class Sketch:
+class ChartBuilder:
     """A drawing in the making.
 
     Attributes:
@@ -97,7 +97,7 @@ class Sketch:
         line.set_gid(f"series-{len(self.labels)}")
         self.labels.append(printable(label))
 
-    def readable(self, axes: Axes, x_unit: str, y_unit: str) -> None:
+    def register_axes(self, axes: Axes, x_unit: str, y_unit: str) -> None:
         """Let a script turn positions on these axes back into values of these units."""
         self.scales[len(self.scales)] = (axes, x_unit, y_unit)
 
@@ -112,7 +112,7 @@ def line_style(number: int) -> Any:
     return _STYLES[number % len(_STYLES)]
 
 
-def mark(number: int) -> str:
+def marker(number: int) -> str:
     """The marker of a series."""
     return _MARKS[number % len(_MARKS)]
 
@@ -122,7 +122,7 @@ def draw(
     title: str,
     description: str,
     height_in: float,
-    paint: Callable[[Sketch], object],
+    paint: Callable[[ChartBuilder], object],
 ) -> Chart:
     """Draw a chart: `paint` gets an empty figure and fills it."""
     import matplotlib
@@ -131,7 +131,7 @@ def draw(
     with matplotlib.rc_context(_SETTINGS), warnings.catch_warnings():
         # A script that the library has no measures for is drawn by the browser all the same.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        sketch = Sketch(Figure(figsize=(WIDTH_IN, height_in)))
+        sketch = ChartBuilder(Figure(figsize=(WIDTH_IN, height_in)))
         paint(sketch)
         buffer = io.StringIO()
         metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))

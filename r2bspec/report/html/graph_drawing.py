@@ -13,19 +13,19 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.plan.figure import Arrow, Box, BoxKind, figure
 from r2bspec.plan.plan import Plan
 
-_CHARACTER = 7.4
+_CHARACTER_WIDTH = 7.4
 """Width of a character at the size that the boxes are lettered in."""
 
-_LONGEST = 34
-_LINE = 15
-_PAD = 8
+_MAX_LABEL_CHARACTERS = 34
+_LINE_HEIGHT = 15
+_PADDING = 8
 _COLUMN_GAP = 34
 _ROW_GAP = 14
-_TITLE = 26
+_TITLE_HEIGHT = 26
 
 
 @dataclass(frozen=True)
-class Line:
+class TextLine:
     """A line of text in a box; `full` is what was cut off for the drawing."""
 
     text: str
@@ -36,7 +36,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class PlacedBox:
     """A box with its place, in pixels."""
 
     kind: BoxKind
@@ -44,12 +44,12 @@ class Drawn:
     y: float
     width: float
     height: float
-    lines: tuple[Line, ...]
+    lines: tuple[TextLine, ...]
     title: str
 
 
 @dataclass(frozen=True)
-class Way:
+class Edge:
     """An arrow from one box to the next, as an SVG path."""
 
     path: str
@@ -57,7 +57,7 @@ class Way:
 
 
 @dataclass(frozen=True)
-class Frame:
+class PhaseFrame:
     """The boxes of one phase, with its name."""
 
     title: str
@@ -73,73 +73,77 @@ class Drawing:
 
     width: float
     height: float
-    frames: tuple[Frame, ...]
-    boxes: tuple[Drawn, ...]
-    ways: tuple[Way, ...]
+    frames: tuple[PhaseFrame, ...]
+    boxes: tuple[PlacedBox, ...]
+    ways: tuple[Edge, ...]
     description: str
 
 
-def lay_out(plan: Plan, told: Mapping[str, Sequence[str]]) -> Drawing:
+def lay_out(plan: Plan, annotations: Mapping[str, Sequence[str]]) -> Drawing:
     """Place everything.
 
     Args:
         plan: the plan to draw.
-        told: lines to add below the name of a box, by that name.
+        annotations: lines to add below the name of a box, by that name.
     """
     sketch = figure(plan)
     y, widest = 2.0, 0.0
-    frames: list[Frame] = []
-    placed: dict[str, Drawn] = {}
+    frames: list[PhaseFrame] = []
+    placed: dict[str, PlacedBox] = {}
     groups = [("", sketch.boxes), *((group.title, group.boxes) for group in sketch.groups)]
     for title, boxes in groups:
         if not boxes:
             continue
-        top = y + (_TITLE if title else 0)
-        found = _layers(boxes, sketch.arrows, told, _PAD, top)
+        top = y + (_TITLE_HEIGHT if title else 0)
+        found = _layers(boxes, sketch.arrows, annotations, _PADDING, top)
         placed |= found
-        right = max(one.x + one.width for one in found.values()) + _PAD
-        bottom = max(one.y + one.height for one in found.values()) + _PAD
+        right = max(one.x + one.width for one in found.values()) + _PADDING
+        bottom = max(one.y + one.height for one in found.values()) + _PADDING
         if title:
-            frames.append(Frame(title, 0, y, right, bottom - y))
+            frames.append(PhaseFrame(title, 0, y, right, bottom - y))
         widest = max(widest, right)
         y = bottom + _ROW_GAP
-    ways = tuple(_way(placed[each.tail], placed[each.head], each.stored) for each in sketch.arrows)
+    ways = tuple(
+        _route_edge(placed[each.tail], placed[each.head], each.stored) for each in sketch.arrows
+    )
     return Drawing(
         width=widest + 2,
         height=y,
         frames=tuple(frames),
         boxes=tuple(placed.values()),
         ways=ways,
-        description=_in_words(sketch.arrows, placed),
+        description=_description(sketch.arrows, placed),
     )
 
 
 def _layers(
     boxes: Sequence[Box],
     arrows: Sequence[Arrow],
-    told: Mapping[str, Sequence[str]],
+    annotations: Mapping[str, Sequence[str]],
     left: float,
     top: float,
-) -> dict[str, Drawn]:
+) -> dict[str, PlacedBox]:
     known = {box.id: box for box in boxes}
     feeds = [(a.tail, a.head) for a in arrows if a.tail in known and a.head in known]
-    layer = _ranks([*known], feeds)
-    placed: dict[str, Drawn] = {}
+    layer = _layer_indices([*known], feeds)
+    placed: dict[str, PlacedBox] = {}
     x = left
     for number in range(max(layer.values()) + 1):
         column = [box for box in boxes if layer[box.id] == number]
-        column.sort(key=lambda box: _height_of_feeders(box.id, feeds, placed))
-        shown = [_lines(box, told.get(box.lines[0], ())) for box in column]
-        width = max(len(text) for lines in shown for text in lines) * _CHARACTER + 2 * _PAD
+        column.sort(key=lambda box: _mean_predecessor_y(box.id, feeds, placed))
+        shown = [_lines(box, annotations.get(box.lines[0], ())) for box in column]
+        width = (
+            max(len(text) for lines in shown for text in lines) * _CHARACTER_WIDTH + 2 * _PADDING
+        )
         y = top
         for box, lines in zip(column, shown, strict=True):
-            placed[box.id] = _drawn(box, lines, x, y, width)
+            placed[box.id] = _place_box(box, lines, x, y, width)
             y += placed[box.id].height + _ROW_GAP
         x += width + _COLUMN_GAP
     return placed
 
 
-def _ranks(names: list[str], feeds: list[tuple[str, str]]) -> dict[str, int]:
+def _layer_indices(names: list[str], feeds: list[tuple[str, str]]) -> dict[str, int]:
     """The layer of each box; members of a circle share the layer at which it is entered."""
     import networkx as nx
 
@@ -153,28 +157,30 @@ def _ranks(names: list[str], feeds: list[tuple[str, str]]) -> dict[str, int]:
     return {name: rank[circles.graph["mapping"][name]] for name in names}
 
 
-def _height_of_feeders(name: str, feeds: list[tuple[str, str]], placed: dict[str, Drawn]) -> float:
+def _mean_predecessor_y(
+    name: str, feeds: list[tuple[str, str]], placed: dict[str, PlacedBox]
+) -> float:
     heights = [placed[tail].y for tail, head in feeds if head == name and tail in placed]
     return sum(heights) / len(heights) if heights else 0.0
 
 
-def _lines(box: Box, told: Sequence[str]) -> list[str]:
-    return [clip(line, _LONGEST) for line in (*box.lines, *told) if line]
+def _lines(box: Box, annotations: Sequence[str]) -> list[str]:
+    return [clip(line, _MAX_LABEL_CHARACTERS) for line in (*box.lines, *annotations) if line]
 
 
-def _drawn(box: Box, lines: list[str], x: float, y: float, width: float) -> Drawn:
+def _place_box(box: Box, lines: list[str], x: float, y: float, width: float) -> PlacedBox:
     named = sum(bool(line) for line in box.lines)
-    return Drawn(
+    return PlacedBox(
         kind=box.kind,
         x=x,
         y=y,
         width=width,
-        height=len(lines) * _LINE + _PAD,
+        height=len(lines) * _LINE_HEIGHT + _PADDING,
         lines=tuple(
-            Line(
+            TextLine(
                 text,
-                x + _PAD,
-                y + _LINE * (number + 1) - 1,
+                x + _PADDING,
+                y + _LINE_HEIGHT * (number + 1) - 1,
                 "bold" if number == 0 and box.kind != "topic" else "normal",
                 "ink" if number == 0 or number >= named else "quiet",
             )
@@ -184,7 +190,7 @@ def _drawn(box: Box, lines: list[str], x: float, y: float, width: float) -> Draw
     )
 
 
-def _way(tail: Drawn, head: Drawn, stored: bool) -> Way:
+def _route_edge(tail: PlacedBox, head: PlacedBox, stored: bool) -> Edge:
     """Out of the right side and into the left one; down and around if that is behind."""
     x0, y0 = tail.x + tail.width, tail.y + tail.height / 2
     x1, y1 = head.x, head.y + head.height / 2
@@ -206,9 +212,9 @@ def _way(tail: Drawn, head: Drawn, stored: bool) -> Way:
             path = (
                 f"M{x0:.0f} {y0:.0f}C{x0:.0f} {middle:.0f} {x1:.0f} {middle:.0f} {x1:.0f} {y1:.0f}"
             )
-    return Way(path, stored)
+    return Edge(path, stored)
 
 
-def _in_words(arrows: Sequence[Arrow], placed: Mapping[str, Drawn]) -> str:
+def _description(arrows: Sequence[Arrow], placed: Mapping[str, PlacedBox]) -> str:
     said = [f"{placed[a.tail].title} to {placed[a.head].title}" for a in arrows]
     return "Messages go from " + "; from ".join(said) + "." if said else "Nothing is connected."

@@ -7,10 +7,10 @@ import numpy as np
 from r2bspec.measure.metrics import pace_of
 from r2bspec.measure.samples import RunSamples
 from r2bspec.measure.units import show_rate
-from r2bspec.report.html.canvas import Chart, Sketch, colour, draw
+from r2bspec.report.html.canvas import Chart, ChartBuilder, colour, draw
 
-_MOST_POINTS = 300
-_MOST_RATES = 4
+_MAX_POINTS = 300
+_MAX_RATES = 4
 
 
 def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSamples) -> Chart | None:
@@ -19,7 +19,7 @@ def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSample
         rate
         for rate in set(samples.iterations) & set(baseline.iterations)
         if monitor in samples.monitors and monitor in baseline.monitors
-    )[-_MOST_RATES:]
+    )[-_MAX_RATES:]
     if not rates:
         return None
     description = (
@@ -27,7 +27,7 @@ def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSample
         "line, the baseline as a dashed one. A curve that ends below 100 % has lost the rest."
     )
 
-    def paint(sketch: Sketch) -> None:
+    def paint(sketch: ChartBuilder) -> None:
         axes = sketch.figure.subplots()
         for number, rate in enumerate(rates):
             for run, style, who in ((samples, "-", "this run"), (baseline, "--", "baseline")):
@@ -36,7 +36,7 @@ def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSample
                 total = values.size + sum(one.missed for one in seen)
                 if not values.size:
                     continue
-                ranks = np.unique(np.linspace(1, values.size, _MOST_POINTS).astype(np.int64))
+                ranks = np.unique(np.linspace(1, values.size, _MAX_POINTS).astype(np.int64))
                 label = f"{show_rate(rate, pace_of(run.mode))}, {who}"
                 (line,) = axes.step(
                     values[ranks - 1] * 1e3,
@@ -52,6 +52,6 @@ def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSample
         axes.set_ylabel("messages within, %")
         if sketch.labels:
             axes.legend(loc="lower right")
-        sketch.readable(axes, "ms", "%")
+        sketch.register_axes(axes, "ms", "%")
 
     return draw(name, f"Latency against the baseline: {monitor}", description, 3.2, paint)

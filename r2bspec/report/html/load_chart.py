@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.diagnostics.quote import printable
-from r2bspec.measure.resource_usage import MACHINE, spaced
+from r2bspec.measure.resource_usage import MACHINE_INDEX, spaced_indices
 from r2bspec.record.run_folder import Run
 from r2bspec.record.sample_arrays import Rows
-from r2bspec.report.html.canvas import Chart, Sketch, colour, draw, line_style
+from r2bspec.report.html.canvas import Chart, ChartBuilder, colour, draw, line_style
 from r2bspec.report.html.pressure_chart import has_pressure, paint_pressure
 from r2bspec.report.html.svg import PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST_POINTS = 300
+_MAX_POINTS = 300
 """Samples that are drawn of each process."""
 
 _MIB = 2**20
@@ -33,7 +33,7 @@ def loads_chart(name: str, run: Run) -> Chart | None:
     rows = run.resources()
     if not rows.size:
         return None
-    around = run.surroundings()
+    around = run.interference()
     pressed = has_pressure(around)
     start_ns = int(rows["time_ns"].min())
     description = (
@@ -46,13 +46,13 @@ def loads_chart(name: str, run: Run) -> Chart | None:
             "processor, or the machine itself was kept from working."
         )
 
-    def paint(sketch: Sketch) -> None:
+    def paint(sketch: ChartBuilder) -> None:
         heights = (3, 2, 1.5) if pressed else (3, 2)
         panels = sketch.figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         upper, lower = panels[:2]
         most = 1
         names = [(number, each.name) for number, each in enumerate(run.record.processes)]
-        for place, (index, process) in enumerate([*names, (MACHINE, "whole machine")]):
+        for place, (index, process) in enumerate([*names, (MACHINE_INDEX, "whole machine")]):
             of_one = rows[rows["process"] == index]
             if of_one.size > 2:
                 most = max(most, _process(sketch, (upper, lower), place, process, of_one, start_ns))
@@ -66,8 +66,8 @@ def loads_chart(name: str, run: Run) -> Chart | None:
         sketch.figure.legend(
             *upper.get_legend_handles_labels(), loc="outside lower center", ncols=4
         )
-        sketch.readable(upper, "s", "%")
-        sketch.readable(lower, "s", "MiB")
+        sketch.register_axes(upper, "s", "%")
+        sketch.register_axes(lower, "s", "MiB")
         if pressed:
             paint_pressure(sketch, panels[2], around, start_ns)
         if most > 1:
@@ -78,7 +78,7 @@ def loads_chart(name: str, run: Run) -> Chart | None:
 
 
 def _process(
-    sketch: Sketch,
+    sketch: ChartBuilder,
     panels: tuple[Axes, Axes],
     number: int,
     name: str,
@@ -87,8 +87,8 @@ def _process(
 ) -> int:
     """Draw one process; returns how many samples make one point."""
     rows = rows[np.argsort(rows["time_ns"], kind="stable")]
-    rows = rows[spaced(rows["time_ns"])]
-    group = max(1, -(-rows.size // _MOST_POINTS))
+    rows = rows[spaced_indices(rows["time_ns"])]
+    group = max(1, -(-rows.size // _MAX_POINTS))
     # Processor time adds up, so the difference over a group is exactly the group's mean.
     ends = np.unique(np.append(np.arange(0, rows.size, group), rows.size - 1))
     times = (rows["time_ns"][ends] - start_ns) / 1e9

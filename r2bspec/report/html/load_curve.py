@@ -15,13 +15,13 @@ from r2bspec.record.run_record import Segment
 from r2bspec.report.html.canvas import (
     OUTCOME_COLOURS,
     Chart,
-    Sketch,
+    ChartBuilder,
     colour,
     draw,
-    mark,
+    marker,
     plain_numbers,
 )
-from r2bspec.report.html.step_chart import steps_of
+from r2bspec.report.html.step_chart import step_latencies
 from r2bspec.report.html.svg import PALETTE
 
 if TYPE_CHECKING:
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 _THROUGHPUT = "throughput.mean"
 
-_WIDE = 8.0
+_MIN_LOG_RATIO = 8.0
 """From this ratio of the highest to the lowest rate on, rates are on a logarithmic axis."""
 
-_ANSWERS: Final = (
+_PROBE_MARKERS: Final = (
     (True, "o", "probe that held"),
     (False, "x", "probe that did not"),
     (None, "D", "probe that stayed open"),
@@ -40,7 +40,7 @@ _ANSWERS: Final = (
 _COLOURS: Final = {True: "good", False: "bad", None: "quiet"}
 
 
-def offered_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verdict) -> Chart:
+def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verdict) -> Chart:
     """Above: what came out; below: the share that did not. Probes of the search are hollow."""
     probes = [*(metrics.search.probes if metrics.search is not None else ()), *metrics.sustained]
     rates = [*(rate.offered_hz for rate in metrics.rates), *(probe.rate_hz for probe in probes)]
@@ -50,9 +50,9 @@ def offered_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verd
         "not, diamonds stayed open. A band marks where the search found the peak."
     )
 
-    def paint(sketch: Sketch) -> None:
+    def paint(sketch: ChartBuilder) -> None:
         upper, lower = sketch.figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-        wide = max(rates) > _WIDE * min(rates)
+        wide = max(rates) > _MIN_LOG_RATIO * min(rates)
         ends = (min(rates) * 0.85, max(rates) * 1.15) if wide else (0, max(rates) * 1.08)
         upper.plot(ends, ends, ":", color=PALETTE["quiet"], label="all that is offered")
         _bracket(metrics, (upper, lower))
@@ -66,7 +66,7 @@ def offered_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verd
         if wide:
             upper.set_xscale("log")
             plain_numbers(upper.xaxis)
-        if wide and _least_delivered(metrics) > 0:
+        if wide and _min_delivered(metrics) > 0:
             # On two logarithmic axes what is offered stays a straight line.
             upper.set_yscale("log")
             plain_numbers(upper.yaxis)
@@ -77,13 +77,13 @@ def offered_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verd
         lower.set_ylabel("dropped, %")
         lower.set_xlabel("offered rate, Hz")
         sketch.figure.legend(loc="outside upper left", ncols=5)
-        sketch.readable(upper, "Hz", "Hz")
-        sketch.readable(lower, "Hz", "%")
+        sketch.register_axes(upper, "Hz", "Hz")
+        sketch.register_axes(lower, "Hz", "%")
 
     return draw(name, "Throughput and drops by offered rate", description, 4.2, paint)
 
 
-def _least_delivered(metrics: RunMetrics) -> float:
+def _min_delivered(metrics: RunMetrics) -> float:
     probes = [*(metrics.search.probes if metrics.search is not None else ()), *metrics.sustained]
     delivered = [probe.delivered_hz for probe in probes]
     for rate in metrics.rates:
@@ -99,14 +99,19 @@ def _monitors(metrics: RunMetrics) -> list[str]:
 
 
 def _monitor(
-    sketch: Sketch, panels: tuple[Axes, Axes], number: int, monitor: str, metrics: RunMetrics
+    sketch: ChartBuilder, panels: tuple[Axes, Axes], number: int, monitor: str, metrics: RunMetrics
 ) -> None:
     """A filled mark for each rate, with the range over its iterations as a bar."""
     upper, lower = panels
     x = [rate.offered_hz for rate in metrics.rates]
     seen = [rate.pooled.monitors[monitor] for rate in metrics.rates]
     ink = colour(number)
-    style: dict[str, Any] = {"color": ink, "marker": mark(number), "linestyle": "-", "linewidth": 1}
+    style: dict[str, Any] = {
+        "color": ink,
+        "marker": marker(number),
+        "linestyle": "-",
+        "linewidth": 1,
+    }
     (line,) = upper.plot(
         x, [one.throughput_hz for one in seen], label=printable(monitor), zorder=4, **style
     )
@@ -122,9 +127,9 @@ def _monitor(
                 axes.vlines(rate.offered_hz, low, high, color=ink, linewidth=4, alpha=0.4)
 
 
-def _probes(sketch: Sketch, axes: Axes, metrics: RunMetrics) -> None:
+def _probes(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics) -> None:
     probes = [*(metrics.search.probes if metrics.search is not None else ()), *metrics.sustained]
-    for holds, shape, name in _ANSWERS:
+    for holds, shape, name in _PROBE_MARKERS:
         found = [probe for probe in probes if probe.holds is holds]
         if not found:
             continue
@@ -142,12 +147,12 @@ def _probes(sketch: Sketch, axes: Axes, metrics: RunMetrics) -> None:
         sketch.series(line, name)
 
 
-def _probe_drops(sketch: Sketch, axes: Axes, metrics: RunMetrics, run: Run) -> None:
+def _probe_drops(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics, run: Run) -> None:
     """What of the steps of each probe was never answered, at the monitor that missed most."""
     held = {
         probe.segment: probe.holds for probe in (metrics.search.probes if metrics.search else ())
     }
-    for holds, shape, _ in _ANSWERS:
+    for holds, shape, _ in _PROBE_MARKERS:
         points = []
         for segment in run.record.segments:
             if segment.id in held and held[segment.id] is holds and segment.kind == "probe":
@@ -166,7 +171,7 @@ def _probe_drops(sketch: Sketch, axes: Axes, metrics: RunMetrics, run: Run) -> N
 
 
 def _lost(run: Run, segment: Segment, monitor: str) -> float:
-    missed = np.isnan(steps_of(run, segment, monitor))
+    missed = np.isnan(step_latencies(run, segment, monitor))
     return float(missed.mean()) if missed.size else 0.0
 
 

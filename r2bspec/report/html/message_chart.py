@@ -11,17 +11,17 @@ from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.measure.metrics import pace_of
 from r2bspec.measure.units import show_rate
 from r2bspec.record.run_folder import Run
-from r2bspec.report.html.canvas import OUTCOME_COLOURS, Chart, Sketch, colour, draw
-from r2bspec.report.html.step_chart import iterations_at, runs_of, steps_of, thinned
+from r2bspec.report.html.canvas import OUTCOME_COLOURS, Chart, ChartBuilder, colour, draw
+from r2bspec.report.html.step_chart import iterations_at, missed_runs, step_latencies, thin_indices
 from r2bspec.report.html.svg import PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST_POINTS = 1_200
+_MAX_POINTS = 1_200
 """Messages that are drawn for each rate."""
 
-_MOST_RATES = 6
+_MAX_RATES = 6
 
 _WORST_FIRST = ("fail", "inconclusive", "pass")
 
@@ -30,7 +30,7 @@ def messages_chart(
     name: str, monitor: str, run: Run, rates: list[float], verdict: Verdict
 ) -> Chart:
     """A row for each offered rate; iterations follow each other from left to right."""
-    shown = rates[-_MOST_RATES:]
+    shown = rates[-_MAX_RATES:]
     description = (
         f"Latency of each message at {monitor}, in the order of playing, a row for each offered "
         "rate. Bars at the top of a row are messages that never came; upright lines separate the "
@@ -38,7 +38,7 @@ def messages_chart(
     )
     thin = False
 
-    def paint(sketch: Sketch) -> None:
+    def paint(sketch: ChartBuilder) -> None:
         nonlocal thin
         grid = sketch.figure.subplots(len(shown), 1, squeeze=False)
         for row, rate in enumerate(shown):
@@ -53,7 +53,7 @@ def messages_chart(
         notes = []
         if thin:
             notes.append(
-                f"Where a row has more than {_MOST_POINTS:,} messages, of each stretch only the "
+                f"Where a row has more than {_MAX_POINTS:,} messages, of each stretch only the "
                 "fastest and the slowest are drawn; misses are always marked."
             )
         if len(shown) < len(rates):
@@ -65,7 +65,7 @@ def messages_chart(
 
 
 def _row(
-    sketch: Sketch,
+    sketch: ChartBuilder,
     axes: Axes,
     run: Run,
     monitor: str,
@@ -74,9 +74,9 @@ def _row(
     limits: list[RequirementVerdict],
 ) -> bool:
     """Draw one rate; returns whether messages were left out."""
-    parts = [steps_of(run, segment, monitor) for segment in iterations_at(run, rate)]
+    parts = [step_latencies(run, segment, monitor) for segment in iterations_at(run, rate)]
     values = np.concatenate(parts) if parts else np.empty(0)
-    kept = thinned(values, _MOST_POINTS)
+    kept = thin_indices(values, _MAX_POINTS)
     label = show_rate(rate, pace_of(run.plan.playback_mode))
     (line,) = axes.plot(
         kept + 1, values[kept] * 1e3, ".", color=colour(number), markersize=3, label=label
@@ -95,7 +95,7 @@ def _row(
         axes.axvline(end + 0.5, color=PALETTE["quiet"], linewidth=0.6)
     missed = np.isnan(values)
     if missed.any():
-        bars = [(first + 0.5, count) for first, count in runs_of(missed)]
+        bars = [(first + 0.5, count) for first, count in missed_runs(missed)]
         axes.broken_barh(bars, (top * 1.17, top * 0.08), facecolor=PALETTE["bad"], linewidth=0)
     axes.set_xlim(0.5, max(values.size, 1) + 0.5)
     axes.set_ylabel(f"{label}\nms")
@@ -116,5 +116,5 @@ def _row(
             fontsize=8,
             color=PALETTE[OUTCOME_COLOURS[worst]],
         )
-    sketch.readable(axes, "message", "ms")
+    sketch.register_axes(axes, "message", "ms")
     return bool(kept.size < values.size - count)

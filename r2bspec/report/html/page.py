@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
@@ -22,6 +22,7 @@ from r2bspec.report.report_wording import (
     bounds_text,
     comparison,
     estimate_text,
+    loaded_rmw,
     notes,
     own_pace,
     peak_text,
@@ -35,13 +36,13 @@ if TYPE_CHECKING:
 
 _ORDER = ("fail", "inconclusive", "pass")
 
-_CONTROLS = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+_CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
-_SHOWN_RATES = 4
+_MAX_SHOWN_RATES = 4
 """Rates whose numbers are written into the drawing of the graph."""
 
 
-def render(reported: Reported) -> bytes:
+def render(report_input: ReportInput) -> bytes:
     """The page, UTF-8. The same run gives the same bytes."""
     import jinja2
 
@@ -56,14 +57,14 @@ def render(reported: Reported) -> bytes:
     environment.filters["pointer"] = pointer
     page = environment.get_template("page.html.j2")
     # What no page can hold: control characters, and the lone surrogates of broken file names.
-    text = _CONTROLS.sub("\N{REPLACEMENT CHARACTER}", page.render(_context(reported)))
+    text = _CONTROL_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", page.render(_context(report_input)))
     return text.encode("utf-8", errors="replace") + b"\n"
 
 
-def _context(reported: Reported) -> dict[str, Any]:
+def _context(report_input: ReportInput) -> dict[str, Any]:
     from markupsafe import Markup
 
-    result = reported.result
+    result = report_input.result
     files = importlib.resources.files("r2bspec.report.html")
     metrics = result.metrics
     several = several_monitors(result.verdict)
@@ -71,7 +72,7 @@ def _context(reported: Reported) -> dict[str, Any]:
     ordered = sorted(result.verdict.requirements, key=lambda one: _ORDER.index(one.outcome))
     monitors = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)]
     processes = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.processes)]
-    charts = _charts(reported, monitors)
+    charts = _charts(report_input, monitors)
     return {
         "result": result,
         "metrics": metrics,
@@ -103,17 +104,19 @@ def _context(reported: Reported) -> dict[str, Any]:
             str, {one.segment: "; ".join(one.reasons) for one in result.verdict.disturbed}
         ),
         "monitors": monitors,
+        "monitor_title": result.monitor_title,
         "processes": processes,
         "peak": peak_text(metrics.search) if metrics.search is not None else "",
-        "graph": _graph(reported),
+        "graph": _graph(report_input),
         "charts": {key: [_safe(chart) for chart in found] for key, found in charts.items()},
-        "baseline": reported.baseline.record if reported.baseline is not None else None,
-        "has_samples": reported.run is not None,
+        "baseline": report_input.baseline.record if report_input.baseline is not None else None,
+        "has_samples": report_input.run is not None,
         "number": Numbers(msgspec.to_builtins(result)),
         "show": show,
         "show_rate": show_rate,
         "pace": own_pace(metrics),
         "facts": {key: _plain(value) for key, value in result.machine.items()},
+        "rmw": loaded_rmw(result),
         "dataset": {key: _plain(value) for key, value in result.dataset.items()},
         "palette": PALETTE,
         "style": Markup(files.joinpath("style.css").read_text("utf-8")),  # noqa: S704 - our file
@@ -140,30 +143,30 @@ def _plain(value: object) -> str:
     return msgspec.json.encode(value).decode() if value else "-"
 
 
-def _charts(reported: Reported, monitors: list[str]) -> dict[str, list[Chart]]:
-    metrics = reported.result.metrics
+def _charts(report_input: ReportInput, monitors: list[str]) -> dict[str, list[Chart]]:
+    metrics = report_input.result.metrics
     found: dict[str, list[Chart]] = {"latency": [], "offered": [], "loads": [], "baseline": []}
     if any(rate.offered_hz for rate in metrics.rates):
-        from r2bspec.report.html.load_curve import offered_chart
+        from r2bspec.report.html.load_curve import load_curve_chart
 
-        verdict = reported.result.verdict
-        found["offered"].append(offered_chart("offered", metrics, reported.run, verdict))
-    if reported.run is not None:
-        found["latency"] = [*_latency_charts(reported, monitors)]
-        found["baseline"] = [*_baseline_charts(reported, monitors)]
+        verdict = report_input.result.verdict
+        found["offered"].append(load_curve_chart("offered", metrics, report_input.run, verdict))
+    if report_input.run is not None:
+        found["latency"] = [*_latency_charts(report_input, monitors)]
+        found["baseline"] = [*_baseline_charts(report_input, monitors)]
         from r2bspec.report.html.load_chart import loads_chart
 
-        loads = loads_chart("loads", reported.run)
+        loads = loads_chart("loads", report_input.run)
         found["loads"] = [loads] if loads is not None else []
     return found
 
 
-def _latency_charts(reported: Reported, monitors: list[str]) -> Iterator[Chart]:
+def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:
     from r2bspec.report.html.message_chart import messages_chart
     from r2bspec.report.html.percentile_curve import percentile_chart
 
-    samples, run = reported.samples, reported.run
-    verdict = reported.result.verdict
+    samples, run = report_input.samples, report_input.run
+    verdict = report_input.result.verdict
     if samples is None or run is None or not samples.iterations:
         return
     for number, monitor in enumerate(monitors):
@@ -172,10 +175,10 @@ def _latency_charts(reported: Reported, monitors: list[str]) -> Iterator[Chart]:
         yield messages_chart(f"messages-{number}", monitor, run, rates, verdict)
 
 
-def _baseline_charts(reported: Reported, monitors: list[str]) -> Iterator[Chart]:
+def _baseline_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:
     from r2bspec.report.html.latency_distribution import ecdf_chart
 
-    samples, baseline = reported.samples, reported.baseline_samples
+    samples, baseline = report_input.samples, report_input.baseline_samples
     if samples is None or baseline is None:
         return
     for number, monitor in enumerate(monitors):
@@ -184,17 +187,17 @@ def _baseline_charts(reported: Reported, monitors: list[str]) -> Iterator[Chart]
             yield chart
 
 
-def _graph(reported: Reported) -> Drawing | None:
-    if reported.run is None:
+def _graph(report_input: ReportInput) -> Drawing | None:
+    if report_input.run is None:
         return None
     from r2bspec.report.html.graph_drawing import lay_out
 
-    return lay_out(reported.run.plan, _told(reported.result.metrics))
+    return lay_out(report_input.run.plan, _annotations(report_input.result.metrics))
 
 
-def _told(metrics: RunMetrics) -> dict[str, list[str]]:
+def _annotations(metrics: RunMetrics) -> dict[str, list[str]]:
     """What the drawing says at the player and at each monitor."""
-    rates = metrics.rates[-_SHOWN_RATES:]
+    rates = metrics.rates[-_MAX_SHOWN_RATES:]
     told = {"player": [f"plays {show_rate(rate.offered_hz, rate.pace)}" for rate in rates]}
     for name in dict.fromkeys(name for rate in rates for name in rate.pooled.monitors):
         told[f"monitor {name}"] = [

@@ -16,7 +16,7 @@ from r2bspec.measure.units import at_rate, show, show_rate
 from r2bspec.report.html.canvas import (
     OUTCOME_COLOURS,
     Chart,
-    Sketch,
+    ChartBuilder,
     colour,
     draw,
     line_style,
@@ -27,8 +27,8 @@ from r2bspec.report.html.svg import PALETTE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST_POINTS = 300
-_MANY = 20.0
+_MAX_POINTS = 300
+_MIN_LOG_RATIO = 20.0
 """From this ratio of the largest latency to the median on, the latency axis is logarithmic."""
 
 
@@ -41,7 +41,7 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
         "axis is logarithmic in the share of messages that take longer."
     )
 
-    def paint(sketch: Sketch) -> None:
+    def paint(sketch: ChartBuilder) -> None:
         axes = sketch.figure.subplots()
         largest, median, total = 0.0, [], 2
         for number, rate in enumerate(rates):
@@ -56,14 +56,14 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
             if one.monitor == monitor and one.at_hz in rates:
                 _limit(axes, one, rates.index(one.at_hz))
         _axes(axes, total)
-        if median and largest > _MANY * min(median):
+        if median and largest > _MIN_LOG_RATIO * min(median):
             axes.set_yscale("log")
             plain_numbers(axes.yaxis)
         else:
             axes.set_ylim(bottom=0)
         if sketch.labels:
             sketch.figure.legend(loc="outside upper left", ncols=6)
-        sketch.readable(axes, "percentile", "ms")
+        sketch.register_axes(axes, "percentile", "ms")
 
     return draw(name, f"Latency by percentile: {monitor}", description, 3.4, paint)
 
@@ -78,7 +78,12 @@ def _pooled(
 
 
 def _curve(
-    sketch: Sketch, axes: Axes, number: int, label: str, values: NDArray[np.float64], lost: int
+    sketch: ChartBuilder,
+    axes: Axes,
+    number: int,
+    label: str,
+    values: NDArray[np.float64],
+    lost: int,
 ) -> None:
     """A step for each rank k of n: the value at or below which a share of k/n lies."""
     n = values.size + lost
@@ -104,9 +109,9 @@ def _curve(
 
 def _ranks(n: int) -> NDArray[np.int64]:
     """Which ranks to draw: more of them the nearer to the largest."""
-    if n <= _MOST_POINTS:
+    if n <= _MAX_POINTS:
         return np.arange(1, n + 1)
-    from_end = np.unique(np.geomspace(1, n, _MOST_POINTS).astype(np.int64))
+    from_end = np.unique(np.geomspace(1, n, _MAX_POINTS).astype(np.int64))
     return (n + 1 - from_end)[::-1]
 
 

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from r2bspec.measure.resource_usage import spaced
+from r2bspec.measure.resource_usage import spaced_indices
 from r2bspec.record.sample_arrays import Rows
-from r2bspec.report.html.canvas import Sketch, colour, line_style
+from r2bspec.report.html.canvas import ChartBuilder, colour, line_style
 from r2bspec.report.html.svg import PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST_POINTS = 300
+_MAX_POINTS = 300
 """Samples that are drawn of each series."""
 
 _SERIES = (
@@ -29,14 +29,14 @@ def has_pressure(rows: Rows) -> bool:
     return rows.size > 2 and any(np.isfinite(rows[field]).all() for field, _ in _SERIES)
 
 
-def paint_pressure(sketch: Sketch, axes: Axes, rows: Rows, start_ns: int) -> None:
+def paint_pressure(sketch: ChartBuilder, axes: Axes, rows: Rows, start_ns: int) -> None:
     """Draw each sum of the surroundings as its growth, in % of the time.
 
     What never happened is not drawn, but for the waiting: a line at zero says that it was looked
     for.
     """
-    rows = rows[spaced(rows["time_ns"])]
-    group = max(1, -(-rows.size // _MOST_POINTS))
+    rows = rows[spaced_indices(rows["time_ns"])]
+    group = max(1, -(-rows.size // _MAX_POINTS))
     # Sums, so that the difference over a group is exactly the group's mean.
     ends = np.unique(np.append(np.arange(0, rows.size, group), rows.size - 1))
     rows = rows[ends]
@@ -62,4 +62,4 @@ def paint_pressure(sketch: Sketch, axes: Axes, rows: Rows, start_ns: int) -> Non
     axes.set_ylabel("pressure, %")
     # Above the panel: inside, the lines of a busy machine would run through it.
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=len(_SERIES), fontsize=8)
-    sketch.readable(axes, "s", "%")
+    sketch.register_axes(axes, "s", "%")

@@ -7,22 +7,22 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.expected_steps import asked_and_seen
+from r2bspec.measure.expected_steps import match_segment
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 
-Steps = NDArray[np.float64]
+StepLatencies = NDArray[np.float64]
 """Seconds, one for each answer that the steps let expect, in order; NaN where none came."""
 
 
-def steps_of(run: Run, segment: Segment, monitor: str) -> Steps:
+def step_latencies(run: Run, segment: Segment, monitor: str) -> StepLatencies:
     """The expected answers of one segment, as one monitor saw them."""
     (plan,) = (each for each in run.plan.monitors if each.name == monitor)
-    playback, rows, matched = asked_and_seen(run, segment, plan)
-    found = np.full(matched.asked.size, np.nan)
+    playback, rows, matched = match_segment(run, segment, plan)
+    found = np.full(matched.trigger_steps.size, np.nan)
     answered = matched.answered
     received = rows["received_ns"][matched.first_row[answered]]
-    found[answered] = (received - playback["published_ns"][matched.asked[answered]]) / 1e9
+    found[answered] = (received - playback["published_ns"][matched.trigger_steps[answered]]) / 1e9
     return found
 
 
@@ -38,33 +38,33 @@ def iterations_at(run: Run, rate_hz: float) -> Iterator[Segment]:
             yield segment
 
 
-def thinned(values: Steps, most: int) -> NDArray[np.int64]:
-    """Which of many values to draw: of each stretch the smallest and the largest, at most `most`.
+def thin_indices(values: StepLatencies, max_points: int) -> NDArray[np.int64]:
+    """Which of many values to draw: the extremes of each interval, at most `max_points` in all.
 
     Nothing extreme is ever left out; missing values are.
     """
     known = np.flatnonzero(~np.isnan(values))
-    if known.size <= most:
+    if known.size <= max_points:
         return known
     kept: set[int] = set()
-    for stretch in np.array_split(known, most // 2):
+    for stretch in np.array_split(known, max_points // 2):
         kept.add(int(stretch[np.argmin(values[stretch])]))
         kept.add(int(stretch[np.argmax(values[stretch])]))
     return np.array(sorted(kept), dtype=np.int64)
 
 
-def runs_of(missed: NDArray[np.bool_], most: int = 400) -> list[tuple[int, int]]:
+def missed_runs(missed: NDArray[np.bool_], max_runs: int = 400) -> list[tuple[int, int]]:
     """Stretches of missed steps as (first, count); neighbours are joined if there are too many."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], missed, [False])).astype(np.int8)))
-    stretches = [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
+    runs = [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
     gap = 0
-    while len(stretches) > most:
+    while len(runs) > max_runs:
         gap = gap * 2 + 1
-        joined = [stretches[0]]
-        for first, end in stretches[1:]:
+        joined = [runs[0]]
+        for first, end in runs[1:]:
             if first - joined[-1][1] <= gap:
                 joined[-1] = (joined[-1][0], end)
             else:
                 joined.append((first, end))
-        stretches = joined
-    return [(first, end - first) for first, end in stretches]
+        runs = joined
+    return [(first, end - first) for first, end in runs]

@@ -35,9 +35,9 @@ SERIES: Final = tuple(PALETTE[f"s{number}"] for number in range(6))
 
 _CLASSES = {colour: name for name, colour in PALETTE.items()}
 _NUMBER = re.compile(r"-?\d+\.\d+")
-_REFERENCE = re.compile(r"url\(#([^)]+)\)")
+_URL_REFERENCE = re.compile(r"url\(#([^)]+)\)")
 _FONT = re.compile(r"(?:(?P<weight>bold|\d{3}) )?(?P<size>[\d.]+px) (?P<family>.*)")
-_NO_TURN = re.compile(r"rotate\(-?0(?:\.0*)?[ )]")
+_ZERO_ROTATION = re.compile(r"rotate\(-?0(?:\.0*)?[ )]")
 
 
 def inline(
@@ -85,13 +85,13 @@ def _plain_attributes(element: ET.Element, name: str, used: set[str]) -> None:
             used.add(value[1:])
             value = f"#{name}-{value[1:]}"
         elif "url(#" in value:
-            used.update(_REFERENCE.findall(value))
-            value = _REFERENCE.sub(rf"url(#{name}-\1)", value)
+            used.update(_URL_REFERENCE.findall(value))
+            value = _URL_REFERENCE.sub(rf"url(#{name}-\1)", value)
         elif key in {"d", "x", "y", "transform", "points"}:
-            if key == "transform" and _NO_TURN.match(value):
+            if key == "transform" and _ZERO_ROTATION.match(value):
                 del element.attrib[key]
                 continue
-            value = _shorter(value)
+            value = _round_coordinates(value)
         element.set(key, value)
     for key, prefix in (("fill", "f"), ("stroke", "k")):
         known = _CLASSES.get(element.get(key, ""))
@@ -114,7 +114,7 @@ def _declare(element: ET.Element, key: str, value: str) -> None:
     element.set(key, value)
 
 
-def _shorter(value: str) -> str:
+def _round_coordinates(value: str) -> str:
     """Coordinates to a tenth of a point, on one line."""
     short = _NUMBER.sub(lambda found: f"{float(found[0]):.1f}".removesuffix(".0"), value)
     return " ".join(short.split())

@@ -15,13 +15,13 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.report.findings.print_findings import wants_colour
 from r2bspec.report.report_wording import own_pace
-from r2bspec.report.terminal.cost_tables import floor_section, load_section
+from r2bspec.report.terminal.cost_tables import harness_overhead_section, load_section
 from r2bspec.report.terminal.header_and_footer import header, notes_section, overall, search_section
 from r2bspec.report.terminal.hop_table import hop_sections
 from r2bspec.report.terminal.monitor_tables import monitor_sections
 from r2bspec.report.terminal.verdict_lines import verdict_section
 
-_LEAST_WIDTH = 60
+_MIN_WIDTH = 60
 """Narrower terminals wrap; the tables do not shrink below this."""
 
 
@@ -54,7 +54,7 @@ def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
         sys.stdout.flush()
         return
     console = _standard_output()
-    section = verdict_section(verdict, max(console.width, _LEAST_WIDTH))
+    section = verdict_section(verdict, max(console.width, _MIN_WIDTH))
     for each in (Text(title, style="bold"), section, overall(verdict)):
         if each is not None:
             console.print(each)
@@ -77,14 +77,14 @@ def print_report(result: Result, folder: Path | None, console: Console) -> None:
         folder: the run folder, which the last line names.
         console: where to; it knows its width, and whether colours are wanted.
     """
-    width = max(console.width, _LEAST_WIDTH)
+    width = max(console.width, _MIN_WIDTH)
     sections = (
         header(result),
         verdict_section(result.verdict, width, own_pace(result.metrics)),
-        *monitor_sections(result.metrics, width),
+        *monitor_sections(result, width),
         *hop_sections(result.metrics),
         load_section(result.metrics, width),
-        floor_section(result.floor),
+        harness_overhead_section(result.floor),
         search_section(result.metrics.search),
         notes_section(result),
     )

@@ -13,7 +13,7 @@ _MEMORY_WIDTH = 9
 _RATE_WIDTH = 17
 """Columns with their gaps, at their widest: ``1,023 MiB`` and ``251 µs (348 µs)``."""
 
-_PLAYED, _LATE = "played at", "late p99 (max)"
+_PLAYED_LABEL, _LATE_LABEL = "played at", "late p99 (max)"
 
 
 def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
@@ -23,7 +23,7 @@ def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
         return None
     # Many rates are spread over several tables, one below the other.
     names = [name for rate in rates for name in rate.pooled.processes]
-    name_width = max(map(len, (*names, _LATE))) + 2
+    name_width = max(map(len, (*names, _LATE_LABEL))) + 2
     across = max(1, (width - name_width - _MEMORY_WIDTH) // _RATE_WIDTH)
     return Group(
         heading("load", "CPU mean (max), where 100 % is one core"),
@@ -31,7 +31,7 @@ def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
     )
 
 
-def floor_section(floor: tuple[FloorRecord, ...]) -> RenderableType | None:
+def harness_overhead_section(floor: tuple[FloorRecord, ...]) -> RenderableType | None:
     """What harness and transport take with nothing under test; None if it was not measured."""
     if not floor:
         return None
@@ -61,8 +61,10 @@ def _table(rates: tuple[RateMetrics, ...]) -> RenderableType:
     if any(machine):
         made.add_row("whole machine", *map(_cpu, machine), _memory(machine))
     if any(rate.pooled.playback.sent is not None for rate in rates):
-        made.add_row(_PLAYED, *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), "")
-        made.add_row(_LATE, *map(_lateness, rates), "")
+        made.add_row(
+            _PLAYED_LABEL, *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), ""
+        )
+        made.add_row(_LATE_LABEL, *map(_lateness, rates), "")
     return made
 
 

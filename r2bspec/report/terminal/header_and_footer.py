@@ -12,8 +12,8 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
-from r2bspec.report.report_wording import HOLDS, comparison, notes, peak_text
-from r2bspec.report.terminal.style import QUIET, heading, outcome_text
+from r2bspec.report.report_wording import PROBE_MARKS, comparison, loaded_rmw, notes, peak_text
+from r2bspec.report.terminal.style import DIM_STYLE, heading, outcome_text
 
 _STYLES = {True: "green", False: "red", None: "yellow"}
 
@@ -24,13 +24,14 @@ def header(result: Result) -> RenderableType:
     where = [
         _known(result.machine, "cpu"),
         f"{_known(result.machine, 'cores')} cores" if "cores" in result.machine else "",
+        loaded_rmw(result),
         _known(result.dataset, "source"),
         f"r2bspec {result.versions['r2bspec']}" if "r2bspec" in result.versions else "",
     ]
-    lines = [Text(title, style="bold"), Text(" · ".join(filter(None, where)), style=QUIET)]
+    lines = [Text(title, style="bold"), Text(" · ".join(filter(None, where)), style=DIM_STYLE)]
     if result.judged_by:
-        lines.append(Text(f"judged by the objectives of {result.judged_by}", style=QUIET))
-    lines += [Text(each, style=QUIET) for each in comparison(result)]
+        lines.append(Text(f"judged by the objectives of {result.judged_by}", style=DIM_STYLE))
+    lines += [Text(each, style=DIM_STYLE) for each in comparison(result)]
     return Group(*(line for line in lines if line.plain))
 
 
@@ -46,7 +47,7 @@ def search_section(search: SearchRecord | None) -> RenderableType | None:
     for number, probe in enumerate(search.probes):
         probes.append(" " if number else "")
         probes.append(
-            f"{probe.rate_hz:.4g}{HOLDS[probe.holds]}",
+            f"{probe.rate_hz:.4g}{PROBE_MARKS[probe.holds]}",
             style=_STYLES[probe.holds],
         )
     lines: list[RenderableType] = [heading("search", f"peak {peak_text(search)}"), probes]
@@ -54,7 +55,7 @@ def search_section(search: SearchRecord | None) -> RenderableType | None:
     if failed and failed[-1].holds is False:
         last = failed[-1]
         reason = f"at {show(last.rate_hz, 'Hz')}: {last.reason}"
-        lines.append(Padding(Text(reason, style=QUIET), (0, 0, 0, 2)))
+        lines.append(Padding(Text(reason, style=DIM_STYLE), (0, 0, 0, 2)))
     return Group(*lines)
 
 

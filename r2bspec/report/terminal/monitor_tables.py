@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from r2bspec.measure.metrics import MonitorMetrics, RateMetrics, RunMetrics
+from r2bspec.judge.result import Result
+from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.units import show, show_range, show_rate
-from r2bspec.report.terminal.style import QUIET, heading, table
+from r2bspec.report.terminal.style import DIM_STYLE, heading, table
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class _Column:
     unit: str
     value: Callable[[MonitorMetrics], float | None]
     spread: str = ""
-    least_width: int = 0
+    min_width: int = 0
 
 
 _COLUMNS = (
@@ -36,24 +37,28 @@ _COLUMNS = (
     _Column("received", "count", lambda seen: seen.received),
 )
 
-_PLAYED, _LIVE = ("sent", "missed"), ("received",)
+_PLAYED_COLUMNS, _LIVE_COLUMNS = ("sent", "missed"), ("received",)
 """Columns where something is played, and where nothing is: nobody knows then what was sent."""
 
 
-def monitor_sections(metrics: RunMetrics, width: int) -> Iterator[RenderableType]:
+def monitor_sections(result: Result, width: int) -> Iterator[RenderableType]:
     """A table for each monitor of the run."""
+    metrics = result.metrics
     names = dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)
     live = any(rate.pace == "source" for rate in metrics.rates)
     columns = [
         column
         for column in _COLUMNS
-        if column.least_width <= width and column.name not in (_PLAYED if live else _LIVE)
+        if column.min_width <= width
+        and column.name not in (_PLAYED_COLUMNS if live else _LIVE_COLUMNS)
     ]
     for name in names:
-        yield _section(name, metrics.rates, columns)
+        yield _section(name, result.monitor_title(name), metrics.rates, columns)
 
 
-def _section(name: str, rates: tuple[RateMetrics, ...], columns: list[_Column]) -> RenderableType:
+def _section(
+    name: str, title: str, rates: tuple[RateMetrics, ...], columns: list[_Column]
+) -> RenderableType:
     made = table(["offered", *(column.name for column in columns)])
     for rate in rates:
         seen = rate.pooled.monitors[name]
@@ -63,11 +68,11 @@ def _section(name: str, rates: tuple[RateMetrics, ...], columns: list[_Column]) 
         )
         if len(rate.iterations) > 1:
             made.add_row(
-                Text(f"× {len(rate.iterations)}", style=QUIET),
-                *(Text(_spread(rate, name, column), style=QUIET) for column in columns),
+                Text(f"× {len(rate.iterations)}", style=DIM_STYLE),
+                *(Text(_spread(rate, name, column), style=DIM_STYLE) for column in columns),
             )
     aside = "latency; below each line, its range over the iterations"
-    return Group(heading(name, aside), made)
+    return Group(heading(title, aside), made)
 
 
 def _spread(rate: RateMetrics, monitor: str, column: _Column) -> str:

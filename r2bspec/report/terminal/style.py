@@ -18,7 +18,7 @@ _STYLES: dict[OverallOutcome, str] = {
     "incomplete": "bold magenta",
 }
 
-QUIET = "dim"
+DIM_STYLE = "dim"
 
 
 def outcome_text(outcome: OverallOutcome) -> Text:
@@ -33,7 +33,7 @@ def verdict_text(one: RequirementVerdict) -> Text:
 
 def heading(text: str, aside: str = "") -> Text:
     """A section's heading, with an aside in a lower voice."""
-    return Text.assemble((text, "bold"), (f"  {aside}" if aside else "", QUIET))
+    return Text.assemble((text, "bold"), (f"  {aside}" if aside else "", DIM_STYLE))
 
 
 def table(columns: Sequence[str]) -> Table:
@@ -42,7 +42,7 @@ def table(columns: Sequence[str]) -> Table:
         box=None,
         pad_edge=False,
         padding=(0, 2, 0, 0),
-        header_style=QUIET,
+        header_style=DIM_STYLE,
     )
     for number, name in enumerate(columns):
         made.add_column(name, justify="left" if number == 0 else "right", no_wrap=True)

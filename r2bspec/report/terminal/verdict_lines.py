@@ -18,11 +18,11 @@ from r2bspec.report.report_wording import (
     requirement_text,
     several_monitors,
 )
-from r2bspec.report.terminal.style import QUIET, heading, verdict_text
+from r2bspec.report.terminal.style import DIM_STYLE, heading, verdict_text
 
 _INDENT = 2
 _REASON_INDENT = 4
-_LEAST_TEXT = 16
+_MIN_TEXT_WIDTH = 16
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def _widths(lines: list[_Line], width: int) -> tuple[int, int, int, int]:
     estimate = max(len(line.estimate) for line in lines)
     bounds = max(len(line.bounds) for line in lines)
     room = width - _INDENT - outcome - estimate - bounds - 2 * 3
-    text = min(max(len(line.text) for line in lines), max(room, _LEAST_TEXT))
+    text = min(max(len(line.text) for line in lines), max(room, _MIN_TEXT_WIDTH))
     return outcome, text, estimate, bounds
 
 
@@ -88,9 +88,9 @@ def _requirement(line: _Line, widths: tuple[int, int, int, int]) -> list[Rendera
         cells.add_column(width=column, overflow="fold", justify="left" if number < 2 else "right")
     one = line.verdict
     cells.add_row(verdict_text(one), *map(Text, (line.text, line.estimate, line.bounds)))
-    said = [Text(one.reason), *(Text(note, style=QUIET) for note in one.notes)]
+    said = [Text(one.reason), *(Text(note, style=DIM_STYLE) for note in one.notes)]
     if one.settle:
-        said.append(Text(one.settle, style=QUIET))
+        said.append(Text(one.settle, style=DIM_STYLE))
     return [
         Padding(cells, (0, 0, 0, _INDENT)),
         *(Padding(text, (0, 0, 0, _REASON_INDENT), expand=False) for text in said),

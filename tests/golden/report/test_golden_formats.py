@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from example_runs import BROKEN, USUAL
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.format_registry import renderer
 from run_simulation import Simulation
@@ -57,7 +57,7 @@ def test_the_report_reads_like_this(
     spec = Path("simulated.r2b.yaml")
     spec.write_text(SPEC)
     run = simulation.write(tmp_path / "run")
-    reported = Reported(result=result_of(run), run=run, spec_file=spec)
+    reported = ReportInput(result=result_of(run), run=run, spec_file=spec)
     content = renderer(format_name)(reported)
     golden = Path(__file__).parent / f"{format_name}_{name}.{FORMATS[format_name]}"
     if os.environ.get("UPDATE_GOLDEN"):

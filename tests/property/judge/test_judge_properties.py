@@ -12,7 +12,7 @@ from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.measure.matching import UNKNOWN
+from r2bspec.measure.matching import NO_MATCH
 from r2bspec.measure.samples import (
     MonitorSamples,
     PlaybackSamples,
@@ -51,7 +51,7 @@ def run_of(given_iterations: list[tuple[list[float], int]]) -> RunSamples:
             complete=True,
         )
         due_ns = EPOCH_NS + np.round(np.arange(sent) * 1e9 / 30).astype(np.int64)
-        received_ns = np.full(sent, UNKNOWN, dtype=np.int64)
+        received_ns = np.full(sent, NO_MATCH, dtype=np.int64)
         received_ns[: times.size] = due_ns[: times.size] + np.round(times * 1e9).astype(np.int64)
         monitor = MonitorSamples(
             steps=StepTimes(due_ns, due_ns, received_ns),

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from r2bspec.measure.latency import arrivals, intervals, jitter, latencies
 from r2bspec.measure.matching import Ratio, match
 from r2bspec.measure.percentiles import percentile
-from r2bspec.measure.throughput import silence, throughput
+from r2bspec.measure.throughput import edge_gaps, throughput
 from r2bspec.measure.units import show
-from r2bspec.record.sample_arrays import MONITOR, PLAYBACK, Rows
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
 from run_simulation import EPOCH_NS
 
 finite = st.floats(min_value=0, max_value=1e3, allow_nan=False)
@@ -22,11 +22,11 @@ samples = st.lists(finite, min_size=1, max_size=60).map(np.array)
 def traffic(draw: st.DrawFn) -> tuple[Rows, Rows]:
     """Any steps, and any messages: answers, repetitions and strangers in any order."""
     n = draw(st.integers(0, 30))
-    playback = np.zeros(n, PLAYBACK)
+    playback = np.zeros(n, PLAYBACK_DTYPE)
     playback["stamp_ns"] = draw(st.permutations(range(100, 100 + n)))
     playback["published_ns"] = EPOCH_NS + np.arange(n) * 10**7
     stamps = draw(st.lists(st.integers(95, 100 + n + 5), max_size=60))
-    monitor = np.zeros(len(stamps), MONITOR)
+    monitor = np.zeros(len(stamps), MONITOR_DTYPE)
     monitor["stamp_ns"] = stamps
     monitor["received_ns"] = EPOCH_NS + np.array(
         sorted(draw(st.lists(st.integers(0, 10**9), min_size=len(stamps), max_size=len(stamps)))),
@@ -92,7 +92,7 @@ def test_intervals_add_up_and_throughput_is_no_more_than_their_rate(
         return
     span = (arrived[-1] - arrived[0]) / 1e9
     assert abs(gaps.sum() - span) < 1e-9 * arrived.size
-    silent = silence(arrived, EPOCH_NS, EPOCH_NS + 2 * 10**9)
+    silent = edge_gaps(arrived, EPOCH_NS, EPOCH_NS + 2 * 10**9)
     assert throughput(arrived, silent) <= (arrived.size - 1) / span * (1 + 1e-9)
 
 
@@ -113,9 +113,9 @@ def test_matching_by_a_ratio_conserves_counts(rows: tuple[Rows, Rows], ratio: Ra
     playback, monitor = rows
     found = match(playback, monitor, "order", ratio)
     answered = int(np.count_nonzero(found.answered))
-    assert found.asked.size == answered + found.missed
+    assert found.trigger_steps.size == answered + found.missed
     assert monitor.size == answered + found.duplicates + found.unmatched
     # A group ends with each step whose number in the whole run is a multiple of its inputs.
-    numbers = ratio.before + found.asked + 1
+    numbers = ratio.before + found.trigger_steps + 1
     assert not (numbers % ratio.inputs).any()
-    assert abs(found.asked.size / ratio.outputs - playback.size / ratio.inputs) < 1
+    assert abs(found.trigger_steps.size / ratio.outputs - playback.size / ratio.inputs) < 1

@@ -13,9 +13,9 @@ def test_a_page_has_title_reason_and_both_examples(capsys: pytest.CaptureFixture
     assert main(["explain", "R2B204"]) == 0
     said = capsys.readouterr().out
     assert said.startswith(
-        f"{code_with_slug('R2B204')}: a remapping that matches no topic of its node (error)\n"
+        f"{code_with_slug('R2B204')}: remapping matches no topic of the node (error)\n"
     )
-    assert "ROS ignores such a remapping without a word" in said
+    assert "ROS ignores a remapping that matches no topic" in said
     assert "remappings: {inptu: image}" in said
     assert f"example.r2b.yaml:9:20: error[{code_with_slug('R2B204')}]" in said
     assert "remappings: {input: image}" in said

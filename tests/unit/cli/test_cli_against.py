@@ -10,12 +10,16 @@ import pytest
 
 from r2bspec.cli.main import command as r2bspec
 from r2bspec.cli.spec_selection import SpecSelection, base_selection
-from r2bspec.compare.base_reference import BadReferenceError, parse_references
-from r2bspec.compare.history import Entry, HistoryError, open_history
+from r2bspec.compare.base_reference import BadReferenceError, parse_base_reference
+from r2bspec.compare.history import HistoryEntry, HistoryError, open_history
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.errors import EnvironmentRefusedError
-from r2bspec.execute.processes.environment import inherited
-from r2bspec.execute.processes.workspaces import inside, workspace, workspaces
+from r2bspec.execute.errors import WorkspaceError
+from r2bspec.execute.processes.environment import inherited_environment
+from r2bspec.execute.processes.workspaces import (
+    applied_environment,
+    workspace_environment,
+    workspace_environments,
+)
 
 
 @pytest.mark.parametrize(
@@ -48,35 +52,35 @@ def test_calibrate_refuses_what_contradicts_itself(arguments: tuple[str, ...]) -
 @pytest.mark.parametrize("text", ["nothing.r2b.yaml", "var:", "var:x", "set:=3", "HEAD~1", ""])
 def test_what_is_no_base_is_said_with_a_way_out(text: str) -> None:
     with pytest.raises(BadReferenceError) as caught:
-        parse_references([text])
+        parse_base_reference([text])
     assert (caught.value.exit_code, bool(caught.value.hint)) == (2, True)
 
 
 def test_a_stored_run_is_no_base_and_the_way_out_is_told(tmp_path: Path) -> None:
     (tmp_path / "record.json").touch()
     with pytest.raises(BadReferenceError) as caught:
-        parse_references([str(tmp_path)])
+        parse_base_reference([str(tmp_path)])
     assert "--baseline" in caught.value.hint
 
 
 def test_references_add_up(tmp_path: Path) -> None:
     spec = tmp_path / "base.r2b.yaml"
     spec.touch()
-    found = parse_references([str(spec), "var:a=1", "set:b.c=2", "env:X=3", "var:d=e=f"])
+    found = parse_base_reference([str(spec), "var:a=1", "set:b.c=2", "env:X=3", "var:d=e=f"])
     assert (found.spec, found.variables, found.sets) == (spec, {"a": "1", "d": "e=f"}, ("b.c=2",))
     assert found.environments == ("X=3",)
     with pytest.raises(BadReferenceError, match="one base"):
-        parse_references([str(spec), str(spec)])
+        parse_base_reference([str(spec), str(spec)])
 
 
 def test_the_base_has_what_the_head_was_given(tmp_path: Path) -> None:
     head = SpecSelection(Path("a"), ("x=1",), {"v": "1", "w": "1"}, "threads=2", ())
-    base = base_selection(head, parse_references(["var:v=2", "set:y=2"]))
+    base = base_selection(head, parse_base_reference(["var:v=2", "set:y=2"]))
     assert (base.spec, base.sets, base.case) == (Path("a"), ("x=1", "y=2"), "threads=2")
     assert base.variables == {"v": "2", "w": "1"}
     other = tmp_path / "b"
     other.touch()
-    alone = base_selection(head, parse_references([str(other)]))
+    alone = base_selection(head, parse_base_reference([str(other)]))
     assert (alone.spec, alone.sets, alone.variables, alone.case) == (other, (), {}, "")
 
 
@@ -89,7 +93,7 @@ class TestEnvironments:
             "export MULTI=$'a\\nb'\n"
         )
         for text in (str(tmp_path), str(tmp_path / "setup.bash")):
-            found = workspace(text)
+            found = workspace_environment(text)
             assert found["AMENT_PREFIX_PATH"] == "/base:/under"
             assert (found["GONE"], found["MULTI"]) == ("", "a\nb")
             assert found.keys() <= {"AMENT_PREFIX_PATH", "GONE", "MULTI"}
@@ -100,7 +104,7 @@ class TestEnvironments:
         monkeypatch.setenv("LD_LIBRARY_PATH", "/before")
         (tmp_path / "lib").mkdir()
         (tmp_path / "share" / "ament_index").mkdir(parents=True)
-        found = workspace(str(tmp_path))
+        found = workspace_environment(str(tmp_path))
         assert found["LD_LIBRARY_PATH"] == f"{tmp_path}/lib:/before"
         assert found["AMENT_PREFIX_PATH"].split(":")[0] == str(tmp_path)
         assert "PATH" not in found
@@ -111,27 +115,27 @@ class TestEnvironments:
         monkeypatch.setenv("RMW_A", "old")
         monkeypatch.delenv("RMW_B", raising=False)
         (tmp_path / "setup.sh").write_text('export RMW_B="$RMW_A"\n')
-        found = workspaces(["RMW_A=new", str(tmp_path)])
+        found = workspace_environments(["RMW_A=new", str(tmp_path)])
         assert found == {"RMW_A": "new", "RMW_B": "new"}
-        with inside(found):
+        with applied_environment(found):
             assert os.environ["RMW_B"] == "new"
-            assert inherited(os.environ, ())["RMW_A"] == "new"
+            assert inherited_environment(os.environ, ())["RMW_A"] == "new"
         assert os.environ["RMW_A"] == "old"
         assert "RMW_B" not in os.environ
-        with inside({"RMW_A": ""}):
+        with applied_environment({"RMW_A": ""}):
             assert "RMW_A" not in os.environ
         assert os.environ["RMW_A"] == "old"
 
     @pytest.mark.parametrize("script", ["exit 3\n", "false\n", "this_is_no_program\n"])
     def test_what_cannot_be_sourced_is_said(self, tmp_path: Path, script: str) -> None:
         (tmp_path / "setup.bash").write_text(script)
-        with pytest.raises(EnvironmentRefusedError, match="cannot be sourced"):
-            workspace(str(tmp_path))
+        with pytest.raises(WorkspaceError, match="cannot be sourced"):
+            workspace_environment(str(tmp_path))
 
     def test_what_is_no_environment_is_said(self, tmp_path: Path) -> None:
         for text in (str(tmp_path), "/nowhere/setup.bash", "2=3", ""):
-            with pytest.raises(EnvironmentRefusedError):
-                workspace(text)
+            with pytest.raises(WorkspaceError):
+                workspace_environment(text)
 
 
 class TestHistory:
@@ -141,7 +145,7 @@ class TestHistory:
         with open_history(path, create=True) as opened:
             for day in range(1, 6):
                 opened.add(
-                    Entry(
+                    HistoryEntry(
                         run_id=f"run{day}",
                         name="relay" if day < 5 else "other",
                         started_at=f"2026-01-0{day}T12:00:00+00:00",

@@ -10,20 +10,20 @@ import pytest
 
 from pair_simulation import Comparison
 from r2bspec.check import check
-from r2bspec.compare.calibration import calibration_of, store
+from r2bspec.compare.calibration import compute_calibration, store_calibration
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.margin_proposals import propose
+from r2bspec.compare.margin_proposals import propose_limits
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.judge.statistics.power import smallest_detectable
 from r2bspec.language.load_spec import load_spec
 from r2bspec.record.calibration_file import (
     Calibration,
     MetricNoise,
-    add_noise,
-    noise_path,
-    read_noise,
+    add_calibration,
+    calibration_path,
+    read_calibration_file,
 )
-from r2bspec.record.comparison_folder import Pairs
+from r2bspec.record.comparison_folder import PairedComparison
 from r2bspec.record.errors import RecordError
 
 RANDOM = np.random.default_rng(11)
@@ -50,7 +50,7 @@ slos:
 """
 
 
-def control(path: Path, pairs: int = 12) -> Pairs:
+def control(path: Path, pairs: int = 12) -> PairedComparison:
     return Comparison(BASE[:pairs].tolist(), HEAD[:pairs].tolist(), control=True).write(path)
 
 
@@ -59,7 +59,7 @@ def found_in(spec: Path) -> list[Diagnostic]:
 
 
 @pytest.fixture(name="pairs", scope="module")
-def pairs_folder(tmp_path_factory: pytest.TempPathFactory) -> Pairs:
+def pairs_folder(tmp_path_factory: pytest.TempPathFactory) -> PairedComparison:
     return control(tmp_path_factory.mktemp("control") / "pairs")
 
 
@@ -74,8 +74,8 @@ def noise_of(found: Calibration, metric: str) -> MetricNoise:
     return next(one for one in found.metrics if one.metric == metric)
 
 
-def test_the_noise_is_that_of_the_pairs(pairs: Pairs) -> None:
-    one = noise_of(calibration_of(pairs), "latency.p50")
+def test_the_noise_is_that_of_the_pairs(pairs: PairedComparison) -> None:
+    one = noise_of(compute_calibration(pairs), "latency.p50")
     logs = np.log(HEAD / BASE)
     assert one.deviation == pytest.approx(logs.std(ddof=1), rel=0.01)
     assert one.bias == pytest.approx(logs.mean(), abs=1e-3)
@@ -88,19 +88,21 @@ def test_the_noise_is_that_of_the_pairs(pairs: Pairs) -> None:
 
 def test_only_a_control_with_some_pairs_can_be_used(tmp_path: Path) -> None:
     with pytest.raises(IncomparableError, match="compares two graphs"):
-        calibration_of(Comparison(BASE.tolist(), HEAD.tolist()).write(tmp_path / "a"))
+        compute_calibration(Comparison(BASE.tolist(), HEAD.tolist()).write(tmp_path / "a"))
     with pytest.raises(IncomparableError, match="2 pairs do not show"):
-        calibration_of(control(tmp_path / "b", pairs=2))
+        compute_calibration(control(tmp_path / "b", pairs=2))
 
 
-def test_calibrations_of_other_machines_and_benchmarks_stay(spec: Path, pairs: Pairs) -> None:
-    found = calibration_of(pairs)
-    path = noise_path(spec)
+def test_calibrations_of_other_machines_and_benchmarks_stay(
+    spec: Path, pairs: PairedComparison
+) -> None:
+    found = compute_calibration(pairs)
+    path = calibration_path(spec)
     assert path.name == "relay.noise.json"
-    add_noise(path, "simulated", "another machine", found)
-    add_noise(path, "simulated[threads=2]", "another machine", found)
-    store(spec, pairs, found)
-    kept = read_noise(path)
+    add_calibration(path, "simulated", "another machine", found)
+    add_calibration(path, "simulated[threads=2]", "another machine", found)
+    store_calibration(spec, pairs, found)
+    kept = read_calibration_file(path)
     assert kept is not None
     assert {name: len(hosts) for name, hosts in kept.benchmarks.items()} == {
         "simulated": 2,
@@ -108,21 +110,21 @@ def test_calibrations_of_other_machines_and_benchmarks_stay(spec: Path, pairs: P
     }
 
 
-def test_a_margin_below_the_noise_is_warned_of(spec: Path, pairs: Pairs) -> None:
+def test_a_margin_below_the_noise_is_warned_of(spec: Path, pairs: PairedComparison) -> None:
     assert found_in(spec) == []
-    store(spec, pairs, calibration_of(pairs))
+    store_calibration(spec, pairs, compute_calibration(pairs))
     (warning,) = found_in(spec)
     assert (warning.code, warning.severity) == ("R2B523", "warning")
     assert (warning.span.line, warning.edit) == (14, None)
-    assert "10 pairs tell no less than" in warning.message
+    assert "10 pairs detect no change below" in warning.message
     assert "a simulated processor" in warning.message
 
 
-def test_the_patch_widens_that_margin_and_nothing_else(spec: Path, pairs: Pairs) -> None:
-    found = calibration_of(pairs)
-    store(spec, pairs, found)
+def test_the_patch_widens_that_margin_and_nothing_else(spec: Path, pairs: PairedComparison) -> None:
+    found = compute_calibration(pairs)
+    store_calibration(spec, pairs, found)
     text = spec.read_text()
-    after, left = propose(load_spec(spec), found, text)
+    after, left = propose_limits(load_spec(spec), found, text)
     changed = [
         (old, new)
         for old, new in zip(text.splitlines(), after.splitlines(), strict=True)
@@ -137,42 +139,44 @@ def test_the_patch_widens_that_margin_and_nothing_else(spec: Path, pairs: Pairs)
     assert math.log(limit) >= margin > math.log(limit - 0.005)
     spec.write_text(after)
     assert found_in(spec) == []
-    assert propose(load_spec(spec), found, after) == (after, [])
+    assert propose_limits(load_spec(spec), found, after) == (after, [])
 
 
 @pytest.mark.parametrize(
     "slos", ["", "slos:\n  other:\n    at: 30 Hz\n    require: [latency.p50 < 1 s]\n# end\n"]
 )
 def test_where_nothing_is_asked_an_objective_is_proposed(
-    spec: Path, pairs: Pairs, slos: str
+    spec: Path, pairs: PairedComparison, slos: str
 ) -> None:
     spec.write_text(SPEC + slos)
-    found = calibration_of(pairs)
-    after, left = propose(load_spec(spec), found, SPEC + slos)
+    found = compute_calibration(pairs)
+    after, left = propose_limits(load_spec(spec), found, SPEC + slos)
     assert left == []
     spec.write_text(after)
     slo = load_spec(spec).spec
     assert slo is not None
     asked = [one.text for one in slo.slos["no_regression"].require]
     assert [text.split()[0] for text in asked] == ["throughput.mean", "latency.p50"]
-    store(spec, pairs, found)
+    store_calibration(spec, pairs, found)
     assert found_in(spec) == []
 
 
-def test_what_cannot_be_edited_is_told(spec: Path, pairs: Pairs) -> None:
-    found = calibration_of(pairs)
+def test_what_cannot_be_edited_is_told(spec: Path, pairs: PairedComparison) -> None:
+    found = compute_calibration(pairs)
     flow = SPEC + "slos: {other: {at: 30 Hz, require: [latency.p50 < 1 s]}}\n"
     spec.write_text(flow)
-    after, left = propose(load_spec(spec), found, flow)
+    after, left = propose_limits(load_spec(spec), found, flow)
     assert after == flow
     assert "by hand" in left[0]
 
 
-def test_a_damaged_file_is_a_warning_and_not_overwritten(spec: Path, pairs: Pairs) -> None:
-    noise_path(spec).write_text('{"r2bspec_noise": 7}')
+def test_a_damaged_file_is_a_warning_and_not_overwritten(
+    spec: Path, pairs: PairedComparison
+) -> None:
+    calibration_path(spec).write_text('{"r2bspec_noise": 7}')
     (warning,) = found_in(spec)
     assert warning.code == "R2B524"
     assert "relay.noise.json" in warning.message
     with pytest.raises(RecordError):
-        store(spec, pairs, calibration_of(pairs))
-    assert noise_path(spec).read_text() == '{"r2bspec_noise": 7}'
+        store_calibration(spec, pairs, compute_calibration(pairs))
+    assert calibration_path(spec).read_text() == '{"r2bspec_noise": 7}'

@@ -9,12 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.compare.history import Entry, HistoryError, Metric, open_history
-from r2bspec.compare.history.migrations import APPLICATION_ID, MIGRATIONS, VERSION, version_of
+from r2bspec.compare.history import HistoryEntry, HistoryError, HistoryMetric, open_history
+from r2bspec.compare.history.migrations import (
+    APPLICATION_ID,
+    MIGRATIONS,
+    SCHEMA_VERSION,
+    schema_version,
+)
 
 
-def entry(run_id: str, *, outcome: str = "pass", day: int = 1, plan: str = "plan") -> Entry:
-    return Entry(
+def entry(run_id: str, *, outcome: str = "pass", day: int = 1, plan: str = "plan") -> HistoryEntry:
+    return HistoryEntry(
         run_id=run_id,
         name="relay",
         started_at=f"2026-01-{day:02d}T00:00:00+00:00",
@@ -25,8 +30,8 @@ def entry(run_id: str, *, outcome: str = "pass", day: int = 1, plan: str = "plan
         version="0.1.0",
         outcome=outcome,
         metrics=(
-            Metric(at_hz=30.0, monitor="out", metric="latency.p50", unit="s", value=0.02),
-            Metric(at_hz=None, monitor=None, metric="peak.rate", unit="Hz", value=None),
+            HistoryMetric(at_hz=30.0, monitor="out", metric="latency.p50", unit="s", value=0.02),
+            HistoryMetric(at_hz=None, monitor=None, metric="peak.rate", unit="Hz", value=None),
         ),
     )
 
@@ -40,7 +45,7 @@ def test_what_is_added_is_found_again(tmp_path: Path) -> None:
     with open_history(path) as history:
         assert [one.run_id for one in history.runs()] == ["a", "b"]
         assert history.runs(name="another") == ()
-        found = history.alike("host", "plan", "data", 30)
+        found = history.comparable_runs("host", "plan", "data", 30)
         assert [one.metrics for one in found] == [entry("a").metrics] * 2
 
 
@@ -49,23 +54,25 @@ def test_only_runs_alike_are_compared_and_only_the_latest(tmp_path: Path) -> Non
         for day in range(1, 8):
             history.add(entry(f"run{day}", day=day))
         history.add(entry("elsewhere", plan="another", day=9))
-        assert [one.run_id for one in history.alike("host", "plan", "data", 3)] == [
+        assert [one.run_id for one in history.comparable_runs("host", "plan", "data", 3)] == [
             "run5",
             "run6",
             "run7",
         ]
-        assert history.alike("host", "plan", "other data", 3) == ()
-        assert history.alike("other host", "plan", "data", 3) == ()
+        assert history.comparable_runs("host", "plan", "other data", 3) == ()
+        assert history.comparable_runs("other host", "plan", "data", 3) == ()
 
 
 def test_a_failed_run_is_no_baseline_until_it_is_accepted(tmp_path: Path) -> None:
     with open_history(tmp_path / "h", create=True) as history:
         history.add(entry("good"))
         history.add(entry("bad", outcome="fail", day=2))
-        assert [one.run_id for one in history.alike("host", "plan", "data", 9)] == ["good"]
+        assert [one.run_id for one in history.comparable_runs("host", "plan", "data", 9)] == [
+            "good"
+        ]
         assert history.accept("bad")
         assert not history.accept("nobody")
-        assert len(history.alike("host", "plan", "data", 9)) == 2
+        assert len(history.comparable_runs("host", "plan", "data", 9)) == 2
 
 
 def test_forgetting_a_run_forgets_its_metrics(tmp_path: Path) -> None:
@@ -97,25 +104,28 @@ def old_file(path: Path, version: int) -> None:
         )
 
 
-@pytest.mark.parametrize("version", range(1, VERSION + 1))
+@pytest.mark.parametrize("version", range(1, SCHEMA_VERSION + 1))
 def test_every_older_version_is_brought_up_to_date(tmp_path: Path, version: int) -> None:
     path = tmp_path / "h"
     old_file(path, version)
     with open_history(path) as history:
         history.add(entry("new"))
-        assert [one.run_id for one in history.alike("host", "plan", "data", 9)] == ["old", "new"]
+        assert [one.run_id for one in history.comparable_runs("host", "plan", "data", 9)] == [
+            "old",
+            "new",
+        ]
         assert history.metrics("old")[0].value == 0.01
     with contextlib.closing(sqlite3.connect(path)) as connection:
-        assert version_of(connection) == VERSION
+        assert schema_version(connection) == SCHEMA_VERSION
 
 
 def test_a_newer_version_is_refused_and_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "h"
-    old_file(path, VERSION)
+    old_file(path, SCHEMA_VERSION)
     with contextlib.closing(sqlite3.connect(path)) as connection:
-        connection.execute(f"PRAGMA user_version = {VERSION + 1}")
+        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION + 1}")
     before = path.read_bytes()
-    with pytest.raises(HistoryError, match=f"version {VERSION + 1}"), open_history(path):
+    with pytest.raises(HistoryError, match=f"version {SCHEMA_VERSION + 1}"), open_history(path):
         pass
     assert path.read_bytes() == before
 
@@ -139,7 +149,7 @@ def test_a_file_cut_short_is_said(tmp_path: Path) -> None:
     for leftover in tmp_path.glob("h-*"):
         leftover.unlink()
     with pytest.raises(HistoryError), open_history(path) as history:
-        history.alike("host", "plan", "data", 30)
+        history.comparable_runs("host", "plan", "data", 30)
 
 
 def test_a_database_of_another_program_is_left_alone(tmp_path: Path) -> None:

@@ -10,9 +10,9 @@ import pytest
 
 from pair_simulation import latencies
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.gated_run import run_against_earlier
+from r2bspec.compare.gated_run import run_with_baseline
 from r2bspec.compare.history import open_history
-from r2bspec.compare.history_gate import baseline_of_stored, keep
+from r2bspec.compare.history_gate import baseline_from_stored_run, write_baseline
 from r2bspec.judge.judge_run import result_of, to_json
 from r2bspec.judge.result import Result
 from r2bspec.plan.plan import GatePlan, Plan
@@ -57,7 +57,7 @@ class Machine:
             return result_of(open_run(folder.path))
 
         target = RunFolder.create(self.folder / f"run{self.made}")
-        return run_against_earlier(
+        return run_with_baseline(
             make, simulations[0].plan(), target, history=self.history, stored=None
         )
 
@@ -130,7 +130,9 @@ class TestStored:
 
     def judged(self, base: Path, head: Simulation, folder: Path) -> Result:
         run = head.write(folder)
-        keep(folder, baseline_of_stored(base, run.plan, run.record.machine, force=False))
+        write_baseline(
+            folder, baseline_from_stored_run(base, run.plan, run.record.machine, force=False)
+        )
         return result_of(open_run(folder))
 
     def test_it_advises_and_never_gates(self, tmp_path: Path) -> None:
@@ -158,14 +160,14 @@ class TestStored:
         plan = open_run(base).plan
         faster = {"cpu": "another processor", "cores": 64}
         with pytest.raises(IncomparableError, match=r"cores: 2 -> 64") as caught:
-            baseline_of_stored(base, plan, faster, force=False)
+            baseline_from_stored_run(base, plan, faster, force=False)
         assert "--force" in caught.value.hint
         other = msgspec.structs.replace(plan, buffer=7)
         machine = open_run(base).record.machine
         with pytest.raises(IncomparableError, match="buffer: 0 -> 7"):
-            baseline_of_stored(base, other, machine, force=False)
-        forced = baseline_of_stored(base, other, machine, force=True)
+            baseline_from_stored_run(base, other, machine, force=False)
+        forced = baseline_from_stored_run(base, other, machine, force=True)
         assert forced.differences == ("plan, buffer: 0 -> 7",)
         # What is judged, and how, may differ.
         words = msgspec.structs.replace(plan, objectives={}, gate=GatePlan(confidence=0.9))
-        assert baseline_of_stored(base, words, machine, force=False).differences == ()
+        assert baseline_from_stored_run(base, words, machine, force=False).differences == ()

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.doctor.checkup import System
-from r2bspec.doctor.dead_segments import dead_segments
+from r2bspec.doctor.dead_shm_files import dead_shm_files
 from r2bspec.doctor.leftovers import check_leftovers, clean, find_leftovers
 from r2bspec.doctor.run_processes import find_runs
 from r2bspec.doctor.scratch_folders import abandoned_scratch, unfinished_datasets
@@ -132,7 +132,7 @@ def test_a_segment_is_dead_when_its_lock_is_free(system: System) -> None:
     segment(system, "fastrtps_used")
     segment(system, "fastrtps_dead")
     with owner(system, "fastrtps_used"):
-        (found,) = dead_segments(system)
+        (found,) = dead_shm_files(system)
     assert found.name == "fastrtps_dead"
     assert found.bytes >= 8192
 
@@ -145,13 +145,13 @@ def test_a_segment_without_a_lock_is_dead_unless_it_is_mapped(system: System) ->
         f"7f00-7f10 rw-s 0 00:1 42   {system.shared_memory}/fastdds_mapped\n"
         "7f10-7f20 rw-p 0 00:0 0\n"
     )
-    assert [each.name for each in dead_segments(system)] == ["fastdds_dead"]
+    assert [each.name for each in dead_shm_files(system)] == ["fastdds_dead"]
 
 
 def test_looking_for_segments_changes_nothing(system: System) -> None:
     segment(system, "fastrtps_dead")
     before = sorted(system.shared_memory.iterdir())
-    dead_segments(system)
+    dead_shm_files(system)
     assert sorted(system.shared_memory.iterdir()) == before
 
 

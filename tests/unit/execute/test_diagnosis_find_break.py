@@ -6,15 +6,15 @@ import msgspec
 import pytest
 
 from r2bspec.execute.diagnosis.find_break import (
-    Break,
-    described,
-    first_break,
-    unread_input,
-    way_to,
-    whole_way,
+    Fault,
+    find_input_fault,
+    first_fault,
+    full_path,
+    path_lines,
+    path_to,
 )
-from r2bspec.execute.diagnosis.graph_facts import Facts, TopicFacts, gather
-from r2bspec.ipc.protocol import Endpoint, Refused
+from r2bspec.execute.diagnosis.graph_facts import GraphFacts, TopicFacts, gather_facts
+from r2bspec.ipc.protocol import Endpoint, QosMismatch
 from r2bspec.plan.plan import TopicPlan
 from run_simulation import Simulation
 
@@ -33,26 +33,26 @@ def topic(
     planned: tuple[str, str] | None = None,
     passed: int | None = 10,
     kinds: tuple[str, str] = (IMAGE, IMAGE),
-    refused: tuple[Refused, ...] = (),
+    qos_mismatches: tuple[QosMismatch, ...] = (),
 ) -> TopicFacts:
     """A topic with these real ends; planned are the same ones, unless it is said otherwise."""
     of_writers, of_readers = planned or (writers, readers)
     return TopicFacts(
         name=name,
         type=IMAGE,
-        planned_writers=tuple(of_writers.split()),
-        planned_readers=tuple(of_readers.split()),
+        planned_publishers=tuple(of_writers.split()),
+        planned_subscribers=tuple(of_readers.split()),
         writers=tuple(end(node, kinds[0]) for node in writers.split()),
         readers=tuple(end(node, kinds[1]) for node in readers.split()),
-        refused=refused,
+        qos_mismatches=qos_mismatches,
         passed=passed,
     )
 
 
-def graph(*topics: TopicFacts, played: int | None = 10) -> Facts:
-    return Facts(
+def graph(*topics: TopicFacts, played: int | None = 10) -> GraphFacts:
+    return GraphFacts(
         topics={each.name: each for each in topics},
-        inputs=tuple(each.name for each in topics if "player" in each.planned_writers),
+        inputs=tuple(each.name for each in topics if "player" in each.planned_publishers),
         played=played,
         nodes=frozenset({"/a", "/b", "/c"}),
     )
@@ -63,8 +63,8 @@ MID = topic("/mid", "/a", "/b")
 OUT = topic("/out", "/b", "monitor", passed=0)
 
 
-def found(*topics: TopicFacts, silent: str = "/out", played: int | None = 10) -> Break:
-    one = first_break(graph(*topics, played=played), silent)
+def found(*topics: TopicFacts, silent: str = "/out", played: int | None = 10) -> Fault:
+    one = first_fault(graph(*topics, played=played), silent)
     assert one is not None
     return one
 
@@ -117,8 +117,8 @@ def test_a_topic_that_nobody_writes_and_nothing_is_called_alike(
 ) -> None:
     missing = topic("/mid", "", "/b", planned=("/a", "/b"), passed=None)
     facts = graph(IN, missing, OUT, elsewhere)
-    facts = Facts(facts.topics, facts.inputs, facts.played, frozenset(nodes))
-    one = first_break(facts, "/out")
+    facts = GraphFacts(facts.topics, facts.inputs, facts.played, frozenset(nodes))
+    one = first_fault(facts, "/out")
     assert one is not None
     assert one.sentence == f"/mid: nobody writes it; {words}"
 
@@ -154,20 +154,20 @@ def test_a_monitor_that_waits_for_a_writer_of_its_type() -> None:
 
 
 def test_qos_that_never_matches() -> None:
-    pair = Refused("/a", "/b", "/mid", "best effort publisher and reliable subscription")
-    one = found(IN, topic("/mid", "/a", "/b", refused=(pair,)), OUT)
+    pair = QosMismatch("/a", "/b", "/mid", "best effort publisher and reliable subscription")
+    one = found(IN, topic("/mid", "/a", "/b", qos_mismatches=(pair,)), OUT)
     assert (one.kind, one.code) == ("qos", "R2B216")
     assert "what /a offers is less than /b asks for (best effort publisher" in one.sentence
 
 
 def test_a_pair_that_never_matches_off_the_way_is_no_break() -> None:
-    pair = Refused("/a", "/c", "/mid", "best effort publisher and reliable subscription")
-    one = found(IN, topic("/mid", "/a", "/b /c", refused=(pair,)), OUT)
+    pair = QosMismatch("/a", "/c", "/mid", "best effort publisher and reliable subscription")
+    one = found(IN, topic("/mid", "/a", "/b /c", qos_mismatches=(pair,)), OUT)
     assert one.kind == "swallowed"
 
 
 def test_where_everything_passes_there_is_no_break() -> None:
-    assert first_break(graph(IN, MID, topic("/out", "/b", "monitor")), "/out") is None
+    assert first_fault(graph(IN, MID, topic("/out", "/b", "monitor")), "/out") is None
 
 
 def test_without_playing_silence_is_no_break() -> None:
@@ -175,7 +175,7 @@ def test_without_playing_silence_is_no_break() -> None:
         topic("/in", "player", "/a", passed=None),
         topic("/out", "/a", "monitor", passed=None),
     )
-    assert first_break(graph(*unheard, played=None), "/out") is None
+    assert first_fault(graph(*unheard, played=None), "/out") is None
 
 
 def test_a_silent_topic_that_is_neither_planned_nor_seen() -> None:
@@ -185,7 +185,7 @@ def test_a_silent_topic_that_is_neither_planned_nor_seen() -> None:
 def test_a_loop_is_walked_once() -> None:
     back = topic("/back", "/b", "/a")
     facts = graph(topic("/in", "player", "/a"), MID, back, OUT)
-    assert way_to(facts, "/out") == ("/in", "/mid", "/back", "/out")
+    assert path_to(facts, "/out") == ("/in", "/mid", "/back", "/out")
 
 
 def test_the_way_of_a_graph_that_joins() -> None:
@@ -197,8 +197,8 @@ def test_the_way_of_a_graph_that_joins() -> None:
         topic("/else", "/a", ""),
         OUT,
     )
-    assert way_to(facts, "/out") == ("/left", "/right", "/l", "/r", "/out")
-    one = first_break(facts, "/out")
+    assert path_to(facts, "/out") == ("/left", "/right", "/l", "/r", "/out")
+    one = first_fault(facts, "/out")
     assert one is not None
     assert (
         one.sentence
@@ -208,25 +208,25 @@ def test_the_way_of_a_graph_that_joins() -> None:
 
 def test_where_no_way_is_known_all_that_is_reached_is_shown() -> None:
     facts = graph(IN, topic("/x", "/a", ""), topic("/out", "", "monitor"))
-    assert way_to(facts, "/out") == ("/out",)
-    assert whole_way(facts, "/out") == ("/in", "/x", "/out")
+    assert path_to(facts, "/out") == ("/out",)
+    assert full_path(facts, "/out") == ("/in", "/x", "/out")
 
 
 def test_an_input_that_nobody_reads() -> None:
     facts = graph(
         topic("/inptu", "player", "", passed=None), topic("/input", "", "/a", passed=None)
     )
-    one = unread_input(facts, "/inptu")
+    one = find_input_fault(facts, "/inptu")
     assert one is not None
     assert one.sentence == "/inptu: nobody reads it; the nearest name is /input, which /a reads"
-    assert unread_input(graph(IN), "/in") is None
+    assert find_input_fault(graph(IN), "/in") is None
 
 
 def test_the_way_in_lines() -> None:
     soft = Endpoint(node="/b", type=TEXT, reliability="best_effort", durability="transient_local")
     facts = graph(TopicFacts("/out", IMAGE, writers=(soft,), passed=3))
     writer = f"/b ({TEXT}, best_effort, transient_local)"
-    assert described(facts, ["/out", "/gone"]) == [
+    assert path_lines(facts, ["/out", "/gone"]) == [
         f"  /out ({IMAGE}): writers: {writer}; readers: none; 3 passed",
         "  /gone (type unknown): writers: none; readers: none",
     ]
@@ -236,7 +236,7 @@ def test_the_harness_is_called_as_plans_call_it_and_whoever_only_looks_is_left_o
     planned = TopicPlan(
         name="/in", type=IMAGE, phase="measure", writers=("player",), readers=("/a",)
     )
-    facts = gather(
+    facts = gather_facts(
         msgspec.structs.replace(Simulation().plan(), topics=(planned,)),
         "measure",
         {"/in": ((end("/r2bspec/player"),), (end("/a"), end("/r2bspec/monitor")))},

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from r2bspec.execute.diagnosis.stopped_outputs import fell_silent
+from r2bspec.execute.diagnosis.stopped_outputs import output_stopped
 from r2bspec.measure.matching import Ratio, match
-from r2bspec.record.sample_arrays import MONITOR
+from r2bspec.record.sample_arrays import MONITOR_DTYPE
 from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows
 
 NAN = float("nan")
@@ -34,7 +34,7 @@ def test_an_output_is_silent_if_much_is_waited_for_in_vain(
     played = Played(20, latency)
     playback = playback_rows(played)
     rows = monitor_rows(played, playback)
-    assert fell_silent(playback, rows, match(playback, rows, "stamp")) is silent
+    assert output_stopped(playback, rows, match(playback, rows, "stamp")) is silent
 
 
 def test_messages_of_no_step_are_no_silence() -> None:
@@ -42,12 +42,12 @@ def test_messages_of_no_step_are_no_silence() -> None:
     playback = playback_rows(played)
     rows = monitor_rows(played, playback)
     rows["stamp_ns"] += 1
-    assert not fell_silent(playback, rows, match(playback, rows, "stamp"))
+    assert not output_stopped(playback, rows, match(playback, rows, "stamp"))
 
 
 def test_a_graph_that_answers_every_tenth_step_is_not_silent_between() -> None:
     playback = playback_rows(Played(20, [0.0] * 30))
-    rows = np.zeros(2, MONITOR)
+    rows = np.zeros(2, MONITOR_DTYPE)
     rows["received_ns"] = EPOCH_NS + np.array([460_000_000, 960_000_000])
     ratio = Ratio(inputs=10)
-    assert not fell_silent(playback, rows, match(playback, rows, "order", ratio))
+    assert not output_stopped(playback, rows, match(playback, rows, "order", ratio))

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.processes.affinity import place
+from r2bspec.execute.processes.affinity import apply_affinity
 from r2bspec.plan.plan import ProcessPlan
 
 
@@ -29,23 +29,23 @@ def plan(**changes: Any) -> ProcessPlan:
 
 def test_processors_and_priority(sleeper: subprocess.Popen[bytes]) -> None:
     first = min(os.sched_getaffinity(0))
-    place(plan(cpus=(first,), nice=5), sleeper.pid)
+    apply_affinity(plan(cpus=(first,), nice=5), sleeper.pid)
     assert os.sched_getaffinity(sleeper.pid) == {first}
     assert os.getpriority(os.PRIO_PROCESS, sleeper.pid) == os.getpriority(os.PRIO_PROCESS, 0) + 5
 
 
 def test_nothing_asked_for_changes_nothing(sleeper: subprocess.Popen[bytes]) -> None:
-    place(plan(), sleeper.pid)
+    apply_affinity(plan(), sleeper.pid)
     assert os.sched_getaffinity(sleeper.pid) == os.sched_getaffinity(0)
 
 
 def test_a_processor_that_is_not_there_is_named(sleeper: subprocess.Popen[bytes]) -> None:
     with pytest.raises(RunError, match="detector cannot run on processors 4095") as caught:
-        place(plan(cpus=(4095,)), sleeper.pid)
+        apply_affinity(plan(cpus=(4095,)), sleeper.pid)
     assert caught.value.code == "R2B636"
 
 
 def test_a_process_that_has_ended_already_is_left_to_its_watcher() -> None:
     process = subprocess.Popen(["/bin/true"])
     process.wait()
-    place(plan(nice=1, cpus=(min(os.sched_getaffinity(0)),)), process.pid)
+    apply_affinity(plan(nice=1, cpus=(min(os.sched_getaffinity(0)),)), process.pid)

@@ -11,8 +11,8 @@ from r2bspec.bags.digest import hash_files
 from r2bspec.bags.errors import DataError
 from r2bspec.execute.errors import DatasetMismatchError
 from r2bspec.execute.inputs.buffer_bags import buffer_bags
-from r2bspec.execute.inputs.dataset import obtain
-from r2bspec.execute.progress import Silent
+from r2bspec.execute.inputs.dataset import obtain_dataset
+from r2bspec.execute.progress import NullProgress
 from r2bspec.ipc.buffers import (
     buffered_transforms,
     read_index,
@@ -60,7 +60,7 @@ def buffers(tmp_path: Path) -> Path:
 
 def test_messages_are_buffered_as_they_were_recorded(bag: Path, buffers: Path) -> None:
     plan = dataset(topic("/left", "/r2b/image"), topic("/text", "/r2b/words", STRING))
-    assert buffer_bags([bag], [plan], buffers, Silent()) == {"/r2b/image": 4, "/r2b/words": 2}
+    assert buffer_bags([bag], [plan], buffers, NullProgress()) == {"/r2b/image": 4, "/r2b/words": 2}
     index = read_index(buffers, "/r2b/image")
     assert index.has_header
     assert index.stamps_ns == tuple(START_NS + ms * MS for ms in (0, 33, 66, 99))
@@ -69,7 +69,7 @@ def test_messages_are_buffered_as_they_were_recorded(bag: Path, buffers: Path) -
 
 
 def test_what_has_no_header_is_stamped_with_its_time_of_recording(bag: Path, buffers: Path) -> None:
-    buffer_bags([bag], [dataset(topic("/text", "/words", STRING))], buffers, Silent())
+    buffer_bags([bag], [dataset(topic("/text", "/words", STRING))], buffers, NullProgress())
     index = read_index(buffers, "/words")
     assert not index.has_header
     assert index.stamps_ns == (START_NS + 10 * MS, START_NS + 20 * MS)
@@ -77,13 +77,13 @@ def test_what_has_no_header_is_stamped_with_its_time_of_recording(bag: Path, buf
 
 
 def test_only_what_the_plan_names_is_buffered(bag: Path, buffers: Path) -> None:
-    buffer_bags([bag], [dataset(topic("left", "/image"))], buffers, Silent())
+    buffer_bags([bag], [dataset(topic("left", "/image"))], buffers, NullProgress())
     assert sorted(each.name for each in buffers.iterdir()) == ["image.cdr", "image.json"]
 
 
 def test_only_what_lies_in_the_window_is_buffered(bag: Path, buffers: Path) -> None:
     plan = dataset(topic("/left", "/image"), start_ms=20, end_ms=70)
-    assert buffer_bags([bag], [plan], buffers, Silent()) == {"/image": 2}
+    assert buffer_bags([bag], [plan], buffers, NullProgress()) == {"/image": 2}
     assert read_index(buffers, "/image").stamps_ns == (START_NS + 33 * MS, START_NS + 66 * MS)
 
 
@@ -93,7 +93,7 @@ def test_several_bags_share_one_clock(tmp_path: Path, bag: Path, buffers: Path) 
         dataset(topic("/left", "/left"), start_ms=30, end_ms=100),
         dataset(topic("/right", "/right"), start_ms=30, end_ms=100),
     ]
-    counts = buffer_bags([bag, later], plans, buffers, Silent())
+    counts = buffer_bags([bag, later], plans, buffers, NullProgress())
     assert counts == {"/left": 3, "/right": 2}
 
 
@@ -103,7 +103,7 @@ def test_messages_of_one_topic_in_several_bags_are_merged_by_time(
     parts = {"first": (0, 40, 80), "second": (20, 60, 100)}
     bags = [write_bag(tmp_path / name, {"/left": times}) for name, times in parts.items()]
     plans = [dataset(topic("/left", "/image")) for _ in bags]
-    assert buffer_bags(bags, plans, buffers, Silent()) == {"/image": 6}
+    assert buffer_bags(bags, plans, buffers, NullProgress()) == {"/image": 6}
     index = read_index(buffers, "/image")
     assert index.times_ns == tuple(START_NS + ms * MS for ms in (0, 20, 40, 60, 80, 100))
     assert index.stamps_ns == index.times_ns
@@ -115,7 +115,7 @@ def test_transforms_are_buffered_where_they_are_asked_for(tmp_path: Path, buffer
     )
     asked = dataset(topic("/camera", "/image"), start_ms=40)
     plan = msgspec.structs.replace(asked, publish_tf=True, publish_tf_static=True)
-    counts = buffer_bags([bag], [plan], buffers, Silent())
+    counts = buffer_bags([bag], [plan], buffers, NullProgress())
     assert counts == {"/image": 1, "/tf": 2, "/tf_static": 1}
     assert buffered_transforms(buffers) == ("/tf", "/tf_static")
     (static,) = read_messages(buffers, "/tf_static", {0}).values()
@@ -127,7 +127,7 @@ def test_what_only_ros_knows_to_have_a_header_is_left_open_until_it_says_so(
     bag: Path, buffers: Path
 ) -> None:
     plan = dataset(topic("/left", "/image", "own_msgs/msg/Picture"))
-    buffer_bags([bag], [plan], buffers, Silent())
+    buffer_bags([bag], [plan], buffers, NullProgress())
     index = read_index(buffers, "/image")
     assert index.has_header is None
     known = read_stamps(buffers, index)
@@ -136,7 +136,7 @@ def test_what_only_ros_knows_to_have_a_header_is_left_open_until_it_says_so(
 
 
 def test_a_bag_is_found_beside_the_spec_and_hashed(tmp_path: Path, bag: Path) -> None:
-    found = obtain(dataset(topic("/left", "/image")), tmp_path, Silent())
+    found = obtain_dataset(dataset(topic("/left", "/image")), tmp_path, NullProgress())
     assert found.path == bag
     assert found.provenance == {
         "source": "./bag",
@@ -149,16 +149,21 @@ def test_a_bag_is_found_beside_the_spec_and_hashed(tmp_path: Path, bag: Path) ->
 @pytest.mark.parametrize("prefix", ["", "sha256:"])
 def test_the_bag_that_was_pinned_is_taken(tmp_path: Path, bag: Path, prefix: str) -> None:
     digest = prefix + hash_files(bag).removeprefix("sha256:")
-    assert obtain(dataset(topic("/left", "/image"), sha256=digest), tmp_path, Silent()).path == bag
+    assert (
+        obtain_dataset(
+            dataset(topic("/left", "/image"), sha256=digest), tmp_path, NullProgress()
+        ).path
+        == bag
+    )
 
 
 def test_another_bag_than_the_one_that_was_pinned_is_refused(tmp_path: Path, bag: Path) -> None:
     with pytest.raises(DatasetMismatchError, match="its hash is") as raised:
-        obtain(dataset(topic("/left", "/image"), sha256="0" * 64), tmp_path, Silent())
+        obtain_dataset(dataset(topic("/left", "/image"), sha256="0" * 64), tmp_path, NullProgress())
     assert hash_files(bag) in str(raised.value)
     assert raised.value.exit_code == 2
 
 
 def test_a_bag_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="bag does not exist"):
-        obtain(dataset(topic("/left", "/image")), tmp_path, Silent())
+        obtain_dataset(dataset(topic("/left", "/image")), tmp_path, NullProgress())

@@ -9,19 +9,19 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.harness_overhead import floor_record, measure_floor
+from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_record
 from r2bspec.ipc import protocol
-from r2bspec.ipc.schedule import Cyclic
+from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan
 from r2bspec.record.run_record import FloorRecord, RunRecord
-from r2bspec.record.sample_arrays import MONITOR, PLAYBACK
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 
 MS = 1_000_000
 
 
 def playback(count: int, late_ns: int = 0) -> Any:
-    rows = np.zeros(count, PLAYBACK)
+    rows = np.zeros(count, PLAYBACK_DTYPE)
     rows["stamp_ns"] = np.arange(1, count + 1)
     rows["due_ns"] = np.arange(count) * 100 * MS
     rows["published_ns"] = rows["due_ns"] + late_ns
@@ -29,7 +29,7 @@ def playback(count: int, late_ns: int = 0) -> Any:
 
 
 def received(sent: Any, latency_ns: Any, *, stamped: bool = True) -> Any:
-    rows = np.zeros(sent.size, MONITOR)
+    rows = np.zeros(sent.size, MONITOR_DTYPE)
     rows["stamp_ns"] = sent["stamp_ns"] if stamped else 0
     rows["received_ns"] = sent["published_ns"] + latency_ns
     rows["bytes"] = 240
@@ -40,7 +40,7 @@ def received(sent: Any, latency_ns: Any, *, stamped: bool = True) -> Any:
 def test_the_floor_is_what_lies_between_publication_and_arrival(stamped: bool) -> None:
     sent = playback(100, late_ns=7)
     rows = received(sent, np.arange(1, 101) * 1000, stamped=stamped)
-    assert floor_record("/image", 10.0, sent, rows) == FloorRecord(
+    assert overhead_record("/image", 10.0, sent, rows) == FloorRecord(
         topic="/image",
         bytes=240,
         rate_hz=10.0,
@@ -56,7 +56,7 @@ def test_the_floor_is_what_lies_between_publication_and_arrival(stamped: bool) -
 def test_what_is_lost_is_counted_and_shifts_no_pair() -> None:
     sent = playback(10)
     rows = received(sent, 5_000)[[0, 1, 2, 4, 5, 7, 8, 9]]
-    record = floor_record("/image", 10.0, sent, rows)
+    record = overhead_record("/image", 10.0, sent, rows)
     assert (record.sent, record.received) == (10, 8)
     assert (record.latency_p50_ns, record.latency_p99_ns) == (5_000, 5_000)
 
@@ -66,12 +66,12 @@ def test_messages_of_the_warm_up_that_come_late_are_not_counted() -> None:
     rows = received(sent, 5_000)
     late = rows[:2].copy()
     late["stamp_ns"] = [901, 902]
-    record = floor_record("/image", 10.0, sent, np.concatenate([late, rows]))
+    record = overhead_record("/image", 10.0, sent, np.concatenate([late, rows]))
     assert (record.received, record.latency_p99_ns) == (10, 5_000)
 
 
 def test_without_samples_there_is_no_time() -> None:
-    record = floor_record("/image", 10.0, playback(3), np.zeros(0, MONITOR))
+    record = overhead_record("/image", 10.0, playback(3), np.zeros(0, MONITOR_DTYPE))
     assert (record.sent, record.received, record.bytes) == (3, 0, 0)
     assert record.latency_p50_ns is None
 
@@ -88,7 +88,7 @@ class Asked:
         self._readers = readers
         self.commands: list[Any] = []
 
-    def ask(self, _child: Any, command: Any, _kind: Any, _timeout_s: float) -> Any:
+    def request(self, _child: Any, command: Any, _kind: Any, _timeout_s: float) -> Any:
         self.commands.append(command)
         assert isinstance(command, protocol.CountMatches)
         return protocol.Matched(counts={"/image": self._readers})
@@ -105,8 +105,8 @@ def measured(children: Any, qos: QoS, folder: Path) -> tuple[FloorRecord, ...]:
             qos=qos,
         ),
     )
-    return measure_floor(
-        children, child, child, inputs, folder, "playback", 10.0, Cyclic(steps=((0,),))
+    return measure_harness_overhead(
+        children, child, child, inputs, folder, "playback", 10.0, CyclicSchedule(steps=((0,),))
     )
 
 

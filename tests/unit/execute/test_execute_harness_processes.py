@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.execute.errors import ProcessDiedError, ProcessFailedError
-from r2bspec.execute.processes.supervisor import Child, Children
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 
@@ -47,16 +47,16 @@ def open_files() -> int:
 
 
 @pytest.fixture
-def children(tmp_path: Path) -> Iterator[Children]:
+def children(tmp_path: Path) -> Iterator[ProcessSupervisor]:
     before = open_files()
-    made = Children(secrets.token_hex(8), tmp_path, lambda: None)
+    made = ProcessSupervisor(secrets.token_hex(8), tmp_path, lambda: None)
     yield made
     assert made.close() == []
     assert open_files() == before
 
 
 @pytest.fixture
-def whole(children: Children, tmp_path: Path) -> Child:
+def whole(children: ProcessSupervisor, tmp_path: Path) -> ManagedProcess:
     return children.start(
         "harness",
         "harness",
@@ -72,7 +72,9 @@ def play(steps: int) -> protocol.Play:
     return protocol.Play(rate_hz=1.0, steps=steps)
 
 
-def test_each_part_answers_what_it_was_asked(children: Children, whole: Child) -> None:
+def test_each_part_answers_what_it_was_asked(
+    children: ProcessSupervisor, whole: ManagedProcess
+) -> None:
     player, monitor = whole.parts["player"], whole.parts["monitor"]
     for each in (monitor, whole, player):
         each.send(play(10))
@@ -82,36 +84,44 @@ def test_each_part_answers_what_it_was_asked(children: Children, whole: Child) -
     assert children.answer(monitor, protocol.Played, HANG_S).steps == 10 + len("monitor")
 
 
-def test_there_is_one_process_in_the_record(children: Children, whole: Child) -> None:
+def test_there_is_one_process_in_the_record(
+    children: ProcessSupervisor, whole: ManagedProcess
+) -> None:
     assert [each.name for each in children.records()] == ["harness"]
     assert [each.name for each in children] == ["harness"]
     assert {each.pid for each in whole.parts.values()} == {whole.pid}
 
 
-def test_the_monitor_observes_wherever_it_is(children: Children, whole: Child) -> None:
+def test_the_monitor_observes_wherever_it_is(
+    children: ProcessSupervisor, whole: ManagedProcess
+) -> None:
     assert children.observer() is whole.parts["monitor"]
 
 
-def test_a_part_that_fails_is_named(children: Children, whole: Child) -> None:
+def test_a_part_that_fails_is_named(children: ProcessSupervisor, whole: ManagedProcess) -> None:
     whole.parts["player"].send(play(0))
     with pytest.raises(ProcessFailedError, match="^player: cannot play nothing"):
         pump(children)
 
 
-def test_a_process_that_dies_takes_its_parts_along(children: Children, whole: Child) -> None:
+def test_a_process_that_dies_takes_its_parts_along(
+    children: ProcessSupervisor, whole: ManagedProcess
+) -> None:
     whole.parts["monitor"].send(protocol.Stop())
     with pytest.raises(ProcessDiedError, match="process harness ended with status 3"):
         pump(children)
 
 
-def test_the_parts_end_with_their_process(children: Children, whole: Child) -> None:
-    children.ask(whole, play(1), protocol.Played, HANG_S)
+def test_the_parts_end_with_their_process(
+    children: ProcessSupervisor, whole: ManagedProcess
+) -> None:
+    children.request(whole, play(1), protocol.Played, HANG_S)
     children.end([whole])
     assert whole.process.returncode == 0
     assert list(children) == []
 
 
-def pump(children: Children) -> None:
+def pump(children: ProcessSupervisor) -> None:
     deadline = time.monotonic() + HANG_S
     while time.monotonic() < deadline:
         children.pump()

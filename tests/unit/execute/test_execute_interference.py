@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.execute.host.interference_counters import Surroundings
+from r2bspec.execute.host.interference_counters import InterferenceReader
 
 PRESSURE = "some avg10=1.25 avg60=0.90 avg300=0.35 total=2500000\nfull avg10=0.00 total=7\n"
 
@@ -22,7 +22,7 @@ def write(root: Path, files: dict[str, str]) -> Path:
 
 
 def test_this_machine() -> None:
-    surroundings = Surroundings()
+    surroundings = InterferenceReader()
     first = surroundings.read()
     end = time.process_time() + 0.1
     while time.process_time() < end:
@@ -35,14 +35,14 @@ def test_this_machine() -> None:
 
 
 def test_what_a_system_does_not_tell_is_unknown(tmp_path: Path) -> None:
-    found = Surroundings(tmp_path).read()
+    found = InterferenceReader(tmp_path).read()
     assert math.isnan(found.waited_s)
     assert math.isnan(found.throttled_s)
 
 
 def test_what_nobody_can_read_is_unknown(tmp_path: Path) -> None:
     root = write(tmp_path, {"proc/pressure/cpu": "some words\n"})
-    assert math.isnan(Surroundings(root).read().waited_s)
+    assert math.isnan(InterferenceReader(root).read().waited_s)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_what_nobody_can_read_is_unknown(tmp_path: Path) -> None:
 def test_where_it_is_read(
     tmp_path: Path, files: dict[str, str], waited_s: float | None, throttled_s: float | None
 ) -> None:
-    found = Surroundings(write(tmp_path, files)).read()
+    found = InterferenceReader(write(tmp_path, files)).read()
     assert found.waited_s == waited_s or (waited_s is None and math.isnan(found.waited_s))
     assert found.throttled_s == throttled_s or (
         throttled_s is None and math.isnan(found.throttled_s)

@@ -9,8 +9,8 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from r2bspec.execute.measurement.iterations import Iterating
-from r2bspec.execute.measurement.time_budget import Budget
+from r2bspec.execute.measurement.iterations import IterationRunner
+from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.judge.verdict import (
     EXIT_CODES,
     DisturbedIteration,
@@ -103,16 +103,18 @@ def busy(number: int, **known: str) -> DisturbedIteration:
     )
 
 
-def iterate(verdicts: Sequence[Verdict], budget_ns: int = 0) -> tuple[list[str], Budget]:
+def iterate(verdicts: Sequence[Verdict], budget_ns: int = 0) -> tuple[list[str], TimeBudget]:
     """Play, told one verdict after the other; the names of what was played."""
-    stage, notes = Played(), list[str]()
+    segment_player, notes = Played(), list[str]()
     said: Iterator[Verdict] = iter(verdicts)
-    budget = Budget(budget_ns, notes.append)
+    budget = TimeBudget(budget_ns, notes.append)
     budget.begin()
-    Iterating(PLAN, cast("Any", stage), lambda: next(said), notes.append, budget).play()
+    IterationRunner(
+        PLAN, cast("Any", segment_player), lambda: next(said), notes.append, budget
+    ).play()
     # Every verdict was asked for: none is reached without a look.
     assert next(said, None) is None
-    return [each.id.removeprefix("rate-30Hz-") for each in stage.segments], budget
+    return [each.id.removeprefix("rate-30Hz-") for each in segment_player.segments], budget
 
 
 FIRST_LOOK = ["001", "002"]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from r2bspec.execute.measurement.peak_search import Outcome, PeakSearch
+from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
 from r2bspec.record.run_record import Probe, SearchRecord
 
 
@@ -21,7 +21,7 @@ class Server:
             that keeps working at full speed, less is one that thrashes.
         player_hz: the rate that the player reaches at most.
         fails_once: rates are failed once, the first time that one in these bounds is probed.
-        unclear: the share of the capacity on either side of it that stays open.
+        relative_half_width: the share of the capacity on either side of it that stays open.
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class Server:
         betrays: float = 1.0,
         player_hz: float = math.inf,
         fails_once: tuple[float, float] = (0.0, 0.0),
-        unclear: float = 0.0,
+        relative_half_width: float = 0.0,
     ) -> None:
         self.capacity_hz = capacity_hz
         self.probed: list[float] = []
@@ -39,9 +39,9 @@ class Server:
         self._player_hz = player_hz
         self._fails_once = fails_once
         self._failed = False
-        self._unclear = unclear
+        self._unclear = relative_half_width
 
-    def probe(self, rate_hz: float) -> Outcome:
+    def probe(self, rate_hz: float) -> ProbeOutcome:
         """Answer as a probe of a real graph does."""
         self.probed.append(rate_hz)
         low, high = self._fails_once
@@ -49,7 +49,7 @@ class Server:
             self._failed = True
             return self._outcome(rate_hz, rate_hz * 0.5, holds=False)
         if rate_hz > self._player_hz:
-            return self._outcome(rate_hz, self._player_hz, holds=False, by_player=True)
+            return self._outcome(rate_hz, self._player_hz, holds=False, limited_by_player=True)
         if abs(rate_hz / self.capacity_hz - 1) < self._unclear:
             return self._outcome(rate_hz, rate_hz, holds=None)
         if rate_hz > self.capacity_hz:
@@ -57,9 +57,14 @@ class Server:
         return self._outcome(rate_hz, rate_hz, holds=True)
 
     def _outcome(
-        self, rate_hz: float, delivered_hz: float, *, holds: bool | None, by_player: bool = False
-    ) -> Outcome:
-        return Outcome(
+        self,
+        rate_hz: float,
+        delivered_hz: float,
+        *,
+        holds: bool | None,
+        limited_by_player: bool = False,
+    ) -> ProbeOutcome:
+        return ProbeOutcome(
             Probe(
                 segment=f"probe-{len(self.probed):03d}",
                 rate_hz=rate_hz,
@@ -67,8 +72,8 @@ class Server:
                 holds=holds,
                 reason="",
             ),
-            by_player=by_player,
-            unclear=self._unclear,
+            limited_by_player=limited_by_player,
+            relative_half_width=self._unclear,
         )
 
 
@@ -197,30 +202,30 @@ def test_one_hiccup_anywhere_never_gives_a_rate_that_does_not_hold(
     assert fails_hz / holds_hz <= 1.02 + 1e-9
 
 
-@given(capacity_hz=st.floats(20.0, 500.0), unclear=st.floats(0.001, 0.4))
+@given(capacity_hz=st.floats(20.0, 500.0), relative_half_width=st.floats(0.001, 0.4))
 def test_what_stays_open_widens_the_bracket_and_is_never_decided(
-    capacity_hz: float, unclear: float
+    capacity_hz: float, relative_half_width: float
 ) -> None:
-    server = Server(capacity_hz, unclear=unclear)
+    server = Server(capacity_hz, relative_half_width=relative_half_width)
     record = search(server)
     holds_hz, fails_hz = bracket(record)
-    assert holds_hz <= capacity_hz * (1 - unclear) + 1e-9
-    assert fails_hz >= capacity_hz * (1 + unclear) - 1e-9
+    assert holds_hz <= capacity_hz * (1 - relative_half_width) + 1e-9
+    assert fails_hz >= capacity_hz * (1 + relative_half_width) - 1e-9
     assert all(holds_hz < rate_hz < fails_hz for rate_hz in record.open_hz)
     assert sum(probe.holds is None for probe in record.probes) <= 8
     # At most a step of twice what is unclear, on either side, and once more as much.
-    step = 1 + max(2 * min(max(unclear, 0.02), 0.5), 0.02)
-    assert fails_hz / holds_hz <= (1 + unclear) / (1 - unclear) * step**4
+    step = 1 + max(2 * min(max(relative_half_width, 0.02), 0.5), 0.02)
+    assert fails_hz / holds_hz <= (1 + relative_half_width) / (1 - relative_half_width) * step**4
     if not record.open_hz:
         assert fails_hz / holds_hz <= 1.02 + 1e-9
 
 
 def test_an_end_of_the_range_that_stays_open_bounds_nothing() -> None:
-    above = search(Server(1000.0, unclear=0.3))
+    above = search(Server(1000.0, relative_half_width=0.3))
     assert (above.fails_hz, above.limited_by) == (None, "range")
     assert above.holds_hz is not None
     assert above.open_hz[-1] == 1000.0
-    below = search(Server(10.0, unclear=0.3))
+    below = search(Server(10.0, relative_half_width=0.3))
     assert below.holds_hz is None
     assert below.fails_hz is not None
     assert below.open_hz[0] == 10.0
@@ -240,7 +245,7 @@ def test_a_player_that_cannot_offer_more_bounds_the_player_and_not_the_graph() -
 def test_a_search_that_is_cut_short_says_so_and_keeps_what_it_found() -> None:
     server = Server(100.0)
 
-    def cut(rate_hz: float) -> Outcome:
+    def cut(rate_hz: float) -> ProbeOutcome:
         if len(server.probed) == 3:
             raise KeyboardInterrupt
         return server.probe(rate_hz)
@@ -264,7 +269,7 @@ def test_it_ends_whatever_the_answers(answers: list[bool], delivered: list[float
     server = Server(1.0)
     script = iter(zip(answers, delivered, strict=True))
 
-    def capricious(rate_hz: float) -> Outcome:
+    def capricious(rate_hz: float) -> ProbeOutcome:
         holds, delivered_hz = next(script, (True, rate_hz))
         return server._outcome(rate_hz, delivered_hz, holds=holds)
 
@@ -272,5 +277,5 @@ def test_it_ends_whatever_the_answers(answers: list[bool], delivered: list[float
     assert len(record.probes) <= 60
 
 
-def search_with(probe: Callable[[float], Outcome]) -> SearchRecord:
+def search_with(probe: Callable[[float], ProbeOutcome]) -> SearchRecord:
     return PeakSearch(10.0, 1000.0, 0.02, probe).run()

@@ -7,14 +7,18 @@ from pathlib import Path
 import pytest
 
 from r2bspec.execute.processes import process_logs
-from r2bspec.execute.processes.process_logs import Logs
+from r2bspec.execute.processes.process_logs import LogLimiter
 
 LIMIT, HEAD, TAIL = 4000, 500, 1000
 
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in (("LIMIT_BYTES", LIMIT), ("HEAD_BYTES", HEAD), ("TAIL_BYTES", TAIL)):
+    for name, value in (
+        ("MAX_LOG_BYTES", LIMIT),
+        ("KEPT_HEAD_BYTES", HEAD),
+        ("KEPT_TAIL_BYTES", TAIL),
+    ):
         monkeypatch.setattr(process_logs, name, value)
 
 
@@ -25,39 +29,39 @@ def lines(first: int, last: int) -> bytes:
 def test_a_log_of_the_allowed_size_stays_as_it_is(tmp_path: Path) -> None:
     log = tmp_path / "node.log"
     log.write_bytes(bytes(LIMIT))
-    kept = Logs()
+    kept = LogLimiter()
     kept.watch(tmp_path)
-    kept.keep_small()
+    kept.truncate_large()
     assert log.read_bytes() == bytes(LIMIT)
-    assert kept.cut == []
+    assert kept.truncated == []
 
 
 def test_the_head_and_the_tail_of_a_long_log_are_kept_and_its_writer_goes_on(
     tmp_path: Path,
 ) -> None:
     log = tmp_path / "node.log"
-    kept = Logs()
+    kept = LogLimiter()
     kept.watch(tmp_path)
     whole = lines(0, 2000)
     with log.open("ab", buffering=0) as writer:
         writer.write(whole)
-        kept.keep_small(now=True)
+        kept.truncate_large(now=True)
         writer.write(b"went on\n")
     head, note, tail = log.read_bytes().partition(b"\n[r2bspec cut out 0.0 MiB of this log here]\n")
     assert note
     assert head == whole[:HEAD]
     assert tail == whole[-TAIL:] + b"went on\n"
-    assert kept.cut == [log]
+    assert kept.truncated == [log]
 
 
 def test_a_log_is_cut_again_and_again(tmp_path: Path) -> None:
     log = tmp_path / "node.log"
-    kept = Logs()
+    kept = LogLimiter()
     kept.watch(tmp_path)
     with log.open("ab", buffering=0) as writer:
         for begin in range(0, 20_000, 1000):
             writer.write(lines(begin, begin + 1000))
-            kept.keep_small(now=True)
+            kept.truncate_large(now=True)
             assert log.stat().st_size <= LIMIT
     found = log.read_bytes()
     assert found.startswith(lines(0, 70))
@@ -70,17 +74,17 @@ def test_logs_in_folders_below_are_cut_too_and_others_are_left_alone(tmp_path: P
     inside.parent.mkdir(parents=True)
     for each in (inside, outside):
         each.write_bytes(lines(0, 2000))
-    kept = Logs()
+    kept = LogLimiter()
     kept.watch(tmp_path / "logs")
-    kept.keep_small()
+    kept.truncate_large()
     assert inside.stat().st_size < LIMIT
     assert outside.read_bytes() == lines(0, 2000)
 
 
 def test_a_log_that_is_gone_or_no_file_disturbs_nobody(tmp_path: Path) -> None:
     (tmp_path / "gone.log").symlink_to(tmp_path / "nothing")
-    kept = Logs()
+    kept = LogLimiter()
     kept.watch(tmp_path)
     kept.watch(tmp_path / "never made")
-    kept.keep_small()
-    assert kept.cut == []
+    kept.truncate_large()
+    assert kept.truncated == []

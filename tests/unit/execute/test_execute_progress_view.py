@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.progress_view import LiveView
+from r2bspec.execute.measurement.progress_view import ProgressView
 from r2bspec.ipc.sample_files import RowReader, RowWriter
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
 from run_simulation import MONITOR_PLAN
@@ -37,13 +37,13 @@ class Writers:
             received_ns = now_ns + round(latency_ms * MS)
             self.monitor.append(stamp or self.steps, received_ns, received_ns, 0)
 
-    def view(self, match: Literal["stamp", "order"] = "stamp") -> LiveView:
+    def view(self, match: Literal["stamp", "order"] = "stamp") -> ProgressView:
         """A view of what is played from now on."""
         plan = msgspec.structs.replace(MONITOR_PLAN, match=match)
         player = RowReader(self.folder / "player", PLAYBACK_FIELDS)
         monitor = RowReader(self.folder / "monitor", MONITOR_FIELDS)
         first = {"": player.count(), "out": monitor.count()}
-        return LiveView(player, {"out": (plan, monitor)}, first, lambda: {"relay": 0.5})
+        return ProgressView(player, {"out": (plan, monitor)}, first, lambda: {"relay": 0.5})
 
 
 @pytest.fixture

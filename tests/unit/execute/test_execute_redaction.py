@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from r2bspec.execute.processes.redaction import concealing
+from r2bspec.execute.processes.redaction import make_redactor
 
 ENVIRON = {
     "API_TOKEN": "abc.+(123",
@@ -30,8 +30,8 @@ NAMED = [name for name in ENVIRON if name != "NOT_NAMED_TOKEN"]
     ],
 )
 def test_values_of_secrets_are_replaced_and_all_else_stays(text: str, shown: str | None) -> None:
-    assert concealing(NAMED, ENVIRON)(text) == (text if shown is None else shown)
+    assert make_redactor(NAMED, ENVIRON)(text) == (text if shown is None else shown)
 
 
 def test_without_secrets_nothing_is_replaced() -> None:
-    assert concealing(["DATA_DIR", "UNSET_TOKEN"], ENVIRON)("/data other") == "/data other"
+    assert make_redactor(["DATA_DIR", "UNSET_TOKEN"], ENVIRON)("/data other") == "/data other"

@@ -12,8 +12,8 @@ import numpy as np
 
 from family_trees import wait_for
 from r2bspec.execute.host.resource_sampler import ResourceSampler
-from r2bspec.measure.resource_usage import CONTROLLER, MACHINE
-from r2bspec.record.sample_arrays import RESOURCES, SURROUNDINGS
+from r2bspec.measure.resource_usage import CONTROLLER_INDEX, MACHINE_INDEX
+from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE
 
 BUSY = "while True: pass"
 HAS_A_BUSY_CHILD = (
@@ -32,8 +32,8 @@ def test_processes_are_numbered_in_the_order_in_which_they_were_added() -> None:
     sampler.add(os.getpid())
     sampler.add(os.getppid())
     rows, _ = sampler.stop()
-    assert rows.dtype == RESOURCES
-    assert rows["process"].tolist() == [MACHINE, CONTROLLER, 0, 1]
+    assert rows.dtype == RESOURCE_DTYPE
+    assert rows["process"].tolist() == [MACHINE_INDEX, CONTROLLER_INDEX, 0, 1]
     assert np.all(rows["memory_bytes"] > 0)
 
 
@@ -57,7 +57,7 @@ def test_samples_are_cumulative_and_in_order() -> None:
         sampled(sampler, process.pid, lambda: sampler.rows().size >= 8)
         rows, _ = sampler.stop()
         process.kill()
-    for number in (MACHINE, CONTROLLER, 0):
+    for number in (MACHINE_INDEX, CONTROLLER_INDEX, 0):
         one = rows[rows["process"] == number]
         assert one.size >= 3
         assert np.all(np.diff(one["time_ns"]) > 0)
@@ -71,14 +71,14 @@ def test_a_process_that_ends_is_sampled_no_more_and_disturbs_nobody() -> None:
         sampler.add(process.pid)
         sampler.add(os.getpid())
         rows, _ = sampler.stop()
-    assert set(rows["process"]) == {MACHINE, CONTROLLER, 1}
+    assert set(rows["process"]) == {MACHINE_INDEX, CONTROLLER_INDEX, 1}
     assert sampler.resident(process.pid) == 0
 
 
 def test_what_was_never_started_can_be_stopped() -> None:
     rows, around = ResourceSampler().stop()
     assert around.size == 1
-    assert rows["process"].tolist() == [MACHINE, CONTROLLER]
+    assert rows["process"].tolist() == [MACHINE_INDEX, CONTROLLER_INDEX]
 
 
 def test_a_sample_is_taken_when_it_is_asked_for() -> None:
@@ -91,7 +91,7 @@ def test_a_sample_is_taken_when_it_is_asked_for() -> None:
         wait_for(lambda: bool(sampler.surroundings()["time_ns"][-1] >= soon_ns))
     finally:
         _, around = sampler.stop()
-    assert around.dtype == SURROUNDINGS
+    assert around.dtype == INTERFERENCE_DTYPE
     after = around["time_ns"][around["time_ns"] >= soon_ns]
     # Not the one of the period, which was due when the last one was 200 ms old.
     previous = around["time_ns"][around["time_ns"] < soon_ns][-1]
@@ -105,7 +105,7 @@ def test_times_that_were_asked_for_and_are_past_are_one_sample() -> None:
     sampler.start()
     wait_for(lambda: sampler.surroundings().size >= 3)
     sampler.stop()
-    assert not sampler._wanted
+    assert not sampler._requested_ns
 
 
 def test_what_a_process_uses_lately() -> None:

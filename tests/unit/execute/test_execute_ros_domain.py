@@ -20,8 +20,8 @@ def few_domains(monkeypatch: pytest.MonkeyPatch) -> range:
     """Only a few domains, far from those that other programs use."""
     # Ports of their own, so that what else runs on this machine does not matter.
     monkeypatch.setattr(ros_domain, "_PORT_BASE", 21_000 + os.getpid() % 5_000)
-    monkeypatch.setattr(ros_domain, "_FIRST", 1)
-    monkeypatch.setattr(ros_domain, "_LAST", 4)
+    monkeypatch.setattr(ros_domain, "_MIN_DOMAIN", 1)
+    monkeypatch.setattr(ros_domain, "_MAX_DOMAIN", 4)
     return range(1, 5)
 
 
@@ -49,7 +49,8 @@ def test_a_reservation_ends_with_an_exception(few_domains: range) -> None:
 def test_a_reservation_ends_with_its_process_however_it_ends(few_domains: range) -> None:
     program = (
         "import sys, time; from r2bspec.execute.processes import ros_domain; "
-        "ros_domain._PORT_BASE, ros_domain._FIRST, ros_domain._LAST = map(int, sys.argv[1:]); "
+        "ros_domain._PORT_BASE, ros_domain._MIN_DOMAIN, ros_domain._MAX_DOMAIN = "
+        "map(int, sys.argv[1:]); "
         "held = ros_domain.reserved_domain(); print(held.__enter__(), flush=True); time.sleep(600)"
     )
     with contextlib.ExitStack() as stack:
@@ -85,5 +86,5 @@ def test_a_child_process_does_not_prolong_a_reservation(few_domains: range) -> N
 
 def test_the_ports_of_every_domain_stay_clear_of_the_ephemeral_range() -> None:
     # OMG DDSI-RTPS 2.5, section 9.6.2.3: PB + DG x domain, and at most 250 ports from there.
-    assert 7400 + 250 * (ros_domain._LAST + 1) <= 32768
-    assert ros_domain._FIRST >= 1
+    assert 7400 + 250 * (ros_domain._MAX_DOMAIN + 1) <= 32768
+    assert ros_domain._MIN_DOMAIN >= 1

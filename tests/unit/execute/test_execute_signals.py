@@ -32,7 +32,7 @@ def test_a_signal_is_reported_once(number: signal.Signals) -> None:
 @SIGNALS
 def test_a_signal_can_interrupt_long_work_at_once(number: signal.Signals) -> None:
     with Interrupts() as interrupts:
-        with pytest.raises(InterruptedRunError, match=number.name), interrupts.at_once():
+        with pytest.raises(InterruptedRunError, match=number.name), interrupts.immediate():
             os.kill(os.getpid(), number)
         interrupts.check()
 
@@ -40,13 +40,13 @@ def test_a_signal_can_interrupt_long_work_at_once(number: signal.Signals) -> Non
 def test_a_signal_that_came_before_long_work_keeps_it_from_beginning() -> None:
     with Interrupts() as interrupts:
         os.kill(os.getpid(), signal.SIGINT)
-        with pytest.raises(InterruptedRunError), interrupts.at_once():
+        with pytest.raises(InterruptedRunError), interrupts.immediate():
             pytest.fail("it began")
 
 
 def test_after_long_work_signals_wait_again() -> None:
     with Interrupts() as interrupts:
-        with interrupts.at_once():
+        with interrupts.immediate():
             pass
         os.kill(os.getpid(), signal.SIGINT)
         with pytest.raises(InterruptedRunError):
@@ -65,7 +65,7 @@ def test_what_catches_every_error_does_not_catch_an_interrupt(number: signal.Sig
     with (
         Interrupts() as interrupts,
         pytest.raises(InterruptedRunError, match=f"interrupted by {number.name}"),
-        interrupts.at_once(),
+        interrupts.immediate(),
     ):
         try:
             os.kill(os.getpid(), number)
@@ -88,7 +88,7 @@ def test_a_run_that_was_started_with_nohup_outlives_its_terminal() -> None:
 def test_a_second_signal_ends_the_process_at_once(number: signal.Signals) -> None:
     program = (
         "import os, sys; from r2bspec.execute.processes import signals as interrupts\n"
-        "interrupts._SAME_ACT_S = 0.0\n"
+        "interrupts._DEBOUNCE_S = 0.0\n"
         "with interrupts.Interrupts():\n"
         "    os.kill(os.getpid(), int(sys.argv[1])); print('one', flush=True)\n"
         "    os.kill(os.getpid(), int(sys.argv[1])); print('two', flush=True)\n"
@@ -104,7 +104,7 @@ def test_a_second_signal_ends_the_process_at_once(number: signal.Signals) -> Non
 
 
 def test_one_act_that_arrives_twice_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("r2bspec.execute.processes.signals._SAME_ACT_S", 3600.0)
+    monkeypatch.setattr("r2bspec.execute.processes.signals._DEBOUNCE_S", 3600.0)
     with Interrupts() as interrupts:
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGINT)

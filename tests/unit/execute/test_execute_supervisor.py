@@ -25,12 +25,13 @@ from r2bspec.execute.errors import (
 )
 from r2bspec.execute.processes import process as child_module
 from r2bspec.execute.processes import process_logs, shutdown, supervisor
-from r2bspec.execute.processes.process import Child, describe_exit
-from r2bspec.execute.processes.supervisor import Children
+from r2bspec.execute.processes.process import ManagedProcess, describe_exit
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc import protocol
-from r2bspec.ipc.process_cleanup import members
+from r2bspec.ipc.process_cleanup import run_processes
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.ipc.schedule import Cyclic
+from r2bspec.ipc.schedule import CyclicSchedule
+from r2bspec.middleware.registry import middleware_of
 
 HANG_S = 60.0
 """Guards against hanging only; nothing that passes takes so long."""
@@ -62,18 +63,18 @@ SLEEPS = "print('here', flush=True)\nwhile True: time.sleep(60)\n"
 
 
 class Stage:
-    """Children, and short ways to start some."""
+    """ProcessSupervisor, and short ways to start some."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.run_id = secrets.token_hex(8)
         self.interrupt: Callable[[], None] = lambda: None
-        self.children = Children(self.run_id, folder / "scratch", lambda: self.interrupt())
+        self.children = ProcessSupervisor(self.run_id, folder / "scratch", lambda: self.interrupt())
 
-    def start(self, program: str, name: str = "node", role: str = "host") -> Child:
+    def start(self, program: str, name: str = "node", role: str = "host") -> ManagedProcess:
         return self.run([sys.executable, "-c", PRELUDE + program], name, role)
 
-    def run(self, argv: list[str], name: str = "node", role: str = "host") -> Child:
+    def run(self, argv: list[str], name: str = "node", role: str = "host") -> ManagedProcess:
         environment = os.environ | {RUN_ID_VARIABLE: self.run_id, "PYTHONUNBUFFERED": "1"}
         return self.children.start(
             name, role, argv, environment, cwd=self.folder, log=self.folder / f"{name}.log"
@@ -98,9 +99,10 @@ def open_files() -> int:
 
 def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the waits short that politeness costs."""
-    for constant, seconds in (("_IN_TURN_S", 0.1), ("ASKED_S", 0.4), ("GRACE_S", 0.3)):
+    for constant, seconds in (("MAX_EXIT_S", 0.4), ("MAX_SIGTERM_S", 0.3)):
         monkeypatch.setattr(shutdown, constant, seconds)
-    monkeypatch.setattr(supervisor, "GRACE_S", 0.3)
+    monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.1)
+    monkeypatch.setattr(supervisor, "MAX_SIGTERM_S", 0.3)
 
 
 @pytest.fixture
@@ -111,7 +113,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     make_impatient(monkeypatch)
     if found.children._watchdog.poll() is None:
         found.children.close()
-    assert members(found.run_id, [record.pid for record in found.children.records()]) == []
+    assert run_processes(found.run_id, [record.pid for record in found.children.records()]) == []
     assert found.children._watchdog.poll() is not None
     assert open_files() == before
 
@@ -127,7 +129,9 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_child_answers_what_it_is_asked(stage: Stage) -> None:
     child = stage.start(ANSWERS)
-    answer = stage.children.ask(child, protocol.Play(rate_hz=1.0, steps=7), protocol.Played, HANG_S)
+    answer = stage.children.request(
+        child, protocol.Play(rate_hz=1.0, steps=7), protocol.Played, HANG_S
+    )
     assert answer == protocol.Played(steps=7)
 
 
@@ -150,7 +154,7 @@ def test_what_is_no_answer_is_passed_over(stage: Stage) -> None:
 def test_an_answer_that_does_not_come_is_not_waited_for_for_ever(stage: Stage) -> None:
     child = stage.start("ends = channel()\n" + SLEEPS)
     with pytest.raises(RunError, match=r"process node did not answer within 0\.2 s") as raised:
-        stage.children.ask(child, protocol.CountMatches(), protocol.Matched, 0.2)
+        stage.children.request(child, protocol.CountMatches(), protocol.Matched, 0.2)
     assert raised.value.code == "R2B632"
     assert str(child.log) in raised.value.hint
 
@@ -159,12 +163,12 @@ def test_an_answer_that_does_not_come_is_not_waited_for_for_ever(stage: Stage) -
 def test_a_command_that_a_stopped_child_does_not_take_blocks_nobody(
     stage: Stage, monkeypatch: pytest.MonkeyPatch, impatient: None
 ) -> None:
-    monkeypatch.setattr(child_module, "_SEND_S", 0.3)
+    monkeypatch.setattr(child_module, "_SEND_TIMEOUT_S", 0.3)
     child = stage.start(ANSWERS)
     os.kill(child.pid, signal.SIGSTOP)
-    large = protocol.Follow(schedule=Cyclic(steps=tuple((n,) for n in range(300_000))))
+    large = protocol.Follow(schedule=CyclicSchedule(steps=tuple((n,) for n in range(300_000))))
     with pytest.raises(RunError, match="did not answer"):
-        stage.children.ask(child, large, protocol.Ready, 0.2)
+        stage.children.request(child, large, protocol.Ready, 0.2)
 
 
 # Dying
@@ -209,7 +213,7 @@ def test_a_death_is_noticed_while_another_process_is_asked(stage: Stage) -> None
     silent = stage.start("ends = channel()\n" + SLEEPS, "player")
     stage.start("sys.exit(1)", "relay")
     with pytest.raises(ProcessDiedError, match="process relay"):
-        stage.children.ask(silent, protocol.CountMatches(), protocol.Matched, HANG_S)
+        stage.children.request(silent, protocol.CountMatches(), protocol.Matched, HANG_S)
 
 
 def test_what_a_child_says_before_it_dies_is_the_reason(stage: Stage) -> None:
@@ -240,20 +244,22 @@ def test_a_failure_without_a_hint_points_at_the_log(stage: Stage) -> None:
 def test_a_log_that_grows_without_end_is_cut_while_the_process_runs(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process_logs, "LIMIT_BYTES", 300_000)
-    monkeypatch.setattr(process_logs, "HEAD_BYTES", 1000)
-    monkeypatch.setattr(process_logs, "TAIL_BYTES", 2000)
+    monkeypatch.setattr(process_logs, "MAX_LOG_BYTES", 300_000)
+    monkeypatch.setattr(process_logs, "KEPT_HEAD_BYTES", 1000)
+    monkeypatch.setattr(process_logs, "KEPT_TAIL_BYTES", 2000)
     stage.start(
         "print('the first words')\nfor n in range(40_000): print('word', n)\n"
         "print('the last words', flush=True)\n" + SLEEPS
     )
-    stage.pump_until(lambda: stage.said().endswith("words\nhere\n") and stage.children.cut_logs)
+    stage.pump_until(
+        lambda: stage.said().endswith("words\nhere\n") and stage.children.truncated_logs
+    )
     said = stage.said()
     assert len(said) <= 300_000
     assert said.startswith("the first words\nword 0\n")
     assert said.endswith("the last words\nhere\n")
     assert "[r2bspec cut out 0." in said
-    assert [each.name for each in stage.children.cut_logs] == ["node.log"]
+    assert [each.name for each in stage.children.truncated_logs] == ["node.log"]
 
 
 @pytest.mark.timeout(120)
@@ -314,7 +320,7 @@ def test_a_process_inherits_nothing_but_its_channel(stage: Stage) -> None:
 
 def test_a_polite_child_ends_when_it_is_told(stage: Stage) -> None:
     child = stage.start(ANSWERS)
-    stage.children.ask(child, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
+    stage.children.request(child, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
     stage.children.end([child])
     assert child.process.returncode == 0
     assert list(stage.children) == []
@@ -327,18 +333,38 @@ def test_processes_end_one_after_another(stage: Stage) -> None:
     for child in started:
         stage.children.answer(child, protocol.Ready, HANG_S)
     asked: dict[str, float] = {}
-    ask = Child.ask_to_end
+    ask = ManagedProcess.request_shutdown
 
-    def noted(child: Child) -> None:
+    def noted(child: ManagedProcess) -> None:
         asked[child.name] = time.monotonic()
         ask(child)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Child, "ask_to_end", noted)
+        patch.setattr(ManagedProcess, "request_shutdown", noted)
         stage.children.end(started)
     # Nobody is asked before the one before has left, so that no two leave ROS at the same time.
     for before, after in itertools.pairwise(asked):
         assert float(stage.said(before)) < asked[after]
+
+
+def test_processes_end_together_where_the_middleware_needs_no_turns(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Each ends only when the other has been asked, too.
+    waits = "ends = channel()\nends.send(protocol.Ready())\nends.receive()\nfile = {!r}\n"
+    waits += "pathlib.Path(file[0]).touch()\n"
+    waits += "while not pathlib.Path(file[1]).exists(): time.sleep(0.01)\nsys.exit(0)"
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    names = ("first", "second")
+    files = [str(stage.folder / each) for each in names]
+    started = [
+        stage.start("import pathlib\n" + waits.format(order), name)
+        for name, order in zip(names, (files, files[::-1]), strict=True)
+    ]
+    for child in started:
+        stage.children.answer(child, protocol.Ready, HANG_S)
+    stage.children.end(started)
+    assert [child.process.returncode for child in started] == [0, 0]
 
 
 def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
@@ -348,10 +374,10 @@ def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     polite = stage.start(ANSWERS, "polite")
     for child in hangs:
         stage.children.answer(child, protocol.Ready, HANG_S)
-    stage.children.ask(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
-    monkeypatch.setattr(shutdown, "_IN_TURN_S", 0.2)
+    stage.children.request(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
+    monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.2)
     # What is left to the polite one, on however busy a machine.
-    monkeypatch.setattr(shutdown, "ASKED_S", 10.0)
+    monkeypatch.setattr(shutdown, "MAX_EXIT_S", 10.0)
     stage.children.end([*hangs, polite])
     assert polite.process.returncode == 0
     assert {child.process.returncode for child in hangs} == {-signal.SIGTERM}
@@ -361,7 +387,7 @@ def test_only_those_named_are_ended(stage: Stage) -> None:
     first, second = stage.start(ANSWERS, "first"), stage.start(ANSWERS, "second")
     stage.children.end([first])
     assert list(stage.children) == [second]
-    answer = stage.children.ask(
+    answer = stage.children.request(
         second, protocol.Play(rate_hz=1.0, steps=2), protocol.Played, HANG_S
     )
     assert answer.steps == 2
@@ -401,7 +427,7 @@ def test_a_child_that_has_never_answered_is_not_waited_for(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Whoever waits for it waits longer than a test may take.
-    monkeypatch.setattr(shutdown, "ASKED_S", 3600.0)
+    monkeypatch.setattr(shutdown, "MAX_EXIT_S", 3600.0)
     child = stage.start("ends = channel()\n" + SLEEPS)
     stage.pump_until(lambda: "here" in stage.said())
     stage.children.end([child])
@@ -465,7 +491,7 @@ def test_the_record_lists_all_in_order_with_how_they_ended(stage: Stage, impatie
     first = stage.start(ANSWERS, "first", "player")
     second = stage.start("ends = channel()\n" + SLEEPS, "second")
     stage.pump_until(lambda: "here" in stage.said("second"))
-    stage.children.ask(first, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
+    stage.children.request(first, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
     stage.children.end([first])
     running = stage.children.records()
     assert [(each.name, each.role, each.exit_code) for each in running] == [
@@ -489,15 +515,15 @@ def test_an_interrupt_is_seen_while_an_answer_is_awaited(stage: Stage) -> None:
     stage.pump_until(lambda: "here" in stage.said())
     stage.interrupt = interrupt
     with pytest.raises(InterruptedRunError):
-        stage.children.ask(child, protocol.CountMatches(), protocol.Matched, HANG_S)
+        stage.children.request(child, protocol.CountMatches(), protocol.Matched, HANG_S)
 
 
 def test_the_run_is_ended_when_the_controller_is_killed(tmp_path: Path) -> None:
     program = (
         "import os, sys, time\nfrom pathlib import Path\n"
-        "from r2bspec.execute.processes.supervisor import Children\n"
+        "from r2bspec.execute.processes.supervisor import ProcessSupervisor\n"
         "run_id, folder = sys.argv[1], Path(sys.argv[2])\n"
-        "children = Children(run_id, folder / 'scratch', lambda: None)\n"
+        "children = ProcessSupervisor(run_id, folder / 'scratch', lambda: None)\n"
         "environment = os.environ | {'R2BSPEC_RUN_ID': run_id}\n"
         "for name, role in (('a', 'command'), ('b', 'host')):\n"
         "    children.start(name, role, [sys.executable, '-c', 'import time; time.sleep(600)'],\n"
@@ -510,11 +536,11 @@ def test_the_run_is_ended_when_the_controller_is_killed(tmp_path: Path) -> None:
     ) as controller:
         assert controller.stdout is not None
         controller.stdout.readline()
-        started = [each for each in members(run_id, []) if each.pid != controller.pid]
+        started = [each for each in run_processes(run_id, []) if each.pid != controller.pid]
         assert len(started) == 2
         controller.kill()
     wait_for(lambda: not any(alive(each.pid) for each in started))
-    assert members(run_id, []) == []
+    assert run_processes(run_id, []) == []
 
 
 @pytest.mark.parametrize(

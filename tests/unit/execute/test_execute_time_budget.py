@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from r2bspec.execute.measurement.time_budget import Budget
+from r2bspec.execute.measurement.time_budget import TimeBudget
 
 HOUR_NS = 3600 * 10**9
 
 
 def test_no_budget_allows_everything() -> None:
     notes: list[str] = []
-    budget = Budget(0, notes.append)
+    budget = TimeBudget(0, notes.append)
     budget.begin()
     assert budget.allows("no fresh batch", 1e9)
     assert (notes, budget.left_out) == ([], [])
@@ -17,7 +17,7 @@ def test_no_budget_allows_everything() -> None:
 
 def test_what_fits_is_played_and_what_does_not_is_told() -> None:
     notes: list[str] = []
-    budget = Budget(HOUR_NS, notes.append)
+    budget = TimeBudget(HOUR_NS, notes.append)
     budget.begin()
     assert budget.allows("no more iterations", 60.0)
     assert not budget.allows("no fresh batch", 3601.0)
@@ -26,7 +26,7 @@ def test_what_fits_is_played_and_what_does_not_is_told() -> None:
 
 
 def test_time_before_it_begins_does_not_count() -> None:
-    budget = Budget(HOUR_NS, lambda _: None)
+    budget = TimeBudget(HOUR_NS, lambda _: None)
     assert budget.spent_s() == 0.0
     assert budget.allows("no fresh batch", 3600.0)
     budget.begin()

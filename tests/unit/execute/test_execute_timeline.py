@@ -12,7 +12,7 @@ from r2bspec.execute.errors import RunError
 from r2bspec.execute.inputs.timeline import make_timeline
 from r2bspec.execute.inputs.transform_schedule import place_transforms
 from r2bspec.ipc.buffers import BufferIndex
-from r2bspec.ipc.schedule import NO_STEP, Timeline
+from r2bspec.ipc.schedule import NO_STEP, TimelineSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, TimelinePlan
 
@@ -42,11 +42,11 @@ def played(name: str = "in", **changes: Any) -> InputPlan:
 
 def made(
     *inputs: tuple[InputPlan, BufferIndex], plan: TimelinePlan = PLAN, **more: Any
-) -> Timeline:
+) -> TimelineSchedule:
     return make_timeline(inputs, more.pop("sources", ()), plan, **more)[0]
 
 
-def due(timeline: Timeline) -> list[tuple[int, int, int, int]]:
+def due(timeline: TimelineSchedule) -> list[tuple[int, int, int, int]]:
     return [(m.offset_ns, m.step, m.input, m.position) for m in timeline.messages]
 
 

@@ -15,10 +15,10 @@ import pytest
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 from r2bspec.ipc.schedule import (
-    Cyclic,
+    CyclicSchedule,
     CyclicTransform,
-    Timeline,
     TimelineMessage,
+    TimelineSchedule,
     TimelineStep,
 )
 from r2bspec.language.spec import QoS
@@ -52,10 +52,10 @@ COMMANDS: list[protocol.Command] = [
         inputs=(INPUT, INPUT), buffer_dir="/b", rows="/rows", transforms=("/tf",)
     ),
     protocol.Follow(
-        schedule=Cyclic(steps=((0, 1), (2, 3)), transforms=(CyclicTransform(0.5, 7, -1),))
+        schedule=CyclicSchedule(steps=((0, 1), (2, 3)), transforms=(CyclicTransform(0.5, 7, -1),))
     ),
     protocol.Follow(
-        schedule=Timeline(
+        schedule=TimelineSchedule(
             steps=(TimelineStep(5, 1),),
             messages=(TimelineMessage(0, 0, 0, 3),),
             origin_ns=5,
@@ -71,7 +71,8 @@ COMMANDS: list[protocol.Command] = [
     ),
     protocol.ConfigureHarness(parts=("player", "monitor")),
     protocol.ConfigureComponents(
-        containers=(protocol.Composition(container="/r2b/front", nodes=(NODE,)),), timeout_ns=1
+        containers=(protocol.ContainerComponents(container="/r2b/front", nodes=(NODE,)),),
+        timeout_ns=1,
     ),
     protocol.Subscribe(),
     protocol.Watch(monitors=(MONITOR,)),
@@ -79,7 +80,7 @@ COMMANDS: list[protocol.Command] = [
     protocol.CountMatches(),
     protocol.Discover(topics=("/a", "/b")),
     protocol.Survey(),
-    protocol.Load(patience_ns=5_000_000_000),
+    protocol.Load(max_output_gap_ns=5_000_000_000),
     protocol.Play(rate_hz=29.97, steps=100),
     protocol.Stop(),
     protocol.Shutdown(),
@@ -179,7 +180,7 @@ def test_a_command_larger_than_the_sockets_buffer_arrives_whole(
 ) -> None:
     channel, controller = ends
     steps = tuple((number, number + 1) for number in range(100_000))
-    sent = protocol.Follow(schedule=Cyclic(steps=steps))
+    sent = protocol.Follow(schedule=CyclicSchedule(steps=steps))
     thread = threading.Thread(target=controller.sendall, args=(protocol.encode(sent),))
     thread.start()
     assert channel.receive() == sent

@@ -12,8 +12,8 @@ HANG_S = 60.0
 
 PROGRAM = """
 import ctypes, sys, time
-from r2bspec.harness.exit_timer import leave_within
-leave_within(float(sys.argv[1]), int(sys.argv[2]))
+from r2bspec.harness.exit_timer import start_exit_timer
+start_exit_timer(float(sys.argv[1]), int(sys.argv[2]))
 {then}
 """
 
@@ -33,7 +33,7 @@ def test_a_hanging_destructor_does_not_keep_a_process_alive(status: int) -> None
 
 
 def test_without_it_the_process_would_hang() -> None:
-    program = PROGRAM.replace("leave_within(float", "(lambda *_: None)(float")
+    program = PROGRAM.replace("start_exit_timer(float", "(lambda *_: None)(float")
     process = subprocess.Popen(
         [sys.executable, "-c", program.format(then=HOLDS_THE_INTERPRETER), "0.1", "0"]
     )

@@ -6,9 +6,14 @@ from typing import Any
 
 import pytest
 
-from r2bspec.harness.load_node_request import ComponentError, load_request, refusal, service_of
+from r2bspec.harness.load_node_request import (
+    ComponentError,
+    load_error,
+    load_request,
+    load_service_name,
+)
 from r2bspec.language.spec import Container
-from r2bspec.plan.command_lines import container_argv, container_node
+from r2bspec.plan.command_lines import container_argv, container_node_name
 from r2bspec.plan.plan import NodePlan
 
 
@@ -72,15 +77,15 @@ def test_what_ros_cannot_hold_is_refused_by_name(given: Any) -> None:
 
 
 def test_a_component_that_is_there_is_no_problem() -> None:
-    assert refusal(node(), "/r2b/front", success=True, said="") == ""
+    assert load_error(node(), "/r2b/front", success=True, said="") == ""
 
 
 def test_a_refusal_names_package_plugin_container_and_what_it_said() -> None:
-    said = refusal(node(), "/r2b/front", success=False, said="Failed to find class")
+    said = load_error(node(), "/r2b/front", success=False, said="Failed to find class")
     for word in ("image_proc::RectifyNode", "package image_proc", "/r2b/front", "/left/rectify"):
         assert word in said
     assert said.endswith(": Failed to find class")
-    assert "does not say why" in refusal(node(), "/r2b/front", success=False, said="")
+    assert "does not say why" in load_error(node(), "/r2b/front", success=False, said="")
 
 
 @pytest.mark.parametrize(
@@ -90,5 +95,5 @@ def test_a_container_is_called_by_the_name_that_it_is_started_with(
     namespace: str, full: str
 ) -> None:
     argv = container_argv("front", Container(executable="component_container_mt"), namespace)
-    assert container_node(argv) == full
-    assert service_of(full) == f"{full}/_container/load_node"
+    assert container_node_name(argv) == full
+    assert load_service_name(full) == f"{full}/_container/load_node"

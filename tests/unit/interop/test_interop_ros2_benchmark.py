@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.interop.ros2_benchmark import (
     NotAReportError,
     parse_report,
@@ -114,7 +114,7 @@ def test_it_is_kept_and_read_again(tmp_path: Path) -> None:
 def test_our_own_reports_come_back_with_their_own_rates(tmp_path: Path) -> None:
     run = Simulation(segments=[Played(10, [0.02] * 50)] * 2).write(tmp_path / "run")
     result = result_of(run)
-    report = parse_report(render(Reported(result=result, run=run)))
+    report = parse_report(render(ReportInput(result=result, run=run)))
     figures = report.rates["10.0"][""]
     seen = result.metrics.rates[0].pooled.monitors["detections"]
     assert figures.throughput_hz == pytest.approx(10.0)

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from family_trees import Family, family
-from r2bspec.ipc.process_cleanup import end_all, members
+from r2bspec.ipc.process_cleanup import clean_up, end_run_processes, run_processes
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.middleware import fast_dds_shm_files
 
 
 @pytest.fixture
@@ -43,10 +44,10 @@ def test_every_descendant_is_found_and_ended(
     people: Family, run_id: str, kind: str, count: int
 ) -> None:
     pids = people.start(kind, count)
-    assert {process.pid for process in members(run_id, people.sessions)} >= set(pids)
-    assert end_all(run_id, people.sessions, grace_s=30.0) == []
+    assert {process.pid for process in run_processes(run_id, people.sessions)} >= set(pids)
+    assert end_run_processes(run_id, people.sessions, grace_s=30.0) == []
     assert people.living() == []
-    assert members(run_id, people.sessions) == []
+    assert run_processes(run_id, people.sessions) == []
 
 
 @pytest.mark.parametrize("kind", ["stubborn", "parent-of-stubborn", "parent-of-stubborn-stranger"])
@@ -54,7 +55,7 @@ def test_what_ignores_polite_signals_is_killed_and_named(
     people: Family, run_id: str, kind: str
 ) -> None:
     people.start(kind, kind.count("-of-") + 1)
-    killed = end_all(run_id, people.sessions, grace_s=0.2)
+    killed = end_run_processes(run_id, people.sessions, grace_s=0.2)
     assert len(killed) >= 1
     assert all(name.startswith("python") for name in killed)
     assert people.living() == []
@@ -65,12 +66,12 @@ def test_the_id_alone_finds_those_who_opened_a_session_of_their_own(
 ) -> None:
     parent, child = people.start("parent-of-stranger", 2)
     assert os.getsid(parent) != os.getsid(child)
-    assert {process.pid for process in members(run_id, [])} == {parent, child}
+    assert {process.pid for process in run_processes(run_id, [])} == {parent, child}
 
 
 def test_the_session_alone_finds_those_who_have_lost_the_id(people: Family, run_id: str) -> None:
     pids = people.start("parent-of-nameless", 2)
-    found = {process.pid for process in members("some other run", people.sessions)}
+    found = {process.pid for process in run_processes("some other run", people.sessions)}
     assert found == set(pids)
 
 
@@ -79,15 +80,15 @@ def test_other_runs_are_left_alone(tmp_path: Path, people: Family, run_id: str) 
     with family(tmp_path / "others", secrets.token_hex(8)) as others:
         theirs = others.start("parent-of-stranger", 2)
         people.start("plain")
-        end_all(run_id, people.sessions, grace_s=30.0)
+        end_run_processes(run_id, people.sessions, grace_s=30.0)
         assert people.living() == []
         assert others.living() == sorted(theirs)
 
 
 def test_the_calling_process_is_no_member(run_id: str) -> None:
     program = (
-        "import os, sys; from r2bspec.ipc.process_cleanup import members; "
-        "print([each.pid for each in members(sys.argv[1], [os.getsid(0)]) "
+        "import os, sys; from r2bspec.ipc.process_cleanup import run_processes; "
+        "print([each.pid for each in run_processes(sys.argv[1], [os.getsid(0)]) "
         "if each.pid == os.getpid()])"
     )
     environment = os.environ | {RUN_ID_VARIABLE: run_id}
@@ -101,8 +102,8 @@ def test_a_zombie_is_no_member(run_id: str) -> None:
     process = subprocess.Popen([sys.executable, "-c", ""], start_new_session=True)
     os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
     try:
-        assert members(run_id, [process.pid]) == []
-        assert end_all(run_id, [process.pid], grace_s=30.0) == []
+        assert run_processes(run_id, [process.pid]) == []
+        assert end_run_processes(run_id, [process.pid], grace_s=30.0) == []
     finally:
         process.wait()
 
@@ -118,5 +119,29 @@ def test_one_that_may_not_be_looked_at_is_passed_over(
         raise psutil.AccessDenied
 
     monkeypatch.setattr(psutil.Process, "environ", refuse)
-    assert members(run_id, []) == []
-    assert len(members(run_id, people.sessions)) == 1
+    assert run_processes(run_id, []) == []
+    assert len(run_processes(run_id, people.sessions)) == 1
+
+
+@pytest.mark.parametrize(
+    ("rmw", "left"),
+    [
+        ("", set()),
+        ("rmw_fastrtps_dynamic_cpp", set()),
+        ("rmw_cyclonedds_cpp", {"fastrtps_0123", "fastrtps_0123_el"}),
+    ],
+)
+def test_what_the_runs_middleware_left_in_shared_memory_is_removed(
+    tmp_path: Path, run_id: str, monkeypatch: pytest.MonkeyPatch, rmw: str, left: set[str]
+) -> None:
+    for name in ("fastrtps_0123", "fastrtps_0123_el"):
+        (tmp_path / name).touch()
+    remove = fast_dds_shm_files.remove_dead_shm_files
+
+    def elsewhere(_memory: Path, proc: Path, since_s: float) -> list[str]:
+        return remove(tmp_path, proc, since_s)
+
+    monkeypatch.setattr(fast_dds_shm_files, "remove_dead_shm_files", elsewhere)
+    monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
+    assert clean_up(run_id, (), grace_s=0.1, since_s=0.0) == []
+    assert {each.name for each in tmp_path.iterdir()} == left

@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 
 from r2bspec.ipc.schedule import (
     NO_STEP,
-    Cyclic,
+    CyclicSchedule,
     CyclicTransform,
-    Timeline,
     TimelineMessage,
+    TimelineSchedule,
     TimelineStep,
     round_length_ns,
 )
 
-TIMELINE = Timeline(
+TIMELINE = TimelineSchedule(
     # A step of both inputs, whose second message comes after the step that follows; then two more.
     steps=(TimelineStep(1000, 0b11), TimelineStep(1004, 0b10), TimelineStep(1020, 0b01)),
     messages=(
@@ -36,7 +36,7 @@ TIMELINE = Timeline(
 
 
 def test_steps_at_a_rate_follow_each_other_round_after_round() -> None:
-    schedule = Cyclic(steps=((0, 5), (1, 6), (2, 7)))
+    schedule = CyclicSchedule(steps=((0, 5), (1, 6), (2, 7)))
     events = list(schedule.events(10.0, 4, first=1))
     assert [each.offset_ns for each in events] == [0, 10**8, 2 * 10**8, 3 * 10**8]
     assert [each.messages for each in events] == [
@@ -45,17 +45,17 @@ def test_steps_at_a_rate_follow_each_other_round_after_round() -> None:
         ((0, 0), (1, 5)),
         ((0, 1), (1, 6)),
     ]
-    assert all(each.opens and each.closes and each.stamp_ns is None for each in events)
+    assert all(each.starts_step and each.ends_step and each.stamp_ns is None for each in events)
 
 
 @given(rate_hz=st.floats(0.1, 5000.0), steps=st.integers(1, 300))
 def test_rounding_does_not_add_up(rate_hz: float, steps: int) -> None:
-    *_, last = Cyclic(steps=((0,),)).events(rate_hz, steps)
+    *_, last = CyclicSchedule(steps=((0,),)).events(rate_hz, steps)
     assert last.offset_ns == round((steps - 1) * (1e9 / rate_hz))
 
 
 def test_transforms_lie_between_the_steps_in_every_round() -> None:
-    schedule = Cyclic(
+    schedule = CyclicSchedule(
         steps=((0,), (1,)),
         transforms=(
             CyclicTransform(0.25, 4, 100),
@@ -82,7 +82,7 @@ def test_a_timeline_plays_each_message_at_its_own_time() -> None:
         (7, 0, ((1, 1),)),
         (20, 2, ((0, 1),)),
     ]
-    assert [(each.opens, each.closes) for each in events if each.step == 0] == [
+    assert [(each.starts_step, each.ends_step) for each in events if each.step == 0] == [
         (True, False),
         (False, True),
     ]
@@ -108,13 +108,17 @@ def test_every_step_of_a_play_is_whole(steps: int) -> None:
     counts = Counter(each.step for each in events)
     assert counts.keys() == set(range(steps))
     assert all(counts[step] == (2 if step % 3 == 0 else 1) for step in counts)
-    assert sum(each.opens for each in events) == sum(each.closes for each in events) == steps
+    assert (
+        sum(each.starts_step for each in events) == sum(each.ends_step for each in events) == steps
+    )
     assert [each.offset_ns for each in events] == sorted(each.offset_ns for each in events)
 
 
 @given(steps=st.integers(1, 40))
 def test_the_span_of_a_timeline_ends_where_the_next_step_is_due(steps: int) -> None:
-    *_, last = (each for each in TIMELINE.events(0.0, steps + 1) if each.opens and each.step >= 0)
+    *_, last = (
+        each for each in TIMELINE.events(0.0, steps + 1) if each.starts_step and each.step >= 0
+    )
     assert TIMELINE.span_ns(0.0, steps) == last.offset_ns
 
 
@@ -124,8 +128,8 @@ def test_as_many_steps_fit_as_are_due_within_a_time(duration_ns: int, steps: int
 
 
 def test_what_is_played_is_what_is_wanted_in_memory() -> None:
-    assert TIMELINE.wanted() == [{0, 1}, {0, 1}, {0}]
-    assert Cyclic(steps=((0, 3), (1, 3))).wanted() == [{0, 1}, {3}, set()]
+    assert TIMELINE.positions_used() == [{0, 1}, {0, 1}, {0}]
+    assert CyclicSchedule(steps=((0, 3), (1, 3))).positions_used() == [{0, 1}, {3}, set()]
 
 
 def test_the_pause_between_rounds_is_the_mean_one() -> None:

@@ -5,26 +5,26 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
-from r2bspec.ipc.stall_log import LEAST_NS, HeldReader, HeldWriter
+from r2bspec.ipc.stall_log import MIN_STALL_NS, StallLogReader, StallLogWriter
 
 MS = 1_000_000
 
 
 def test_only_waits_that_end_much_too_late_are_noted(tmp_path: Path) -> None:
-    reader = HeldReader(tmp_path)
-    with closing(HeldWriter(tmp_path)) as writer:
-        writer.waited(0, 50 * MS, 0.05)
-        writer.waited(0, 50 * MS + LEAST_NS, 0.05)
+    reader = StallLogReader(tmp_path)
+    with closing(StallLogWriter(tmp_path)) as writer:
+        writer.record_wait(0, 50 * MS, 0.05)
+        writer.record_wait(0, 50 * MS + MIN_STALL_NS, 0.05)
         assert reader.between(0, 10_000 * MS) == 0
-        writer.waited(1000 * MS, 1700 * MS, 0.05)
+        writer.record_wait(1000 * MS, 1700 * MS, 0.05)
     assert reader.between(0, 10_000 * MS) == 700 * MS
 
 
 def test_what_lies_outside_a_stretch_of_time_does_not_count(tmp_path: Path) -> None:
-    reader = HeldReader(tmp_path)
-    with closing(HeldWriter(tmp_path)) as writer:
+    reader = StallLogReader(tmp_path)
+    with closing(StallLogWriter(tmp_path)) as writer:
         for began, ended in ((1000, 2000), (5000, 6000), (9000, 9500)):
-            writer.waited(began * MS, ended * MS, 0.05)
+            writer.record_wait(began * MS, ended * MS, 0.05)
     assert reader.between(2000 * MS, 5000 * MS) == 0
     assert reader.between(1500 * MS, 5500 * MS) == 1000 * MS
     assert reader.between(0, 20_000 * MS) == 2500 * MS
@@ -32,4 +32,4 @@ def test_what_lies_outside_a_stretch_of_time_does_not_count(tmp_path: Path) -> N
 
 
 def test_a_monitor_that_has_not_begun_was_not_held_up(tmp_path: Path) -> None:
-    assert HeldReader(tmp_path).between(0, 10**12) == 0
+    assert StallLogReader(tmp_path).between(0, 10**12) == 0

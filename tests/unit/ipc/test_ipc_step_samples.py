@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from r2bspec.ipc.sample_files import RowReader, RowWriter
-from r2bspec.ipc.schedule import Timeline, TimelineMessage, TimelineStep
+from r2bspec.ipc.schedule import TimelineMessage, TimelineSchedule, TimelineStep
 from r2bspec.ipc.step_samples import StepRows
 from r2bspec.record.run_record import PLAYBACK_FIELDS
 
-TIMELINE = Timeline(
+TIMELINE = TimelineSchedule(
     steps=(TimelineStep(100, 0b11), TimelineStep(105, 0b10), TimelineStep(120, 0b01)),
     messages=(
         TimelineMessage(0, 0, 0, 0),
@@ -31,7 +31,7 @@ def test_a_row_has_the_beginning_and_the_end_of_its_step(tmp_path: Path) -> None
     counts = []
     for event in TIMELINE.events(0.0, 3):
         at = event.offset_ns
-        rows.played(event, 1000 + (event.stamp_ns or 0), at, at + 1, at + 2)
+        rows.add_event(event, 1000 + (event.stamp_ns or 0), at, at + 1, at + 2)
         counts.append(reader.count())
     writer.close()
     # The second step is over first, and waits for the row of the first one.
@@ -48,7 +48,7 @@ def test_a_step_that_was_cut_short_has_no_row(tmp_path: Path) -> None:
     writer = RowWriter(tmp_path / "rows", width=5)
     rows = StepRows(writer)
     for event in list(TIMELINE.events(0.0, 3))[:2]:
-        rows.played(event, 0, 0, 0, 0)
+        rows.add_event(event, 0, 0, 0, 0)
     writer.close()
     assert rows.count == 0
     assert RowReader(tmp_path / "rows", PLAYBACK_FIELDS).count() == 0

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.confirmation import confirm_run, wants_confirmation
+from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.outcome import Policy, outcome_of
+from r2bspec.judge.outcome import InconclusivePolicy, outcome_of
 from r2bspec.judge.verdict import Level, Outcome, Verdict
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from run_simulation import Played, Simulation, objective
 
 FAST = np.full(300, 0.02)
@@ -38,7 +38,7 @@ class TestConfirmation:
         self, tmp_path: Path, second: str, together: str
     ) -> None:
         first = batch(tmp_path / "first", "fail")
-        assert wants_confirmation(first)
+        assert needs_confirmation(first)
         found = confirm_run(first, batch(tmp_path / "second", second))
         assert found.outcome == found.requirements[0].outcome == together
         assert "fresh" in found.requirements[0].notes[-1]
@@ -47,7 +47,7 @@ class TestConfirmation:
     @pytest.mark.parametrize("first", ["pass", "inconclusive"])
     def test_nothing_else_is_tried_again(self, tmp_path: Path, first: str) -> None:
         found = batch(tmp_path, first)
-        assert not wants_confirmation(found)
+        assert not needs_confirmation(found)
         assert confirm_run(found, found).requirements == found.requirements
 
     def test_a_batch_that_broke_confirms_nothing(self, tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ class TestSeverity:
         tmp_path: Path,
         levels: tuple[Level, ...],
         outcomes: tuple[Outcome, ...],
-        policy: Policy,
+        policy: InconclusivePolicy,
         overall: str,
     ) -> None:
         (one,) = batch(tmp_path, "pass").requirements

@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from r2bspec.judge.baseline_ratio import Comparison, advise, judge_history, judge_pairs
+from r2bspec.judge.baseline_ratio import (
+    BaselineComparison,
+    advise_by_stored_run,
+    judge_history,
+    judge_pairs,
+)
 from r2bspec.judge.statistics.paired_ratio import abba, paired_ratio
 from r2bspec.judge.statistics.power import (
     noise_floor,
@@ -27,10 +32,10 @@ BASE = [100.0, 101.5, 98.7, 100.4, 99.1, 102.2]
 HEAD = [95.2, 97.1, 93.0, 96.3, 94.4, 96.0]
 
 
-def asked(text: str = "throughput.mean >= 97 % of baseline") -> Comparison:
+def asked(text: str = "throughput.mean >= 97 % of baseline") -> BaselineComparison:
     requirement = parse_requirement(text)
     assert requirement.bound is not None
-    return Comparison(
+    return BaselineComparison(
         objective="no_regression",
         requirement=requirement,
         at_hz=30.0,
@@ -72,7 +77,7 @@ class TestStatistics:
         delta = smallest_detectable(0.03, 10, 0.95)
         assert power_of_pairs(delta, 0.03, 10, 0.95) == pytest.approx(0.9, abs=1e-4)
         assert smallest_detectable(0.0, 10, 0.95) == 0.0
-        assert pairs_needed(0.001, 0.1, 0.95, most=50) is None
+        assert pairs_needed(0.001, 0.1, 0.95, max_pairs=50) is None
 
     def test_the_noise_floor_agrees_with_scipy(self) -> None:
         ratios = np.exp([0.01, -0.02, 0.015, 0.0, -0.01])
@@ -142,7 +147,9 @@ class TestOutcomes:
         assert judge_pairs(asked(), [], []).outcome == "inconclusive"
 
     def test_what_was_not_sampled_decides_nothing(self) -> None:
-        sampled = replace(asked("cpu.relay.mean <= 105 % of baseline"), sampled=True, zeros=True)
+        sampled = replace(
+            asked("cpu.relay.mean <= 105 % of baseline"), sampled=True, zero_allowed=True
+        )
         assert judge_pairs(sampled, BASE, [*HEAD[:-1], None]).outcome == "inconclusive"
         found = judge_pairs(sampled, BASE, [*HEAD[:-1], 0.0])
         assert found.outcome == "inconclusive"
@@ -173,7 +180,7 @@ class TestOutcomes:
 
     def test_a_stored_run_only_advises(self) -> None:
         for head in (HEAD, BASE, [50.0, 51.0, 52.0]):
-            found = advise(asked(), BASE, head)
+            found = advise_by_stored_run(asked(), BASE, head)
             assert (found.outcome, found.method) == ("inconclusive", "stored baseline")
             assert "By this alone it would" in found.reason
-        assert advise(asked(), BASE, [1.0]).outcome == "inconclusive"
+        assert advise_by_stored_run(asked(), BASE, [1.0]).outcome == "inconclusive"

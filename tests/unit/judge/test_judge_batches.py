@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.confirmation import judge_batches
-from r2bspec.judge.decision_policy import Terms
+from r2bspec.judge.confirmation import judge_with_confirmation
+from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_run import result_of, to_json
 from r2bspec.language.quantities import Share
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.record.run_record import ConfirmationRecord, SearchRecord
 from run_simulation import Played, Simulation, objective, probe
@@ -81,7 +81,7 @@ def test_judging_the_folder_again_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_the_fresh_batch_is_judged_at_its_own_confidence(tmp_path: Path) -> None:
     sure = msgspec.structs.replace(REQUIRED["slo"], confidence=Share.parse("99.9 %"))
     samples = read_samples(simulated(tmp_path, SLOW, SLOW))
-    verdict = judge_batches({"slo": sure}, samples, Terms())
+    verdict = judge_with_confirmation({"slo": sure}, samples, DecisionPolicy())
     assert verdict.outcome == "fail"
     assert verdict.requirements[0].confidence == 0.999
     assert "90 %" in verdict.requirements[0].notes[-1]
@@ -127,6 +127,6 @@ class TestSearches:
 
 def test_a_policy_that_fails_the_open_does_not_call_it_confirmed(tmp_path: Path) -> None:
     samples = read_samples(simulated(tmp_path, SLOW, FAST))
-    verdict = judge_batches(REQUIRED, samples, Terms(inconclusive="fail"))
+    verdict = judge_with_confirmation(REQUIRED, samples, DecisionPolicy(inconclusive="fail"))
     assert verdict.outcome == "fail"
     assert "did not confirm" in verdict.reason

@@ -10,13 +10,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.iterations import disturbed_in_vain
-from r2bspec.judge.affected_iterations import find_disturbed, what_disturbed
-from r2bspec.judge.best_case import in_best_light, waiting_share
+from r2bspec.execute.measurement.iterations import iterations_to_rerun
+from r2bspec.judge.affected_iterations import find_affected_iterations, interference_reasons
+from r2bspec.judge.best_case import best_case_iteration, waiting_share
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Outcome, Verdict
 from r2bspec.measure.interference import Surroundings
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective
 
 FAST = np.full(300, 0.02)
@@ -51,17 +52,17 @@ class TestWhatDisturbs:
     )
     def test_one_thing_is_enough(self, field: str, value: float, word: str) -> None:
         odd = msgspec.structs.replace(QUIET, **{field: value})
-        assert what_disturbed(QUIET, usual=0.05) == ()
-        (found,) = what_disturbed(odd, usual=0.05)
+        assert interference_reasons(QUIET, usual=0.05) == ()
+        (found,) = interference_reasons(odd, usual=0.05)
         assert word in found
 
     def test_what_is_not_known_disturbs_nothing(self) -> None:
-        assert what_disturbed(Surroundings(), usual=0.0) == ()
-        assert what_disturbed(None, usual=0.0) == ()
+        assert interference_reasons(Surroundings(), usual=0.0) == ()
+        assert interference_reasons(None, usual=0.0) == ()
 
     def test_pressure_that_the_graph_makes_itself(self, tmp_path: Path) -> None:
         own = Surroundings(seconds=10.0, pressure=0.4)
-        assert find_disturbed(run(tmp_path, {"pass": own}, {"pass": own})) == {}
+        assert find_affected_iterations(run(tmp_path, {"pass": own}, {"pass": own})) == {}
 
     def test_what_was_sampled_becomes_the_surroundings(self, tmp_path: Path) -> None:
         around = {"stolen_s": 0.02, "waited_s": 0.25, "throttled_s": 0.0, "busy_s": 1.6}
@@ -170,7 +171,7 @@ class TestWhatTheyMayDo:
         samples = run(tmp_path, {"hopeless": busy}, {"hopeless": busy})
         found = judged(samples, requirement)
         assert found.outcome == "fail"
-        assert disturbed_in_vain(found) == []
+        assert iterations_to_rerun(found) == []
 
     def test_a_monitor_that_received_nothing_fails_on_any_machine(self, tmp_path: Path) -> None:
         segments = [Played(30, FAST, silent=("detections",))] * 2
@@ -209,11 +210,11 @@ class TestWhatTheyMayDo:
         )
         found = judged(samples, "latency.max < 50 ms")
         # One undisturbed iteration is over the limit: nothing is to be gained.
-        assert (found.outcome, disturbed_in_vain(found)) == ("fail", [])
+        assert (found.outcome, iterations_to_rerun(found)) == ("fail", [])
         calm = run(tmp_path / "calm", {"fail": STOLEN}, {"pass": QUIET}, {"pass": STOLEN})
         found = judged(calm, "latency.max < 50 ms")
         assert found.outcome == "inconclusive"
-        assert [one.segment for one in disturbed_in_vain(found)] == [
+        assert [one.segment for one in iterations_to_rerun(found)] == [
             "iteration-001",
             "iteration-003",
         ]
@@ -243,7 +244,9 @@ class TestTheBestLight:
         latency[[5, 250]] = np.nan
         samples = read_samples(Simulation(segments=[Played(30, latency)]).write(tmp_path))
         (one,) = samples.iterations[30.0]
-        best = in_best_light(replace(one, surroundings=Surroundings(seconds=10.0, pressure=0.5)))
+        best = best_case_iteration(
+            replace(one, surroundings=Surroundings(seconds=10.0, pressure=0.5))
+        )
         found = best.monitors["detections"]
         assert (found.answered, found.missed, found.sent) == (300, 0, 300)
         half = np.sort(latency)[:150] * 0.5
@@ -253,7 +256,7 @@ class TestTheBestLight:
         latency = np.where(np.arange(300) % 3 == 0, 0.01, np.nan)
         samples = read_samples(Simulation(segments=[Played(30, latency)]).write(tmp_path))
         (one,) = samples.iterations[30.0]
-        found = in_best_light(one).monitors["detections"]
+        found = best_case_iteration(one).monitors["detections"]
         assert found.missed == 100
 
     def test_throughput_gains_what_the_time_allows(self, tmp_path: Path) -> None:
@@ -262,6 +265,6 @@ class TestTheBestLight:
         (one,) = samples.iterations[30.0]
         for share in (0.0, 0.2):
             around = Surroundings(seconds=10.0, pressure=share)
-            found = in_best_light(replace(one, surroundings=around)).monitors["detections"]
+            found = best_case_iteration(replace(one, surroundings=around)).monitors["detections"]
             gained = found.throughput_hz - one.monitors["detections"].throughput_hz
             assert gained == pytest.approx(share * one.playback.rate_hz)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
 from r2bspec.record.run_record import SearchRecord
 from run_simulation import Played, Simulation, objective, probe
 

@@ -8,11 +8,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.decision_policy import Terms, terms_of
-from r2bspec.judge.interim_looks import Looks, combine, decide_at
+from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
+from r2bspec.judge.interim_looks import InterimLooks, combine_looks, decide_after_look
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Method, Outcome, RequirementVerdict
-from r2bspec.measure.samples import RunSamples, read_samples
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective
 
 
@@ -43,30 +44,38 @@ def verdict_of(outcome: Outcome, method: Method = "exact binomial") -> Requireme
 
 class TestThePlan:
     def test_one_two_and_four_times(self) -> None:
-        assert Looks.planned(5, 20).iterations == (5, 10, 20)
-        assert Looks.planned(5, 12).iterations == (5, 10, 12)
-        assert Looks.planned(5, 30).iterations == (5, 10, 20, 30)
-        assert Looks.planned(5, 3).iterations == (5,)
+        assert InterimLooks.planned(5, 20).iterations == (5, 10, 20)
+        assert InterimLooks.planned(5, 12).iterations == (5, 10, 12)
+        assert InterimLooks.planned(5, 30).iterations == (5, 10, 20, 30)
+        assert InterimLooks.planned(5, 3).iterations == (5,)
 
     @pytest.mark.parametrize("iterations", [(5,), (5, 10, 20), (3, 7, 50)])
     def test_the_error_is_divided_without_a_rest(self, iterations: tuple[int, ...]) -> None:
-        looks = Looks(iterations)
+        looks = InterimLooks(iterations)
         errors = [1 - looks.confidence_at(look) for look in range(1, len(looks) + 1)]
         assert sum(errors) == pytest.approx(0.05)
-        assert Looks((5,)).confidence_at(1, 0.9) == pytest.approx(0.9)
+        assert InterimLooks((5,)).confidence_at(1, 0.9) == pytest.approx(0.9)
 
     @pytest.mark.parametrize("iterations", [(), (0,), (5, 5), (5, 3)])
     def test_nonsense_is_refused(self, iterations: tuple[int, ...]) -> None:
         with pytest.raises(ValueError, match="ascending"):
-            Looks(iterations)
+            InterimLooks(iterations)
 
     def test_looks_that_a_run_has_reached(self) -> None:
-        looks = Looks((5, 10, 20))
-        assert [looks.reached(n) for n in (0, 4, 5, 10, 19, 20, 99)] == [0, 0, 1, 2, 2, 3, 3]
+        looks = InterimLooks((5, 10, 20))
+        assert [looks.completed_looks(n) for n in (0, 4, 5, 10, 19, 20, 99)] == [
+            0,
+            0,
+            1,
+            2,
+            2,
+            3,
+            3,
+        ]
 
 
 class TestWhatToDoNext:
-    LOOKS = Looks((5, 10, 20))
+    LOOKS = InterimLooks((5, 10, 20))
 
     @pytest.mark.parametrize(
         ("outcomes", "look", "step"),
@@ -79,15 +88,15 @@ class TestWhatToDoNext:
         ],
     )
     def test_steps(self, outcomes: tuple[Outcome, ...], look: int, step: str) -> None:
-        assert decide_at(self.LOOKS, look, [verdict_of(one) for one in outcomes]) == step
+        assert decide_after_look(self.LOOKS, look, [verdict_of(one) for one in outcomes]) == step
 
     def test_what_more_iterations_cannot_settle_is_not_played_for(self) -> None:
         open_ = verdict_of("inconclusive", "sequential probe")
-        assert decide_at(self.LOOKS, 1, [open_]) == "inconclusive"
+        assert decide_after_look(self.LOOKS, 1, [open_]) == "inconclusive"
 
 
 class TestAllLooksTogether:
-    LOOKS = Looks((5, 10, 20))
+    LOOKS = InterimLooks((5, 10, 20))
 
     @pytest.mark.parametrize(
         ("outcomes", "together", "look"),
@@ -103,16 +112,16 @@ class TestAllLooksTogether:
     def test_the_first_decision_stands_unless_it_turns_out_a_failure(
         self, outcomes: tuple[Outcome, ...], together: str, look: int
     ) -> None:
-        found = combine(self.LOOKS, [verdict_of(one) for one in outcomes])
+        found = combine_looks(self.LOOKS, [verdict_of(one) for one in outcomes])
         assert (found.outcome, found.look, found.looks) == (together, look, 3)
         assert "look" in found.notes[0]
 
     def test_what_was_only_seen_follows_all_that_was_seen(self) -> None:
         seen = [verdict_of("pass", "observation"), verdict_of("inconclusive", "observation")]
-        assert combine(self.LOOKS, seen).outcome == "inconclusive"
+        assert combine_looks(self.LOOKS, seen).outcome == "inconclusive"
 
     def test_the_next_look_is_named(self) -> None:
-        found = combine(self.LOOKS, [verdict_of("inconclusive")])
+        found = combine_looks(self.LOOKS, [verdict_of("inconclusive")])
         assert "after 10 iterations" in found.settle
 
 
@@ -126,19 +135,19 @@ class TestAWholeRun:
         return read_samples(Simulation(segments=segments).write(path))
 
     def test_each_look_is_taken_from_the_iterations_that_it_had(self, tmp_path: Path) -> None:
-        terms = Terms(looks=Looks((3, 6, 12)))
+        policy = DecisionPolicy(looks=InterimLooks((3, 6, 12)))
         objectives = {"slo": objective("latency.p90 < 60 ms", "missed == 0")}
         samples = self.samples(tmp_path, 12)
-        found = judge(objectives, samples, terms)
+        found = judge(objectives, samples, policy)
         percentile, missed = found.requirements
         assert percentile.outcome == "pass"
         assert 1 <= percentile.look <= 3
-        assert percentile.confidence == pytest.approx(terms.looks.confidence_at(percentile.look))  # type: ignore[union-attr]
+        assert percentile.confidence == pytest.approx(policy.looks.confidence_at(percentile.look))  # type: ignore[union-attr]
         assert missed.outcome == "pass"
         # Judging again, from the whole run, takes the same looks again.
-        assert msgspec.json.encode(judge(objectives, samples, terms)) == msgspec.json.encode(found)
+        assert msgspec.json.encode(judge(objectives, samples, policy)) == msgspec.json.encode(found)
 
     def test_a_plan_states_its_terms(self) -> None:
         plan = Simulation().plan()
-        assert terms_of(plan).looks is None
-        assert terms_of(plan).confidence == 0.95
+        assert decision_policy(plan).looks is None
+        assert decision_policy(plan).confidence == 0.95

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from pair_simulation import Comparison, latencies
-from r2bspec.compare.judge_pairs import judge_pairs_folder
+from r2bspec.compare.judge_pairs import judge_comparison_folder
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.samples import read_samples
-from r2bspec.record.comparison_folder import open_pairs
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.record.comparison_folder import open_comparison
 from r2bspec.record.errors import RecordError
 from run_simulation import Played, Simulation, objective
 
@@ -24,7 +24,7 @@ SLOWER = (0.022 * NOISE[::-1]).tolist()
 
 
 def judged(comparison: Comparison, path: Path) -> Verdict:
-    return judge_pairs_folder(comparison.write(path / "pairs")).result.verdict
+    return judge_comparison_folder(comparison.write(path / "pairs")).result.verdict
 
 
 def ratio(verdict: Verdict) -> RequirementVerdict:
@@ -76,7 +76,7 @@ def test_an_unusable_pair_is_replaced_by_the_one_played_again(tmp_path: Path) ->
 
 def test_an_unusable_pair_is_dropped_and_said(tmp_path: Path) -> None:
     pairs = Comparison(BASE, SAME, unusable={2: "head: late"}).write(tmp_path / "pairs")
-    result = judge_pairs_folder(pairs).result
+    result = judge_comparison_folder(pairs).result
     assert ratio(result.verdict).n == 5
     assert result.pairs is not None
     assert (result.pairs.planned, result.pairs.used) == (6, 5)
@@ -160,7 +160,7 @@ def test_a_silent_head_fails_also_where_the_base_is_silent(tmp_path: Path) -> No
             silent = Simulation(segments=[Played(30.0, latencies(0.02), silent=("detections",))])
             mute = silent.write(tmp_path / "mute" / folder).folder / "samples" / segment.name
             (mute / "monitor.detections.npy").rename(segment / "monitor.detections.npy")
-    verdict = judge_pairs_folder(pairs).result.verdict
+    verdict = judge_comparison_folder(pairs).result.verdict
     assert [one.outcome for one in verdict.requirements] == ["fail"] * 3
 
 
@@ -182,19 +182,19 @@ def test_judging_again_gives_the_same_bytes(tmp_path: Path) -> None:
     pairs = Comparison(BASE, SLOWER, fresh=list(zip(BASE, SLOWER, strict=True))).write(
         tmp_path / "pairs"
     )
-    first = to_json(judge_pairs_folder(pairs).result)
-    assert to_json(judge_pairs_folder(open_pairs(pairs.folder)).result) == first
+    first = to_json(judge_comparison_folder(pairs).result)
+    assert to_json(judge_comparison_folder(open_comparison(pairs.folder)).result) == first
     assert b"fedcba9876543210" in first
 
 
 def test_runs_read_as_one_keep_every_sample(tmp_path: Path) -> None:
     pairs = Comparison(BASE, SLOWER).write(tmp_path / "pairs")
-    merged = pairs.merged(pairs.played(), "head")
+    merged = pairs.merged(pairs.usable_pairs(), "head")
     samples = read_samples(merged)
     (iterations,) = samples.iterations.values()
     assert [one.segment.index for one in iterations] == [1, 2, 3, 4, 5, 6]
     assert len({one.segment.id for one in iterations}) == 6
-    alone = [read_samples(pairs.run(each, "head")) for each in pairs.played()]
+    alone = [read_samples(pairs.run(each, "head")) for each in pairs.usable_pairs()]
     for one, run in zip(iterations, alone, strict=True):
         (own,) = next(iter(run.iterations.values()))
         np.testing.assert_array_equal(
@@ -209,7 +209,7 @@ def test_a_damaged_folder_is_said(tmp_path: Path, content: str) -> None:
     pairs = Comparison(BASE[:2], SAME[:2]).write(tmp_path / "pairs")
     (pairs.folder / "pairs.json").write_bytes(content.encode(errors="surrogateescape"))
     with pytest.raises(RecordError, match=r"pairs\.json"):
-        open_pairs(pairs.folder)
+        open_comparison(pairs.folder)
 
 
 def test_a_newer_folder_and_an_exchanged_plan_are_said(tmp_path: Path) -> None:
@@ -217,9 +217,9 @@ def test_a_newer_folder_and_an_exchanged_plan_are_said(tmp_path: Path) -> None:
     plan = pairs.folder / "plan.json"
     plan.write_text(plan.read_text().replace("simulated", "exchanged"))
     with pytest.raises(RecordError, match="not the plan"):
-        open_pairs(pairs.folder)
+        open_comparison(pairs.folder)
     record = pairs.folder / "pairs.json"
     record.write_text(json.dumps(json.loads(record.read_text()) | {"r2bspec_pairs": 2}))
     with pytest.raises(RecordError, match="version 2") as caught:
-        open_pairs(pairs.folder)
+        open_comparison(pairs.folder)
     assert caught.value.hint

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pytest
 
-from r2bspec.judge.rate_test import Criterion, Judgement, planned_looks, worst
+from r2bspec.judge.rate_test import Criterion, ProbeJudgement, plan_interim_looks, worst_judgement
 from simulated_queues import DEEP, SHALLOW, Server, probe
 
 DEPTHS = pytest.mark.parametrize("depth", [DEEP, SHALLOW, 1], ids=["deep", "shallow", "one"])
@@ -29,7 +29,7 @@ def test_below_its_capacity_a_server_holds(depth: int, capacity_hz: float, share
 def test_above_its_capacity_no_server_holds(depth: int, capacity_hz: float, share: float) -> None:
     found = probe(Server(capacity_hz, depth), share * capacity_hz)
     assert found.judgement.holds is False
-    assert not found.judgement.by_player
+    assert not found.judgement.limited_by_player
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.02, 1.1])
@@ -128,7 +128,7 @@ def test_a_graph_that_answers_nothing_does_not_hold() -> None:
 def test_what_the_player_cannot_offer_is_not_held_against_the_graph() -> None:
     found = probe(Server(1000.0), 400.0, player_hz=300.0)
     assert found.judgement.holds is False
-    assert found.judgement.by_player
+    assert found.judgement.limited_by_player
     assert found.judgement.reason == "the player reached only 300 Hz"
 
 
@@ -140,7 +140,7 @@ def test_a_player_that_is_almost_as_fast_as_asked_does_not_limit() -> None:
 def test_a_graph_that_fails_at_the_rate_of_a_slow_player_limits_itself() -> None:
     found = probe(Server(100.0), 400.0, player_hz=300.0)
     assert found.judgement.holds is False
-    assert not found.judgement.by_player
+    assert not found.judgement.limited_by_player
 
 
 def test_queues_that_fill_to_where_they_stay_are_no_backlog() -> None:
@@ -170,16 +170,16 @@ def test_a_silent_graph_is_named_as_silent() -> None:
 
 
 def test_looks_share_the_error_and_end_with_the_probe() -> None:
-    looks = planned_looks(10.0)
+    looks = plan_interim_looks(10.0)
     assert [each.at_s for each in looks] == pytest.approx(
         [1, 1.5, 2.25, 3.375, 5.0625, 7.59375, 10]
     )
     assert sum(each.share for each in looks) == pytest.approx(1.0)
-    assert [each.at_s for each in planned_looks(0.5)] == [0.5]
+    assert [each.at_s for each in plan_interim_looks(0.5)] == [0.5]
 
 
 def test_of_several_monitors_the_one_that_does_worst_decides() -> None:
-    holds, stays, fails = (Judgement(answer, "") for answer in (True, None, False))
-    assert worst([holds, stays, fails]) is fails
-    assert worst([holds, stays]) is stays
-    assert worst([]).holds is None
+    holds, stays, fails = (ProbeJudgement(answer, "") for answer in (True, None, False))
+    assert worst_judgement([holds, stays, fails]) is fails
+    assert worst_judgement([holds, stays]) is stays
+    assert worst_judgement([]).holds is None

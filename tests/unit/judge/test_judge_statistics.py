@@ -12,14 +12,14 @@ from scipy import stats
 
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import (
+    burst_tolerance,
     lower_bound,
     messages_to_settle,
     upper_bound,
-    withstands,
 )
-from r2bspec.judge.statistics.effective_sample_size import Flags, effective
-from r2bspec.judge.statistics.order_statistics import Ranked, percentile_interval
-from r2bspec.judge.statistics.rule_of_three import messages_needed, share_at_most
+from r2bspec.judge.statistics.effective_sample_size import BadFlags, effective_sample
+from r2bspec.judge.statistics.order_statistics import RankedMessages, percentile_interval
+from r2bspec.judge.statistics.rule_of_three import messages_needed, zero_failure_bound
 from r2bspec.judge.statistics.t_interval import iterations_to_settle, mean_interval
 
 COUNTS = [(0, 1), (1, 1), (0, 298), (0, 299), (3, 10), (14, 3000), (60, 3000), (2999, 3000)]
@@ -48,15 +48,15 @@ class TestZeroFailures:
             assert quantile ** (needed - 1) > 0.05
 
     def test_the_rule_of_three(self) -> None:
-        assert share_at_most(1000, 0.95) == pytest.approx(3 / 1000, rel=0.01)
-        assert share_at_most(300, 0.95) == pytest.approx(upper_bound(0, 300, 0.95))
+        assert zero_failure_bound(1000, 0.95) == pytest.approx(3 / 1000, rel=0.01)
+        assert zero_failure_bound(300, 0.95) == pytest.approx(upper_bound(0, 300, 0.95))
 
     @pytest.mark.parametrize(("quantile", "confidence"), [(0, 0.95), (1, 0.95), (0.9, 1)])
     def test_nonsense_is_refused(self, quantile: float, confidence: float) -> None:
         with pytest.raises(ValueError, match="between"):
             messages_needed(quantile, confidence)
         with pytest.raises(ValueError, match="must be"):
-            share_at_most(0, confidence)
+            zero_failure_bound(0, confidence)
 
     def test_no_scipy_is_needed(self) -> None:
         code = (
@@ -104,15 +104,15 @@ class TestBinomial:
 
     def test_bursts_that_a_pass_withstands(self) -> None:
         # 3,000 messages are worth 299 if bursts inflate the variance by 10: 2 L - 1 = 10.
-        assert withstands(0, 3000, 0.01, 0.95) == pytest.approx(5.5, abs=0.05)
-        assert withstands(0, 299, 0.01, 0.95) == pytest.approx(1.0, abs=0.01)
-        assert withstands(0, 298, 0.01, 0.95) is None
+        assert burst_tolerance(0, 3000, 0.01, 0.95) == pytest.approx(5.5, abs=0.05)
+        assert burst_tolerance(0, 299, 0.01, 0.95) == pytest.approx(1.0, abs=0.01)
+        assert burst_tolerance(0, 298, 0.01, 0.95) is None
 
     def test_the_forecast_settles(self) -> None:
-        n = messages_to_settle(0.005, 0.01, 0.95, most=10**6)
+        n = messages_to_settle(0.005, 0.01, 0.95, max_messages=10**6)
         assert n is not None
         assert upper_bound(round(n * 0.005), n, 0.95) <= 0.01
-        assert messages_to_settle(0.01, 0.01, 0.95, most=10**5) is None
+        assert messages_to_settle(0.01, 0.01, 0.95, max_messages=10**5) is None
 
 
 class TestPercentileInterval:
@@ -122,11 +122,11 @@ class TestPercentileInterval:
     @pytest.mark.parametrize("quantile", [0.5, 0.9, 0.99])
     def test_comparing_bounds_is_the_binomial_test(self, n: int, quantile: float) -> None:
         values = np.random.default_rng(n).exponential(size=n)
-        ranked = Ranked([values])
+        ranked = RankedMessages([values])
         interval = percentile_interval(ranked, quantile, 0.95)
         allowed = 1 - quantile
         for limit in np.quantile(values, np.linspace(0, 1, 101)):
-            worth = ranked.worth(int(np.count_nonzero(values > limit)))
+            worth = ranked.effective_sample(int(np.count_nonzero(values > limit)))
             upper = upper_bound(worth.bad_messages, worth.messages, 0.95)
             lower = lower_bound(worth.bad_messages, worth.messages, 0.95)
             if interval.upper <= limit:
@@ -162,22 +162,22 @@ class TestPercentileInterval:
 
 class TestEffective:
     @staticmethod
-    def flags(n: int, *bursts: tuple[int, int]) -> Flags:
+    def flags(n: int, *bursts: tuple[int, int]) -> BadFlags:
         found = np.zeros(n, dtype=bool)
         for start, length in bursts:
             found[start : start + length] = True
         return found
 
     def test_single_ones_far_apart_count_in_full(self) -> None:
-        found = effective([self.flags(1000, (10, 1), (400, 1), (800, 1))])
+        found = effective_sample([self.flags(1000, (10, 1), (400, 1), (800, 1))])
         assert (found.n, found.bad, found.bursts, found.inflation) == (1000, 3, 3, 1.0)
 
     @pytest.mark.parametrize("share", [0, 1])
     def test_where_nothing_differs_there_is_nothing_to_estimate(self, share: int) -> None:
-        assert effective([np.full(100, bool(share))]).inflation == 1.0
+        assert effective_sample([np.full(100, bool(share))]).inflation == 1.0
 
     def test_bursts_count_as_far_fewer(self) -> None:
-        found = effective([self.flags(3000, (100, 5), (900, 5), (2000, 5))])
+        found = effective_sample([self.flags(3000, (100, 5), (900, 5), (2000, 5))])
         assert (found.bursts, found.cause) == (3, "bursts")
         # Three bursts of five and the longest again: 20 / 3, so F is about 2 x 6.67 - 1.
         assert found.inflation == pytest.approx(12.3, abs=0.2)
@@ -187,26 +187,26 @@ class TestEffective:
         random = np.random.default_rng(4)
         for start in range(200, 3000, 400):
             flags[start + random.choice(60, 20, replace=False)] = True
-        found = effective([flags])
+        found = effective_sample([flags])
         assert found.cause == "stretches"
         assert found.inflation > 5
 
     def test_iterations_that_differ(self) -> None:
         pieces = [self.flags(300, (150, 1)) for _ in range(9)]
         worst = self.flags(300, *((at, 1) for at in range(0, 300, 10)))
-        found = effective([*pieces, worst])
+        found = effective_sample([*pieces, worst])
         assert found.cause == "iterations"
         assert found.inflation > 10
 
     def test_nothing_spans_two_iterations(self) -> None:
         first, second = self.flags(300, (299, 1)), self.flags(300, (0, 1))
-        assert effective([first, second]).bursts == 2
-        assert effective([first, second]).inflation == 1.0
-        assert effective([np.concatenate((first, second))]).bursts == 1
+        assert effective_sample([first, second]).bursts == 2
+        assert effective_sample([first, second]).inflation == 1.0
+        assert effective_sample([np.concatenate((first, second))]).bursts == 1
 
     def test_no_iteration_and_empty_ones(self) -> None:
-        assert effective([]).n == 0
-        assert effective([self.flags(0), self.flags(10, (2, 1))]).n == 10
+        assert effective_sample([]).n == 0
+        assert effective_sample([self.flags(0), self.flags(10, (2, 1))]).n == 10
 
 
 class TestMeanInterval:
@@ -229,11 +229,11 @@ class TestMeanInterval:
             mean_interval([1.0], 0.95)
 
     def test_the_forecast_settles(self) -> None:
-        m = iterations_to_settle(1.0, 0.1, 1.05, 0.95, most=200)
+        m = iterations_to_settle(1.0, 0.1, 1.05, 0.95, max_iterations=200)
         assert m is not None
         assert stats.t.ppf(0.95, m - 1) * 0.1 / np.sqrt(m) < 0.05
         assert stats.t.ppf(0.95, m - 2) * 0.1 / np.sqrt(m - 1) >= 0.05
-        assert iterations_to_settle(1.0, 0.1, 1.0001, 0.95, most=200) is None
+        assert iterations_to_settle(1.0, 0.1, 1.0001, 0.95, max_iterations=200) is None
 
 
 class TestSerial:

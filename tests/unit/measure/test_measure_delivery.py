@@ -7,9 +7,9 @@ from collections import deque
 import numpy as np
 import pytest
 
-from r2bspec.measure.completion_rate import Delivery, delivery
+from r2bspec.measure.completion_rate import DeliveryEstimate, delivery
 from r2bspec.measure.matching import match
-from r2bspec.record.sample_arrays import MONITOR, PLAYBACK, Rows
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
 
 START_NS = 10**15
 
@@ -47,7 +47,7 @@ def server(
                 waiting.popleft()
         if rng.random() >= loses and now < dies_s:
             out.append((step, now + rng.exponential(2e-4)))
-    playback, monitor = np.zeros(n, PLAYBACK), np.zeros(len(out), MONITOR)
+    playback, monitor = np.zeros(n, PLAYBACK_DTYPE), np.zeros(len(out), MONITOR_DTYPE)
     playback["stamp_ns"] = np.arange(n) + 1
     playback["due_ns"] = START_NS + np.round(due * 1e9).astype(np.int64)
     playback["published_ns"] = START_NS + np.round(published * 1e9).astype(np.int64)
@@ -56,7 +56,7 @@ def server(
     return playback, monitor
 
 
-def seen_at(offered_hz: float, rows: tuple[Rows, Rows], time_s: float) -> Delivery:
+def seen_at(offered_hz: float, rows: tuple[Rows, Rows], time_s: float) -> DeliveryEstimate:
     """The estimate at a moment of the probe."""
     now_ns = START_NS + round(time_s * 1e9)
     playback = rows[0][rows[0]["published_ns"] <= now_ns]
@@ -66,17 +66,17 @@ def seen_at(offered_hz: float, rows: tuple[Rows, Rows], time_s: float) -> Delive
 
 def test_a_graph_that_keeps_up_delivers_what_is_offered() -> None:
     found = seen_at(95, server(95, 100, 3), 3)
-    assert found.settled_hz == pytest.approx(95, rel=0.002)
+    assert found.completed_hz == pytest.approx(95, rel=0.002)
     assert found.player_hz == pytest.approx(95, rel=0.002)
-    assert abs(found.backlog_growth_hz) < 4 * found.settled_error_hz + 0.05
+    assert abs(found.backlog_growth_hz) < 4 * found.completed_error_hz + 0.05
     assert found.drop_share == 0
 
 
 @pytest.mark.parametrize("offered_hz", [101, 105])
 def test_overload_by_a_percent_shows_within_seconds(offered_hz: float) -> None:
     found = seen_at(offered_hz, server(offered_hz, 100, 3, depth=1000), 3)
-    assert found.settled_hz == pytest.approx(100, rel=0.005)
-    assert found.backlog_growth_hz > 4 * found.settled_error_hz
+    assert found.completed_hz == pytest.approx(100, rel=0.005)
+    assert found.backlog_growth_hz > 4 * found.completed_error_hz
 
 
 def test_a_full_queue_turns_growth_into_drops() -> None:
@@ -94,13 +94,13 @@ def test_drops_without_overload_are_no_backlog() -> None:
 
 def test_a_graph_that_dies_is_not_remembered_as_fast() -> None:
     rows = server(50, 100, 3, dies_s=1.0)
-    assert seen_at(50, rows, 1.0).settled_hz == pytest.approx(50, rel=0.02)
-    assert seen_at(50, rows, 3.0).settled_hz < 20
+    assert seen_at(50, rows, 1.0).completed_hz == pytest.approx(50, rel=0.02)
+    assert seen_at(50, rows, 3.0).completed_hz < 20
 
 
 def test_the_time_after_playing_is_no_silence() -> None:
     rows = server(50, 100, 3, loses=0.1)
-    assert seen_at(50, rows, 60.0).settled_hz == pytest.approx(50, rel=0.01)
+    assert seen_at(50, rows, 60.0).completed_hz == pytest.approx(50, rel=0.01)
 
 
 def test_few_samples_give_wide_errors_and_no_failure() -> None:
@@ -109,14 +109,14 @@ def test_few_samples_give_wide_errors_and_no_failure() -> None:
     assert (nothing.published, nothing.drop_share) == (0, 0)
     for time_s in (0.0, 0.001, 0.012, 0.03, 0.05, 0.1, 0.2):
         found = seen_at(50, rows, time_s)
-        assert found.settled_error_hz > 0
-        assert abs(found.backlog_growth_hz) < 4 * found.settled_error_hz + 0.05
+        assert found.completed_error_hz > 0
+        assert abs(found.backlog_growth_hz) < 4 * found.completed_error_hz + 0.05
 
 
 def test_messages_at_one_instant_do_not_divide_by_zero() -> None:
     playback, monitor = server(50, 100, 1)
     monitor["received_ns"] = monitor["received_ns"][0]
-    assert np.isfinite(seen_at(50, (playback, monitor), 1).settled_hz)
+    assert np.isfinite(seen_at(50, (playback, monitor), 1).completed_hz)
 
 
 def test_the_standard_error_covers_the_truth() -> None:
@@ -125,5 +125,5 @@ def test_the_standard_error_covers_the_truth() -> None:
     for seed in range(trials):
         found = seen_at(150, server(150, 100, 2, scatter=0.3, depth=1000, seed=seed), 2)
         assert found.batches == 10
-        hits += abs(found.settled_hz - 100) < 2.262 * found.settled_error_hz
+        hits += abs(found.completed_hz - 100) < 2.262 * found.completed_error_hz
     assert hits / trials > 0.92

@@ -12,8 +12,8 @@ from r2bspec.language.spec import QoS
 from r2bspec.measure.hop_latency import HopSamples, hop_samples, pool_hops
 from r2bspec.measure.matching import Ratio, match
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan, TapPlan, TopicPlan
-from r2bspec.plan.taps import PLAYER, all_taps, hops_to, tap_watches
-from r2bspec.record.sample_arrays import MONITOR, Rows
+from r2bspec.plan.taps import PLAYER, all_taps, hops_to, tap_monitors
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, Rows
 from run_simulation import Played, Simulation, playback_rows
 
 STEPS = 5
@@ -52,7 +52,7 @@ def plan(edges: dict[str, tuple[str, ...]], monitor: str = "/out", *inputs: str)
 
 def rows(times_ms: Mapping[int, float]) -> Rows:
     """What arrived of some steps, so many milliseconds after each was published, in order."""
-    found = np.zeros(len(times_ms), MONITOR)
+    found = np.zeros(len(times_ms), MONITOR_DTYPE)
     for row, (step, later_ms) in zip(found, times_ms.items(), strict=True):
         row["stamp_ns"] = PLAYBACK["stamp_ns"][step]
         row["received_ns"] = PLAYBACK["published_ns"][step] + round(later_ms * 1e6)
@@ -103,7 +103,7 @@ def test_without_taps_there_are_no_hops() -> None:
 def test_each_tap_is_watched_once_under_a_name_that_no_monitor_has() -> None:
     twice = (*CHAIN.monitors, msgspec.structs.replace(CHAIN.monitors[0], name="again"))
     assert [each.topic for each in all_taps(twice)] == ["/a", "/b"]
-    assert [(each.name, each.qos) for each in tap_watches(twice)] == [
+    assert [(each.name, each.qos) for each in tap_monitors(twice)] == [
         ("tap.a", None),
         ("tap.b", None),
     ]

@@ -11,14 +11,14 @@ import pytest
 
 from r2bspec.judge.judge_samples import judge
 from r2bspec.measure.compute_metrics import measure_run
-from r2bspec.measure.expected_steps import asked_and_seen
-from r2bspec.measure.metric_catalogue import METRICS, known_live
-from r2bspec.measure.metric_values import value
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.expected_steps import match_segment
+from r2bspec.measure.metric_catalogue import METRICS, available_live
+from r2bspec.measure.metric_values import metric_value
+from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import Segment
-from r2bspec.record.sample_arrays import MONITOR, PLAYBACK
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 from run_simulation import EPOCH_NS, STAMP_NS, Simulation, objective
 
 MS = 1_000_000
@@ -29,7 +29,7 @@ OFFSET_NS = STAMP_NS - EPOCH_NS
 def arrived(at_ms: Any, age_ms: Any = 5.0, stamps: bool = True) -> Any:
     """Messages received at times after the beginning, stamped so long before."""
     at_ns = np.asarray(at_ms, dtype=np.float64) * MS
-    rows = np.zeros(at_ns.size, MONITOR)
+    rows = np.zeros(at_ns.size, MONITOR_DTYPE)
     rows["received_ns"] = EPOCH_NS + at_ns.astype(np.int64)
     if stamps:
         age_ns = np.broadcast_to(np.asarray(age_ms) * MS, at_ns.shape).astype(np.int64)
@@ -54,7 +54,7 @@ def live_run(
         shifted = rows.copy()
         for field in ("received_ns", "stamp_ns") if rows["stamp_ns"].any() else ("received_ns",):
             shifted[field] += (number - 1) * 2 * SECOND
-        folder.write_playback(name, np.empty(0, PLAYBACK))
+        folder.write_playback(name, np.empty(0, PLAYBACK_DTYPE))
         folder.write_monitor(name, "detections", shifted)
         began_ns = EPOCH_NS + (number - 1) * 2 * SECOND
         segments.append(
@@ -111,7 +111,7 @@ def test_stamps_that_are_no_times_of_this_clock_give_no_latency(tmp_path: Path, 
     (rate,) = measure_run(run).rates
     assert rate.pooled.monitors["detections"].latency.p50 is None
     assert outcomes(run) == ["inconclusive"] * 4
-    assert asked_and_seen(run, run.record.segments[0], run.plan.monitors[0])[0].size == 0
+    assert match_segment(run, run.record.segments[0], run.plan.monitors[0])[0].size == 0
 
 
 def test_a_clock_that_was_set_gives_no_latency(tmp_path: Path) -> None:
@@ -123,12 +123,12 @@ def test_a_clock_that_was_set_gives_no_latency(tmp_path: Path) -> None:
 def test_every_metric_has_a_value_or_is_said_to_be_unknown(tmp_path: Path, name: str) -> None:
     info = METRICS[name]
     if info.statistic in {"search", "sequential"}:
-        assert not known_live(info)
+        assert not available_live(info)
         return
     run = live_run(tmp_path / "run", STEADY)
     (samples,) = read_samples(run).iterations[0.0]
     monitor = "detections" if info.scope == "monitor" else None
-    assert (value(info, monitor, samples) is not None) == known_live(info)
+    assert (metric_value(info, monitor, samples) is not None) == available_live(info)
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.rate_test import Criterion, judge_end, planned_looks, see
+from r2bspec.judge.rate_test import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.measure.compute_metrics import measure_segment
 from r2bspec.measure.latency import latencies
-from r2bspec.measure.matching import UNKNOWN, Ratio, match, ratio_of
-from r2bspec.measure.samples import MonitorSamples, read_samples
+from r2bspec.measure.matching import NO_MATCH, Ratio, match, ratio_of
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import MonitorSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
-from r2bspec.record.sample_arrays import MONITOR, Rows
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, Rows
 from run_simulation import EPOCH_NS, Played, Simulation, objective, playback_rows
 
 
@@ -24,7 +25,7 @@ def played(steps: int, rate_hz: float = 10.0) -> Rows:
 
 
 def received(times_s: list[float]) -> Rows:
-    rows = np.zeros(len(times_s), MONITOR)
+    rows = np.zeros(len(times_s), MONITOR_DTYPE)
     rows["received_ns"] = EPOCH_NS + np.round(np.array(times_s) * 1e9).astype(np.int64)
     return rows
 
@@ -44,16 +45,16 @@ def received(times_s: list[float]) -> Rows:
 def test_answers_are_expected_after_the_last_step_of_each_group(
     ratio: Ratio, asked: list[int]
 ) -> None:
-    assert ratio.asked(7).tolist() == asked
+    assert ratio.trigger_steps(7).tolist() == asked
 
 
 def test_segments_in_a_row_expect_what_one_long_segment_would() -> None:
     ratio, lengths, asked, before = Ratio(inputs=3, outputs=2), (10, 1, 7, 4), [], 0
     for steps in lengths:
-        part = Ratio(ratio.inputs, ratio.outputs, before).asked(steps)
+        part = Ratio(ratio.inputs, ratio.outputs, before).trigger_steps(steps)
         asked += (part + before).tolist()
         before += steps
-    assert asked == ratio.asked(before).tolist()
+    assert asked == ratio.trigger_steps(before).tolist()
 
 
 def test_latency_counts_from_the_last_step_that_an_answer_needs() -> None:
@@ -80,7 +81,7 @@ def test_what_is_beyond_the_ratio_is_unmatched_and_what_is_short_of_it_missed() 
 
 def test_by_order_what_comes_before_anything_is_played_answers_nothing() -> None:
     found = match(played(3), received([-0.05, 0.01, 0.11, 0.21]), "order")
-    assert found.step.tolist() == [UNKNOWN, 0, 1, 2]
+    assert found.step.tolist() == [NO_MATCH, 0, 1, 2]
     assert (found.unmatched, found.missed, found.early) == (1, 0, 0)
 
 
@@ -103,17 +104,17 @@ def test_a_probe_holds_if_the_graph_keeps_up_whatever_the_ratio(
 ) -> None:
     # With a share of 0.8 the graph needs a quarter longer for each step than there is.
     playback, ratio = played(600, 100.0), Ratio(inputs, outputs)
-    asked = ratio.asked(600)
+    asked = ratio.trigger_steps(600)
     rng = np.random.default_rng(1)
     times = asked / 100.0 / share + 0.005 + rng.normal(0, 1e-4, asked.size)
     monitor = received(np.sort(times).tolist())
     monitor = monitor[monitor["received_ns"] < EPOCH_NS + 6 * 10**9]
     matching = match(playback, monitor, "order", ratio)
-    seen = see(100.0, playback, monitor, matching, EPOCH_NS + 6 * 10**9)
-    found = seen.whole
-    assert found.settled_hz == pytest.approx(100.0 * share, rel=0.01)
+    seen = estimate_probe(100.0, playback, monitor, matching, EPOCH_NS + 6 * 10**9)
+    found = seen.overall
+    assert found.completed_hz == pytest.approx(100.0 * share, rel=0.01)
     assert found.delivered_hz == pytest.approx(100.0 * share, rel=0.01)
-    judged = judge_end(seen, Criterion(precision=0.05), planned_looks(6.0)[-1], None)
+    judged = judge_final(seen, Criterion(precision=0.05), plan_interim_looks(6.0)[-1], None)
     assert judged.holds is (share == 1.0)
 
 

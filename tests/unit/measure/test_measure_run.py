@@ -10,9 +10,9 @@ import pytest
 
 from r2bspec.measure.compute_metrics import measure_run
 from r2bspec.measure.metric_catalogue import names, resolve
-from r2bspec.measure.metric_values import value
+from r2bspec.measure.metric_values import metric_value
 from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from run_simulation import Played, Simulation
 
 NAN = float("nan")
@@ -81,7 +81,7 @@ def test_every_metric_of_the_catalogue_has_a_value(tmp_path: Path) -> None:
         monitor, info = resolve(name, samples.monitors, samples.processes)
         if info.scope in {"search", "probe"}:
             continue
-        assert value(info, monitor, iteration) is not None, name
+        assert metric_value(info, monitor, iteration) is not None, name
 
 
 def test_lost_messages_are_the_slowest_when_a_latency_is_asked_for(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_lost_messages_are_the_slowest_when_a_latency_is_asked_for(tmp_path: Pat
 
     def measured(name: str) -> float | None:
         monitor, info = resolve(name, samples.monitors, samples.processes)
-        return value(info, monitor, iteration)
+        return metric_value(info, monitor, iteration)
 
     assert measured("latency.p90") == pytest.approx(0.01)
     assert measured("latency.p99") == float("inf")

@@ -6,10 +6,15 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.measure.interference import slower_by, surroundings
-from r2bspec.measure.resource_usage import CONTROLLER, MACHINE, SPACING_NS, spaced
+from r2bspec.measure.interference import harness_slowdown, host_interference
+from r2bspec.measure.resource_usage import (
+    CONTROLLER_INDEX,
+    MACHINE_INDEX,
+    MIN_SPACING_NS,
+    spaced_indices,
+)
 from r2bspec.record.run_record import FloorRecord
-from r2bspec.record.sample_arrays import RESOURCES, SURROUNDINGS, Rows
+from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 from run_simulation import EPOCH_NS
 
 S = 10**9
@@ -28,17 +33,17 @@ FLOOR = FloorRecord(
 
 def around(*samples: tuple[float, float, float, float, float]) -> Rows:
     """Rows of seconds since the epoch, and the four sums."""
-    rows = np.zeros(len(samples), SURROUNDINGS)
+    rows = np.zeros(len(samples), INTERFERENCE_DTYPE)
     for row, (seconds, *sums) in zip(rows, samples, strict=True):
         row["time_ns"] = EPOCH_NS + round(seconds * S)
-        for name, value in zip(SURROUNDINGS.names[1:], sums, strict=True):  # type: ignore[index]
+        for name, value in zip(INTERFERENCE_DTYPE.names[1:], sums, strict=True):  # type: ignore[index]
             row[name] = value
     return rows
 
 
 def used(loads: dict[int, float]) -> Rows:
     """Processes that use so much of a core from two seconds before the epoch on."""
-    rows = np.zeros(20 * len(loads), RESOURCES)
+    rows = np.zeros(20 * len(loads), RESOURCE_DTYPE)
     rows["time_ns"] = np.repeat(EPOCH_NS + np.arange(-2 * S, 18 * S, S), len(loads))
     rows["process"] = np.tile(list(loads), 20)
     rows["cpu_s"] = np.tile([*loads.values()], 20) * ((rows["time_ns"] - EPOCH_NS) / S + 2)
@@ -47,8 +52,10 @@ def used(loads: dict[int, float]) -> Rows:
 
 def test_what_happened_outside_the_window_does_not_count() -> None:
     rows = around((0, 0, 0, 0, 0), (2, 1, 9, 9, 9), (6, 7, 9.4, 10, 9.5), (9, 20, 30, 30, 30))
-    resources = used({MACHINE: 9.0, CONTROLLER: 0.1, 0: 0.5, 1: 0.4})
-    found = surroundings(rows, resources, frozenset({0, 1}), 2, EPOCH_NS + 2 * S, EPOCH_NS + 6 * S)
+    resources = used({MACHINE_INDEX: 9.0, CONTROLLER_INDEX: 0.1, 0: 0.5, 1: 0.4})
+    found = host_interference(
+        rows, resources, frozenset({0, 1}), 2, EPOCH_NS + 2 * S, EPOCH_NS + 6 * S
+    )
     assert found is not None
     assert found.seconds == 4.0
     assert found.steal == pytest.approx(0.4 / 8)
@@ -60,15 +67,17 @@ def test_what_happened_outside_the_window_does_not_count() -> None:
 
 def test_without_samples_nothing_is_known() -> None:
     none = around()
-    assert surroundings(none, used({0: 1.0}), frozenset({0}), 2, EPOCH_NS, EPOCH_NS + S) is None
+    assert (
+        host_interference(none, used({0: 1.0}), frozenset({0}), 2, EPOCH_NS, EPOCH_NS + S) is None
+    )
     short = around((0, 0, 0, 0, 0), (1, 0, 0, 0, 0))
     window = (EPOCH_NS, EPOCH_NS + 4 * S)
-    assert surroundings(short, used({0: 1.0}), frozenset({0}), 2, *window) is None
+    assert host_interference(short, used({0: 1.0}), frozenset({0}), 2, *window) is None
 
 
 def test_a_process_that_was_not_sampled_leaves_the_load_of_others_unknown() -> None:
     rows = around((0, 0, 0, 0, 0), (4, 4, 0, 0, 0))
-    found = surroundings(rows, used({7: 1.0}), frozenset({0}), 2, EPOCH_NS, EPOCH_NS + 4 * S)
+    found = host_interference(rows, used({7: 1.0}), frozenset({0}), 2, EPOCH_NS, EPOCH_NS + 4 * S)
     assert found is not None
     assert found.foreign_cores is None
 
@@ -77,13 +86,13 @@ def test_a_fresh_batch_is_compared_with_the_first_input_by_input() -> None:
     def at(latency_ns: int | None, topic: str = "/r2b/image") -> tuple[FloorRecord, ...]:
         return (msgspec.structs.replace(FLOOR, topic=topic, latency_p50_ns=latency_ns),)
 
-    assert slower_by((FLOOR,), at(800_000)) == pytest.approx(2.0)
-    assert slower_by((FLOOR,), at(200_000)) == 1.0
-    assert slower_by((FLOOR,), at(None)) is None
-    assert slower_by((FLOOR,), at(800_000, "/r2b/other")) is None
-    assert slower_by((), (FLOOR,)) is None
+    assert harness_slowdown((FLOOR,), at(800_000)) == pytest.approx(2.0)
+    assert harness_slowdown((FLOOR,), at(200_000)) == 1.0
+    assert harness_slowdown((FLOOR,), at(None)) is None
+    assert harness_slowdown((FLOOR,), at(800_000, "/r2b/other")) is None
+    assert harness_slowdown((), (FLOOR,)) is None
     # Twice of nearly nothing is nearly nothing.
-    assert slower_by(at(40_000), at(80_000)) == 1.0
+    assert harness_slowdown(at(40_000), at(80_000)) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -92,9 +101,9 @@ def test_a_fresh_batch_is_compared_with_the_first_input_by_input() -> None:
         ([], []),
         ([5], [0]),
         ([0, 1, 2], [0, 2]),
-        ([0, 1, SPACING_NS, SPACING_NS + 1], [0, 3]),
-        ([0, SPACING_NS, 2 * SPACING_NS], [0, 1, 2]),
+        ([0, 1, MIN_SPACING_NS, MIN_SPACING_NS + 1], [0, 3]),
+        ([0, MIN_SPACING_NS, 2 * MIN_SPACING_NS], [0, 1, 2]),
     ],
 )
 def test_samples_that_are_too_close_have_no_rate(times: list[int], kept: list[int]) -> None:
-    assert spaced(np.array(times, dtype=np.int64)).tolist() == kept
+    assert spaced_indices(np.array(times, dtype=np.int64)).tolist() == kept

@@ -8,9 +8,9 @@ import pytest
 from r2bspec.measure.latency import arrivals, intervals, jitter, latencies, latencies_from_due
 from r2bspec.measure.matching import match
 from r2bspec.measure.percentiles import percentile, rank
-from r2bspec.measure.resource_usage import use
-from r2bspec.measure.throughput import mean_rate, silence, throughput
-from r2bspec.record.sample_arrays import RESOURCES, Rows
+from r2bspec.measure.resource_usage import resource_use
+from r2bspec.measure.throughput import edge_gaps, mean_rate, throughput
+from r2bspec.record.sample_arrays import RESOURCE_DTYPE, Rows
 from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows
 
 NAN = float("nan")
@@ -103,30 +103,30 @@ class TestThroughput:
 
     def test_ordinary_pauses_at_the_ends_do_not_count(self) -> None:
         arrived = EPOCH_NS + np.arange(51) * 10**8
-        silent = silence(arrived, EPOCH_NS - 10**7, int(arrived[-1]) + 9 * 10**7)
+        silent = edge_gaps(arrived, EPOCH_NS - 10**7, int(arrived[-1]) + 9 * 10**7)
         assert (silent.before_ns, silent.after_ns) == (0, 0)
         assert throughput(arrived, silent) == 10.0
 
     def test_a_graph_that_died_does_not_keep_its_rate(self) -> None:
         arrived = EPOCH_NS + np.arange(26) * 10**8
-        silent = silence(arrived, EPOCH_NS, EPOCH_NS + 5 * 10**9)
+        silent = edge_gaps(arrived, EPOCH_NS, EPOCH_NS + 5 * 10**9)
         assert silent.after_ns == 25 * 10**8
         assert throughput(arrived, silent) == pytest.approx(5.1, abs=0.01)
 
     def test_nor_does_one_that_began_late(self) -> None:
         arrived = EPOCH_NS + 25 * 10**8 + np.arange(26) * 10**8
-        silent = silence(arrived, EPOCH_NS, EPOCH_NS + 51 * 10**8)
+        silent = edge_gaps(arrived, EPOCH_NS, EPOCH_NS + 51 * 10**8)
         assert throughput(arrived, silent) == pytest.approx(5.1, abs=0.01)
 
     def test_a_last_message_lost_costs_no_more_than_itself(self) -> None:
         arrived = EPOCH_NS + np.arange(19) * 10**8
-        silent = silence(arrived, EPOCH_NS, EPOCH_NS + 2 * 10**9)
+        silent = edge_gaps(arrived, EPOCH_NS, EPOCH_NS + 2 * 10**9)
         assert 9.4 < throughput(arrived, silent) < 9.6
 
 
 class TestResources:
     def sampled(self, times_s: list[float], cpu_s: list[float], process: int = 0) -> Rows:
-        rows = np.zeros(len(times_s), RESOURCES)
+        rows = np.zeros(len(times_s), RESOURCE_DTYPE)
         rows["time_ns"] = EPOCH_NS + np.round(np.array(times_s) * 1e9).astype(np.int64)
         rows["cpu_s"] = cpu_s
         rows["process"] = process
@@ -134,7 +134,7 @@ class TestResources:
         return rows
 
     def window(self, rows: Rows, begin_s: float, end_s: float) -> tuple[float | None, float | None]:
-        used = use(
+        used = resource_use(
             rows, frozenset({0}), EPOCH_NS + round(begin_s * 1e9), EPOCH_NS + round(end_s * 1e9)
         )
         assert used is not None
@@ -151,14 +151,16 @@ class TestResources:
         rows = self.sampled([0, 1], [0, 1])
         assert self.window(rows, 0.5, 1.25) == pytest.approx((1.0, 1.0))
         assert self.window(rows, 0.9, 2) == (None, None)
-        assert use(rows, frozenset({0}), EPOCH_NS + 2 * 10**9, EPOCH_NS + 3 * 10**9) is None
-        assert use(rows, frozenset({7}), EPOCH_NS, EPOCH_NS + 10**9) is None
+        assert (
+            resource_use(rows, frozenset({0}), EPOCH_NS + 2 * 10**9, EPOCH_NS + 3 * 10**9) is None
+        )
+        assert resource_use(rows, frozenset({7}), EPOCH_NS, EPOCH_NS + 10**9) is None
 
     def test_processes_of_one_name_are_added(self) -> None:
         rows = np.concatenate(
             (self.sampled([0, 2], [0, 1]), self.sampled([0, 2], [0, 3], process=1))
         )
-        used = use(rows, frozenset({0, 1}), EPOCH_NS, EPOCH_NS + 2 * 10**9)
+        used = resource_use(rows, frozenset({0, 1}), EPOCH_NS, EPOCH_NS + 2 * 10**9)
         assert used is not None
         assert used.cpu_mean == pytest.approx(2.0)
         assert used.memory_max_bytes == 200

@@ -5,12 +5,12 @@ from __future__ import annotations
 import msgspec
 
 from r2bspec.plan.comparability import (
+    difference_lines,
     graph_differences,
+    load_differences,
     measured_hash,
-    offered_otherwise,
-    one_of_a_pair,
-    pairs_of,
-    told,
+    pair_count,
+    single_run_plan,
 )
 from r2bspec.plan.plan import GatePlan, PlayPlan, SearchPlan
 from run_simulation import Simulation, objective
@@ -26,19 +26,19 @@ PLAN = msgspec.structs.replace(
 
 
 def test_a_run_of_a_pair_plays_everything_once_and_confirms_nothing() -> None:
-    found = one_of_a_pair(PLAN)
+    found = single_run_plan(PLAN)
     assert [(each.iterations, each.max_iterations) for each in found.play] == [(1, 0)]
     assert found.play_at_peak == msgspec.structs.replace(PLAY, iterations=1, max_iterations=0)
     assert not found.gate.confirm
     assert found.search is None
     assert "search" not in found.phases
-    assert pairs_of(PLAN) == 7
-    assert pairs_of(msgspec.structs.replace(PLAN, play=(), play_at_peak=None)) == 1
+    assert pair_count(PLAN) == 7
+    assert pair_count(msgspec.structs.replace(PLAN, play=(), play_at_peak=None)) == 1
 
 
 def test_the_peak_is_searched_for_where_an_objective_asks_for_it() -> None:
     asking = {"peak": objective("peak.rate >= 97 % of baseline", at="")}
-    found = one_of_a_pair(msgspec.structs.replace(PLAN, objectives=asking))
+    found = single_run_plan(msgspec.structs.replace(PLAN, objectives=asking))
     assert found.search == PLAN.search
     assert "search" in found.phases
 
@@ -55,13 +55,11 @@ def test_words_and_judgement_do_not_change_what_is_measured() -> None:
     assert graph_differences(PLAN, other) == []
     longer = msgspec.structs.replace(PLAN, warm_up_ns=2)
     assert measured_hash(longer) != measured_hash(PLAN)
-    assert [str(each) for each in offered_otherwise(PLAN, longer)] == [
-        "warm_up_ns: 1000000000 -> 2"
-    ]
+    assert [str(each) for each in load_differences(PLAN, longer)] == ["warm_up_ns: 1000000000 -> 2"]
 
 
 def test_a_graph_may_differ_where_its_load_may_not() -> None:
     other = msgspec.structs.replace(PLAN, namespace="other")
-    assert offered_otherwise(PLAN, other) == []
+    assert load_differences(PLAN, other) == []
     (difference,) = graph_differences(PLAN, other)
-    assert list(told([difference] * 14))[-1] == "2 more differences"
+    assert list(difference_lines([difference] * 14))[-1] == "2 more differences"

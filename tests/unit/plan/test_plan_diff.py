@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from plan_specs import PREPROCESSED, STRAIGHT, plan
 
-from r2bspec.plan.plan_diff import ABSENT, Difference, diff_plans
+from r2bspec.plan.plan_diff import ABSENT, PlanDifference, diff_plans
 
 
 def test_equal_plans_do_not_differ() -> None:
@@ -21,7 +21,7 @@ def test_a_value_that_differs_has_its_path() -> None:
     wider = {"resize": {**resize, "parameters": {"width": 1280, "height": 480}}}
     (found,) = diff_plans(plan(), plan(preprocessors=wider))
     place = ("processes", "preprocess.resize", "nodes", "/r2b/resize", "parameters", "width")
-    assert found == Difference(place, 640, 1280)
+    assert found == PlanDifference(place, 640, 1280)
     assert str(found) == (
         "processes['preprocess.resize'].nodes['/r2b/resize'].parameters.width: 640 -> 1280"
     )

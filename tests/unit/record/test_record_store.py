@@ -9,10 +9,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.record.atomic_files import write_whole
+from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.errors import RecordError
 from r2bspec.record.run_folder import RunFolder, open_run
-from r2bspec.record.sample_arrays import MONITOR, PLAYBACK
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 from run_simulation import Played, Simulation, objective
 
 SIMULATION = Simulation(
@@ -28,9 +28,9 @@ def test_a_run_is_read_back_as_it_was_written(tmp_path: Path) -> None:
     assert run.record.run_id == "0123456789abcdef"
     assert [segment.complete for segment in run.record.segments] == [True, False]
     first = run.record.segments[0]
-    assert run.playback(first).dtype == PLAYBACK
+    assert run.playback(first).dtype == PLAYBACK_DTYPE
     assert run.playback(first)["due_ns"][1] - run.playback(first)["due_ns"][0] == 10**8
-    assert run.monitor(first, "detections").dtype == MONITOR
+    assert run.monitor(first, "detections").dtype == MONITOR_DTYPE
     assert run.monitor(first, "detections").size == 2
     assert run.resources().size > 0
     assert run.spec_text().startswith("r2bspec: 1")
@@ -51,13 +51,13 @@ def test_no_temporary_file_is_left(tmp_path: Path) -> None:
 
 def test_a_file_that_could_not_be_finished_leaves_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "file"
-    write_whole(path, b"old")
+    write_atomically(path, b"old")
 
     def fails(file: object) -> None:
         raise RuntimeError("interrupted")
 
     with pytest.raises(RuntimeError):
-        write_whole(path, fails)
+        write_atomically(path, fails)
     assert path.read_bytes() == b"old"
     assert [found.name for found in tmp_path.iterdir()] == ["file"]
 
@@ -79,9 +79,9 @@ def test_a_place_that_cannot_be_written_is_an_error_with_a_hint(tmp_path: Path) 
 def test_names_stay_inside_the_folder(tmp_path: Path, name: str) -> None:
     folder = RunFolder.create(tmp_path / "run")
     with pytest.raises(RecordError, match="file name"):
-        folder.write_playback(name, np.empty(0, PLAYBACK))
+        folder.write_playback(name, np.empty(0, PLAYBACK_DTYPE))
     with pytest.raises(RecordError, match="file name"):
-        folder.write_monitor("iteration-001", name, np.empty(0, MONITOR))
+        folder.write_monitor("iteration-001", name, np.empty(0, MONITOR_DTYPE))
     with pytest.raises(RecordError, match="file name"):
         folder.log_path(name)
 
@@ -89,7 +89,7 @@ def test_names_stay_inside_the_folder(tmp_path: Path, name: str) -> None:
 def test_rows_of_another_type_are_a_mistake_of_the_caller(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run")
     with pytest.raises(ValueError, match="expected rows"):
-        folder.write_playback("a", np.empty(0, MONITOR))
+        folder.write_playback("a", np.empty(0, MONITOR_DTYPE))
 
 
 class TestBrokenFolders:
@@ -166,6 +166,6 @@ def test_playback_of_an_older_version_has_all_inputs_in_each_step(tmp_path: Path
     packed = np.array(older.tolist(), dtype=[(name, "<i8") for name in older.dtype.names or ()])
     np.save(tmp_path / "run" / "samples" / first.id / "playback.npy", packed)
     found = run.playback(first)
-    assert found.dtype == PLAYBACK
+    assert found.dtype == PLAYBACK_DTYPE
     assert np.array_equal(found["due_ns"], rows["due_ns"])
     assert np.all(found["inputs"] == -1)

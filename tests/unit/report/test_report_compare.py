@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.compare.comparison import Comparison, Line
-from r2bspec.compare.comparison_subject import read_subject
+from r2bspec.compare.comparison import Comparison, ComparisonLine
+from r2bspec.compare.comparison_subject import read_compared_result
 from r2bspec.compare.errors import IncomparableError, UnreadableResultError
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.compare.result_comparison import compare
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.judge_run import to_json as result_json
@@ -43,10 +43,12 @@ def compared(
 ) -> Comparison:
     first = base.write(tmp_path / "base").folder
     second = head.write(tmp_path / "head").folder
-    return compare(read_subject(first), read_subject(second), margin=margin, force=force)
+    return compare(
+        read_compared_result(first), read_compared_result(second), margin=margin, force=force
+    )
 
 
-def line(comparison: Comparison, metric: str) -> Line:
+def line(comparison: Comparison, metric: str) -> ComparisonLine:
     (found,) = (each for each in comparison.lines if each.metric == metric)
     return found
 
@@ -138,22 +140,29 @@ def test_another_machine_is_refused(tmp_path: Path) -> None:
     machine = {"cpu": "another processor", "cores": 2}
     RunFolder(other.folder).write_record(msgspec.structs.replace(other.record, machine=machine))
     with pytest.raises(IncomparableError, match="machine, cpu: a simulated processor -> another"):
-        compare(read_subject(run.folder), read_subject(other.folder), margin=0.05, force=False)
+        compare(
+            read_compared_result(run.folder),
+            read_compared_result(other.folder),
+            margin=0.05,
+            force=False,
+        )
 
 
 def test_a_result_by_itself_is_enough(tmp_path: Path) -> None:
     run = simulated().write(tmp_path / "run")
     path = tmp_path / "result.json"
     path.write_bytes(result_json(result_of(run)))
-    comparison = compare(read_subject(path), read_subject(run.folder), margin=0.05, force=False)
+    comparison = compare(
+        read_compared_result(path), read_compared_result(run.folder), margin=0.05, force=False
+    )
     assert {each.outcome for each in comparison.lines} == {"same"}
 
 
 def test_a_report_of_the_reference_tool_shows_ratios_only(tmp_path: Path) -> None:
     run = simulated().write(tmp_path / "run")
     path = tmp_path / "reference.json"
-    path.write_bytes(render(Reported(result=result_of(run), run=run)))
-    base, head = read_subject(path), read_subject(run.folder)
+    path.write_bytes(render(ReportInput(result=result_of(run), run=run)))
+    base, head = read_compared_result(path), read_compared_result(run.folder)
     with pytest.raises(IncomparableError, match="measure by different rules"):
         compare(base, head, margin=0.05, force=False)
     comparison = compare(base, head, margin=0.05, force=True)
@@ -172,7 +181,7 @@ def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.json"
     path.write_text("{}")
     with pytest.raises(UnreadableResultError, match="neither a result"):
-        read_subject(path)
+        read_compared_result(path)
 
 
 def test_every_form_says_the_same(tmp_path: Path) -> None:

@@ -16,17 +16,18 @@ import numpy as np
 import pytest
 
 from r2bspec.compare.errors import SamplesMissingError
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of
 from r2bspec.report.errors import ReportError
 from r2bspec.report.format_registry import FORMATS, renderer
+from r2bspec.report.terminal import to_text
 from report_runs import HOSTILE_RUN, SIMULATIONS, TWO, USUAL
 from run_simulation import Simulation
 
 
-def reported(simulation: Simulation, path: Path) -> Reported:
+def reported(simulation: Simulation, path: Path) -> ReportInput:
     run = simulation.write(path / "run")
-    return Reported(result=result_of(run), run=run)
+    return ReportInput(result=result_of(run), run=run)
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -51,11 +52,11 @@ def test_every_run_gives_every_report(tmp_path: Path, name: str, simulation: Sim
 def test_formats_that_need_samples_say_so(tmp_path: Path, name: str) -> None:
     source = reported(USUAL, tmp_path)
     with pytest.raises(SamplesMissingError, match="needs the samples"):
-        renderer(name)(Reported(result=source.result))
+        renderer(name)(ReportInput(result=source.result))
 
 
 def test_the_others_are_made_from_a_result_alone(tmp_path: Path) -> None:
-    source = Reported(result=reported(USUAL, tmp_path).result)
+    source = ReportInput(result=reported(USUAL, tmp_path).result)
     for name in set(FORMATS) - {"trace", "mcap", "ros2_benchmark", "hdrhistogram"}:
         assert renderer(name)(source)
 
@@ -268,7 +269,7 @@ def test_a_requirement_that_only_warns_is_told_as_one(tmp_path: Path, name: str)
     )
     verdict = msgspec.structs.replace(result.verdict, requirements=warned, outcome="pass")
     changed = msgspec.structs.replace(result, verdict=verdict)
-    text = renderer(name)(Reported(result=changed, run=run)).decode()
+    text = renderer(name)(ReportInput(result=changed, run=run)).decode()
     assert "A look at half of it was open." in text
     if name == "github":
         assert "::error" not in text
@@ -277,3 +278,24 @@ def test_a_requirement_that_only_warns_is_told_as_one(tmp_path: Path, name: str)
         assert "✘ FAIL (warning)" in text
     if name == "junit":
         assert 'failures="0"' in text
+
+
+@pytest.mark.parametrize(
+    ("rmw", "shown"), [("rmw_cyclonedds_cpp", True), ("default", False), ("", False)]
+)
+def test_the_head_of_a_report_says_which_middleware_ran(
+    tmp_path: Path, rmw: str, shown: bool
+) -> None:
+    result = reported(USUAL, tmp_path).result
+    versions = result.versions | ({"rmw": rmw} if rmw else {})
+    source = ReportInput(result=msgspec.structs.replace(result, versions=versions))
+    page = renderer("html")(source).decode()
+    heads = {
+        "terminal": to_text(source.result).partition("\n\n")[0],
+        "markdown": renderer("markdown")(source).decode().partition("\n|")[0],
+        "html": page[page.index("<header") : page.index("</header>")],
+    }
+    for name, head in heads.items():
+        assert result.title in head
+        assert ("rmw_cyclonedds_cpp" in head) == shown, name
+        assert "default" not in head

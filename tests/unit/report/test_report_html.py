@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.measure.units import show
 from r2bspec.report.html import render
@@ -60,7 +60,7 @@ class Page(HTMLParser):
 def page_of(simulation: Simulation, tmp_path: Path, baseline: Simulation | None = None) -> Page:
     run = simulation.write(tmp_path / "run")
     other = baseline.write(tmp_path / "base") if baseline is not None else None
-    return Page(render(Reported(result=result_of(run), run=run, baseline=other)))
+    return Page(render(ReportInput(result=result_of(run), run=run, baseline=other)))
 
 
 def at(result: Any, path: str) -> Any:
@@ -75,7 +75,7 @@ def test_its_numbers_are_those_of_the_result(simulation: Simulation, tmp_path: P
     run = simulation.write(tmp_path / "run")
     result = result_of(run)
     plain = msgspec.to_builtins(result)
-    page = Page(render(Reported(result=result, run=run)))
+    page = Page(render(ReportInput(result=result, run=run)))
     for path, value, shown in page.data:
         if "\N{REPLACEMENT CHARACTER}" in path:
             continue  # a control character, which no page can hold
@@ -137,7 +137,7 @@ def test_a_screen_reader_is_told_everything(tmp_path: Path) -> None:
 
 def test_hostile_words_stay_words(tmp_path: Path) -> None:
     content = render(
-        Reported(result=result_of(run := HOSTILE_RUN.write(tmp_path / "run")), run=run)
+        ReportInput(result=result_of(run := HOSTILE_RUN.write(tmp_path / "run")), run=run)
     )
     page = Page(content)
     assert len(page.of("script")) == 1
@@ -166,14 +166,14 @@ def test_a_long_run_makes_a_page_of_sane_size_that_says_what_it_left_out(tmp_pat
         objectives={"a": objective("latency.p99 < 60 ms", at="50 Hz")},
     )
     run = simulation.write(tmp_path / "run")
-    content = render(Reported(result=result_of(run), run=run))
+    content = render(ReportInput(result=result_of(run), run=run))
     assert len(content) < 2_000_000
     assert "only the fastest and the slowest are drawn" in " ".join(Page(content).text.split())
 
 
 def test_without_samples_it_says_which_charts_are_missing(tmp_path: Path) -> None:
     result = result_of(USUAL.write(tmp_path / "run"))
-    page = Page(render(Reported(result=result)))
+    page = Page(render(ReportInput(result=result)))
     assert "the charts of single messages need the run folder" in page.text
     assert [one.get("id") for one in page.of("svg")] == ["offered"]
 

@@ -13,9 +13,9 @@ from r2bspec.cli.compare import command as compare
 from r2bspec.cli.judge import command as judge
 from r2bspec.cli.report import command as report
 from r2bspec.compare.load_results import read_folder
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.record.comparison_folder import Pairs
+from r2bspec.record.comparison_folder import PairedComparison
 from r2bspec.report.format_registry import FORMATS, check_installed, renderer
 from r2bspec.report.report_wording import bounds_text
 
@@ -25,25 +25,27 @@ SHOWN = ("text", "markdown", "html", "junit", "github")
 
 
 @pytest.fixture(name="pairs", scope="module")
-def pairs_folder(tmp_path_factory: pytest.TempPathFactory) -> Pairs:
+def pairs_folder(tmp_path_factory: pytest.TempPathFactory) -> PairedComparison:
     comparison = Comparison(
         (0.020 * NOISE).tolist(), (0.022 * NOISE[::-1]).tolist(), unusable={2: "head: late"}
     )
     return comparison.write(tmp_path_factory.mktemp("report") / "pairs")
 
 
-def ratio(found: Reported) -> RequirementVerdict:
+def ratio(found: ReportInput) -> RequirementVerdict:
     return next(one for one in found.result.verdict.requirements if one.compared is not None)
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_every_format_takes_a_comparison(pairs: Pairs, name: str) -> None:
+def test_every_format_takes_a_comparison(pairs: PairedComparison, name: str) -> None:
     check_installed(name)
     assert renderer(name)(read_folder(pairs.folder))
 
 
 @pytest.mark.parametrize("name", SHOWN)
-def test_base_head_ratio_interval_margin_and_pairs_are_shown(pairs: Pairs, name: str) -> None:
+def test_base_head_ratio_interval_margin_and_pairs_are_shown(
+    pairs: PairedComparison, name: str
+) -> None:
     found = read_folder(pairs.folder)
     one = ratio(found)
     text = " ".join(renderer(name)(found).decode().replace("&nbsp;", " ").split())
@@ -53,13 +55,13 @@ def test_base_head_ratio_interval_margin_and_pairs_are_shown(pairs: Pairs, name:
     assert bounds_text(one).split(" … ")[0].removesuffix(" %") in text
 
 
-def test_what_it_is_compared_with_comes_first(pairs: Pairs) -> None:
+def test_what_it_is_compared_with_comes_first(pairs: PairedComparison) -> None:
     text = renderer("text")(read_folder(pairs.folder)).decode()
     assert "Compared with other.r2b.yaml, in 5 of 6 pairs" in " ".join(text.split()[:30])
     assert "From base to head, processes.relay.nice: 0 -> 5" in text
 
 
-def test_the_numbers_of_machines_have_the_ratio_too(pairs: Pairs) -> None:
+def test_the_numbers_of_machines_have_the_ratio_too(pairs: PairedComparison) -> None:
     found = read_folder(pairs.folder)
     one = ratio(found)
     csv = renderer("csv")(found).decode()
@@ -69,7 +71,7 @@ def test_the_numbers_of_machines_have_the_ratio_too(pairs: Pairs) -> None:
 
 
 def test_judge_needs_neither_ros_nor_the_first_result(
-    pairs: Pairs, capfd: pytest.CaptureFixture[str], tmp_path: Path
+    pairs: PairedComparison, capfd: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     outputs = []
     for _ in range(2):
@@ -86,7 +88,7 @@ def test_judge_needs_neither_ros_nor_the_first_result(
 
 
 def test_a_result_file_reports_and_a_folder_compares(
-    pairs: Pairs, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    pairs: PairedComparison, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     kept = tmp_path / "result.json"
     arguments = [str(pairs.folder), "--report", f"json={kept}"]

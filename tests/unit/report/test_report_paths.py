@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.judge.result import Result
 from r2bspec.measure.metrics import Distribution, HopMetrics
@@ -94,14 +94,14 @@ def test_the_terminal_tells_where_an_output_stopped_and_what_is_odd(result: Resu
 
 
 def test_markdown_has_a_table_of_hops_in_which_names_are_no_markup(result: Result) -> None:
-    text = renderer("markdown")(Reported(result=result)).decode()
+    text = renderer("markdown")(ReportInput(result=result)).decode()
     assert "| from → to |" in text
     assert "| /r2b/&lt;b&gt;&amp; → /r2b/out | 2.1 ms | 4.7 ms | 98 | 2 |" in text
 
 
 def test_html_has_a_table_of_hops_with_exact_values(result: Result) -> None:
     pytest.importorskip("jinja2")
-    text = renderer("html")(Reported(result=result)).decode()
+    text = renderer("html")(ReportInput(result=result)).decode()
     assert "Hops to detections" in text
     assert "/r2b/&lt;b&gt;&amp;" in text
     path = "metrics/rates/0/pooled/monitors/detections/hops/0/latency/p99"

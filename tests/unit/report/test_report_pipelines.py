@@ -104,7 +104,7 @@ def test_no_input_is_pasted_into_a_script() -> None:
 
 def test_the_options_of_the_pipelines_exist() -> None:
     from r2bspec.cli.run import command
-    from r2bspec.report.write_reports import parse_asked
+    from r2bspec.report.write_reports import parse_report_requests
 
     known = {name for option in command.params for name in option.opts}
     template = yaml.safe_load((ROOT / "ci" / "gitlab" / "r2bspec.gitlab-ci.yml").read_text())
@@ -116,7 +116,7 @@ def test_the_options_of_the_pipelines_exist() -> None:
             words[number + 1].strip('"') for number, word in enumerate(words) if word == "--report"
         ]
         assert asked
-        assert len(parse_asked(asked)) == len(asked)
+        assert len(parse_report_requests(asked)) == len(asked)
 
 
 def test_the_template_runs_as_a_job(folder: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.formats.github import render
 from report_runs import USUAL
@@ -28,7 +28,7 @@ slos:
 
 def annotated(tmp_path: Path, spec: Path | None) -> list[str]:
     run = USUAL.write(tmp_path / "run")
-    return render(Reported(result=result_of(run), run=run, spec_file=spec)).decode().splitlines()
+    return render(ReportInput(result=result_of(run), run=run, spec_file=spec)).decode().splitlines()
 
 
 def test_the_line_and_the_columns_of_the_requirement(
@@ -54,7 +54,7 @@ def test_without_a_line_there_is_still_an_annotation(tmp_path: Path, content: st
 def test_ten_annotations_at_most(tmp_path: Path) -> None:
     many = replace(USUAL, objectives={"a": objective(*["latency.p50 < 1 ms"] * 30)})
     run = many.write(tmp_path / "run")
-    found = render(Reported(result=result_of(run), run=run)).decode().splitlines()
+    found = render(ReportInput(result=result_of(run), run=run)).decode().splitlines()
     assert sum(each.startswith("::") for each in found) == 10
     assert found[-1].startswith("21 more requirements")
 

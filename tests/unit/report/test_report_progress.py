@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from r2bspec.report.progress_display import loads, shown_progress, told
+from r2bspec.report.progress_display import load_text, progress_text, shown_progress
 
 
 class Seen:
@@ -29,14 +29,14 @@ class Seen:
 
 
 def test_a_line_says_how_far_it_is() -> None:
-    assert told(Seen(), 100) == "50 of 100 sent · 48 received · p99 12.3 ms"
+    assert progress_text(Seen(), 100) == "50 of 100 sent · 48 received · p99 12.3 ms"
 
 
 def test_the_busiest_processes_come_first_and_their_names_do_nothing() -> None:
-    said = loads(Seen().cores())
+    said = load_text(Seen().cores())
     assert said.startswith("CPU relay 53 % · a")
     assert "\x1b" not in said
-    assert loads({}) == ""
+    assert load_text({}) == ""
 
 
 def test_without_a_terminal_a_stretch_is_one_line_unless_it_is_long(
@@ -52,7 +52,7 @@ def test_without_a_terminal_a_stretch_is_one_line_unless_it_is_long(
     said = capsys.readouterr().err.splitlines()
     # A quarter of a minute and more, told every ten seconds.
     assert len(said) == 1 + 2
-    assert said[1].endswith("p99 12.3 ms · " + loads(seen.cores()))
+    assert said[1].endswith("p99 12.3 ms · " + load_text(seen.cores()))
     assert seen.looks == 2
 
 

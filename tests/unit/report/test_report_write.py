@@ -13,10 +13,15 @@ import pytest
 
 from r2bspec.cli.judge import command as judge
 from r2bspec.cli.main import main
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.errors import ReportError, ReportUsageError
-from r2bspec.report.write_reports import Asked, parse_asked, takes_stdout, write_reports
+from r2bspec.report.write_reports import (
+    ReportRequest,
+    parse_report_requests,
+    takes_stdout,
+    write_reports,
+)
 from report_runs import EMPTY, TWO, USUAL
 
 
@@ -37,12 +42,12 @@ def run_folder(tmp_path: Path) -> Path:
 )
 def test_what_cannot_be_is_refused_before_anything_runs(options: list[str], said: str) -> None:
     with pytest.raises(ReportUsageError, match=said):
-        parse_asked(options)
+        parse_report_requests(options)
 
 
 def test_a_misspelt_format_gets_a_proposal() -> None:
     with pytest.raises(ReportUsageError) as caught:
-        parse_asked(["htlm=x"])
+        parse_report_requests(["htlm=x"])
     assert "'html'" in caught.value.hint
 
 
@@ -54,7 +59,7 @@ def test_a_missing_library_is_named_before_anything_runs(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(importlib.util, "find_spec", find)
     with pytest.raises(ReportError, match="needs matplotlib") as caught:
-        parse_asked(["html=x"])
+        parse_report_requests(["html=x"])
     assert "r2bspec[report]" in caught.value.hint
 
 
@@ -76,8 +81,10 @@ def test_a_report_on_standard_output_stands_alone(
 
 def test_one_file_for_each_distribution(tmp_path: Path) -> None:
     run = TWO.write(tmp_path / "run")
-    reported = Reported(result=result_of(run), run=run)
-    write_reports([Asked("hdrhistogram", f"{tmp_path}/{{monitor}}@{{rate}}.hgrm")], reported)
+    reported = ReportInput(result=result_of(run), run=run)
+    write_reports(
+        [ReportRequest("hdrhistogram", f"{tmp_path}/{{monitor}}@{{rate}}.hgrm")], reported
+    )
     assert sorted(path.name for path in tmp_path.glob("*.hgrm")) == [
         "detections@30Hz.hgrm",
         "extra@30Hz.hgrm",
@@ -111,6 +118,6 @@ def test_an_incomplete_run_has_its_reports_too(tmp_path: Path) -> None:
 
 
 def test_nothing_else_goes_where_a_report_goes() -> None:
-    assert takes_stdout([Asked("json", "-")])
-    assert not takes_stdout([Asked("json", "a")])
+    assert takes_stdout([ReportRequest("json", "-")])
+    assert not takes_stdout([ReportRequest("json", "a")])
     assert {"--report", "--junit-xml"} <= {name for one in judge.params for name in one.opts}

@@ -1,0 +1,286 @@
+"""From the rows of a run to its samples: read from a run folder, or held by a run in progress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.measure.hop_latency import hop_samples
+from r2bspec.measure.interference import Surroundings, harness_slowdown, host_interference
+from r2bspec.measure.matched_monitor import MatchedMonitor, match_monitor
+from r2bspec.measure.matching import NO_MATCH
+from r2bspec.measure.resource_usage import MACHINE_INDEX, resource_use
+from r2bspec.measure.samples import (
+    MonitorSamples,
+    RunSamples,
+    SegmentSamples,
+    live_samples,
+    monitor_samples,
+    playback_samples,
+)
+from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import ProcessRecord, RunRecord, Segment
+from r2bspec.record.sample_arrays import Rows
+
+NO_STAMPS: NDArray[np.int64] = np.empty(0, np.int64)
+
+
+@dataclass(frozen=True)
+class SegmentRows:
+    """The rows of one segment, as the harness wrote them.
+
+    Attributes:
+        playback: rows of type `PLAYBACK_DTYPE`, one per step.
+        monitors: rows of type `MONITOR_DTYPE` of each monitor, by name.
+        taps: rows of type `MONITOR_DTYPE` of each tap, by topic.
+        earlier_stamps: gives the stamps of all steps of earlier segments; called only where
+            messages arrived that answer no step of this one.
+    """
+
+    playback: Rows
+    monitors: Mapping[str, Rows]
+    taps: Mapping[str, Rows]
+    earlier_stamps: Callable[[], NDArray[np.int64]] = lambda: NO_STAMPS
+
+
+@dataclass(frozen=True)
+class HostSamples:
+    """What was sampled over the whole run: rows of `RESOURCE_DTYPE` and `INTERFERENCE_DTYPE`."""
+
+    resources: Rows
+    surroundings: Rows
+
+
+def read_samples(run: Run) -> RunSamples:
+    """Read and match the samples of all complete iterations and sustained probes of a run.
+
+    Raises:
+        RecordError: a file is missing or damaged.
+    """
+    return run_samples(
+        run.record,
+        run.plan,
+        lambda segment: segment_samples(run.plan, segment, read_rows(run, segment)),
+        HostSamples(run.resources(), run.interference()),
+    )
+
+
+def read_rows(run: Run, segment: Segment) -> SegmentRows:
+    """Read the rows of one segment from a run folder.
+
+    Raises:
+        RecordError: a file of the segment is missing or damaged.
+    """
+    taps = dict.fromkeys(tap.topic for monitor in run.plan.monitors for tap in monitor.taps)
+
+    def earlier_stamps() -> NDArray[np.int64]:
+        found = [
+            run.playback(each)["stamp_ns"]
+            for each in run.record.segments
+            if each.began_ns < segment.began_ns
+        ]
+        return np.concatenate(found) if found else NO_STAMPS
+
+    return SegmentRows(
+        playback=run.playback(segment),
+        monitors={each.name: run.monitor(segment, each.name) for each in run.plan.monitors},
+        taps={} if segment.live else {topic: run.tap(segment, topic) for topic in taps},
+        earlier_stamps=earlier_stamps,
+    )
+
+
+def match_monitors(plan: Plan, segment: Segment, rows: SegmentRows) -> dict[str, MatchedMonitor]:
+    """Match every monitor of a segment in which something was played."""
+    return {
+        each.name: match_monitor(
+            rows.playback, rows.monitors[each.name], each, plan.inputs, segment.played_before
+        )
+        for each in plan.monitors
+    }
+
+
+def segment_samples(
+    plan: Plan,
+    segment: Segment,
+    rows: SegmentRows,
+    matched: Mapping[str, MatchedMonitor] | None = None,
+) -> SegmentSamples:
+    """The samples of one segment, without those of processes and of the host.
+
+    Args:
+        plan: of the run.
+        segment: one of its segments.
+        rows: what the harness wrote in it.
+        matched: the match of each monitor, where the caller has it already.
+    """
+    if segment.live:
+        monitors = {name: live_samples(segment, each) for name, each in rows.monitors.items()}
+    else:
+        matched = matched or match_monitors(plan, segment, rows)
+        monitors = {
+            each.name: _monitor(plan, segment, rows, each, matched[each.name])
+            for each in plan.monitors
+        }
+    return SegmentSamples(
+        segment=segment,
+        playback=replace(playback_samples(rows.playback), live=segment.live),
+        monitors=monitors,
+        processes={},
+        machine=None,
+    )
+
+
+def _monitor(
+    plan: Plan, segment: Segment, rows: SegmentRows, monitor: MonitorPlan, matched: MatchedMonitor
+) -> MonitorSamples:
+    """What one monitor received, with the path to it, and what came late from earlier segments."""
+    taps = {tap.topic: rows.taps[tap.topic] for tap in monitor.taps}
+    return replace(
+        monitor_samples(segment, matched),
+        overdue=_overdue(rows, matched) if monitor.match == "stamp" else 0,
+        hops=hop_samples(plan, monitor, matched.steps, taps, matched.rows, matched.matching),
+    )
+
+
+def _overdue(rows: SegmentRows, matched: MatchedMonitor) -> int:
+    """How many messages carry the stamp of a step that was played before this segment."""
+    if not matched.matching.unmatched:
+        return 0
+    stamps = matched.rows["stamp_ns"][matched.matching.step == NO_MATCH]
+    return int(np.count_nonzero(np.isin(stamps, rows.earlier_stamps())))
+
+
+def with_host_samples(
+    samples: SegmentSamples, record: RunRecord, host: HostSamples
+) -> SegmentSamples:
+    """The samples of a segment with what processes used and what else the host did in it."""
+    segment = samples.segment
+    resources = host.resources
+    began, ended = segment.began_ns, segment.ended_ns
+    return replace(
+        samples,
+        processes={
+            name: used
+            for name, indices in _by_name(record.processes).items()
+            if (used := resource_use(resources, indices, began, ended)) is not None
+        },
+        machine=resource_use(resources, frozenset({MACHINE_INDEX}), began, ended),
+        surroundings=host_interference(
+            host.surroundings,
+            resources,
+            frozenset(range(len(record.processes))),
+            record.machine.get("cores"),
+            began,
+            ended,
+        ),
+    )
+
+
+def _by_name(processes: tuple[ProcessRecord, ...]) -> dict[str, frozenset[int]]:
+    named: dict[str, set[int]] = {}
+    for index, process in enumerate(processes):
+        named.setdefault(process.name, set()).add(index)
+    return {name: frozenset(indices) for name, indices in named.items()}
+
+
+def run_samples(
+    record: RunRecord,
+    plan: Plan,
+    samples_of: Callable[[Segment], SegmentSamples],
+    host: HostSamples,
+) -> RunSamples:
+    """The samples of all complete iterations and sustained probes of a run.
+
+    Args:
+        record: of the run, as far as it has got.
+        plan: of the run.
+        samples_of: the samples of one complete segment; see `segment_samples`.
+        host: what was sampled over the whole run.
+
+    Raises:
+        RecordError: `samples_of` reads files, and one is missing or damaged.
+    """
+    collect = _Collector(plan, samples_of, host)
+    first = collect.session(
+        record,
+        [each for each in record.segments if each.kind == "iteration"],
+        [each for each in record.segments if each.kind == "sustained"],
+    )
+    fresh = record.confirmation
+    if fresh is None:
+        return first
+    probed = {each.segment for each in (fresh.search.probes if fresh.search else ())}
+    probed_for = {each.segment for each in fresh.sustained}
+    again = [each for each in record.segments if each.kind == "confirmation"]
+    second = collect.session(
+        msgspec.structs.replace(record, search=fresh.search, sustained=fresh.sustained),
+        [each for each in again if each.id not in probed | probed_for],
+        [each for each in again if each.id in probed_for],
+    )
+    if second.peak_hz is None:
+        # What is played at the peak is then played where the first session found it.
+        second = replace(second, peak_hz=first.peak_hz)
+    return replace(
+        first, confirmation=_calibrated(second, harness_slowdown(record.floor, fresh.floor))
+    )
+
+
+@dataclass(frozen=True)
+class _Collector:
+    plan: Plan
+    samples_of: Callable[[Segment], SegmentSamples]
+    host: HostSamples
+
+    def session(
+        self, record: RunRecord, iterations: list[Segment], sustained: list[Segment]
+    ) -> RunSamples:
+        """The samples of the complete ones among some segments, played in one session."""
+        found: dict[float, list[SegmentSamples]] = {}
+        reruns: dict[str, SegmentSamples] = {}
+        for segment in iterations:
+            if segment.complete:
+                samples = self._segment(record, segment)
+                if segment.rerun_of:
+                    reruns[segment.rerun_of] = samples
+                else:
+                    found.setdefault(segment.rate_hz, []).append(samples)
+        return RunSamples(
+            record=record,
+            peak_hz=record.search.holds_hz if record.search else None,
+            monitors=tuple(monitor.name for monitor in self.plan.monitors),
+            iterations={rate: tuple(played) for rate, played in found.items()},
+            sustained={
+                segment.rate_hz: self._segment(record, segment)
+                for segment in sustained
+                if segment.complete
+            },
+            incomplete=tuple(each.id for each in iterations if not each.complete),
+            reruns=reruns,
+            mode=self.plan.playback_mode,
+        )
+
+    def _segment(self, record: RunRecord, segment: Segment) -> SegmentSamples:
+        return with_host_samples(self.samples_of(segment), record, self.host)
+
+
+def _calibrated(batch: RunSamples, calibration: float | None) -> RunSamples:
+    """A batch whose harness alone took so many times as long as usual; None is unknown."""
+    if calibration is None:
+        return batch
+
+    def told(one: SegmentSamples) -> SegmentSamples:
+        known = one.surroundings or Surroundings()
+        return replace(one, surroundings=msgspec.structs.replace(known, calibration=calibration))
+
+    return replace(
+        batch,
+        iterations={
+            rate: tuple(told(one) for one in found) for rate, found in batch.iterations.items()
+        },
+        reruns={name: told(one) for name, one in batch.reruns.items()},
+    )
