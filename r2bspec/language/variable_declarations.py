@@ -86,7 +86,7 @@ def check_declaration(
             f"'variables.{name}' has both 'value' and 'default'",
             declared.entries[given[1]].key_span,
             "keep one of them",
-            related=(Related("first used here", declared.entries[given[0]].key_span),),
+            related=(Related("the other key", declared.entries[given[0]].key_span),),
         )
         return True
     value = declared_value(declared)

@@ -79,7 +79,7 @@ def chain(kind: str, **remappings: str) -> dict[str, Any]:
 def error_at(done: Finished) -> tuple[str, str]:
     """The code of the only error that has a place in the spec, and the line that it marks."""
     (found,) = re.findall(
-        r"^\S+\.r2b\.yaml:(\d+):\d+: error\[(R2B\d+)\]", done.stderr, re.MULTILINE
+        r"^\S+\.r2b\.yaml:(\d+):\d+: error\[(R2B\d+) [a-z0-9-]+\]", done.stderr, re.MULTILINE
     )
     line, code = found
     (spec,) = set(re.findall(r"^(\S+\.r2b\.yaml):\d", done.stderr, re.MULTILINE))

@@ -248,7 +248,7 @@ def _both(node: MapNode, path: Path, keys: tuple[str, str], help_text: str) -> D
         node.entries[second].key_span,
         path=(*path, second),
         help=help_text,
-        related=(Related("first used here", node.entries[first].key_span),),
+        related=(Related("the other key", node.entries[first].key_span),),
     )
 
 

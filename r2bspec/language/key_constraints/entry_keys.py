@@ -152,7 +152,7 @@ def _both(
         node.entries[second].key_span,
         path=(*path, second),
         help=help_text,
-        related=(Related("first used here", node.entries[first].key_span),),
+        related=(Related("the other key", node.entries[first].key_span),),
     )
 
 

@@ -57,9 +57,8 @@ VARIABLE_PAGES = (
         "reference-not-allowed",
         "R2B125",
         "a reference where none is supported",
-        "Names of nodes, monitors and objectives identify results, so they cannot contain "
-        "references. Topics can. 'extends' cannot either: files are merged before variables are "
-        "known.",
+        "References are supported in values, and in keys that are topics. Other keys are names "
+        "that identify results. 'extends' is resolved before variables are known.",
         "variables: {x: a}\nmonitors:\n  $(var x): {topic: t, format: std_msgs/msg/Header}\n",
         "variables: {x: a}\nmonitors:\n  a: {topic: $(var x), format: std_msgs/msg/Header}\n",
     ),
