@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from r2bspec.doctor.checkup import System
-from r2bspec.middleware.registry import known_middlewares
+from r2bspec.middleware.rmw_registry import known_middlewares
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.import_check import probe_imports
 from r2bspec.measure.units import show
-from r2bspec.middleware.registry import (
+from r2bspec.middleware.rmw_registry import (
     RMW_VARIABLE,
     middleware_named,
     refuse_transport,

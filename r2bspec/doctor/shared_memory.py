@@ -7,7 +7,7 @@ import shutil
 from r2bspec.doctor.checkup import CheckResult, Status, System
 from r2bspec.measure.units import show
 from r2bspec.middleware.middleware import Middleware, Transport
-from r2bspec.middleware.registry import middleware_of
+from r2bspec.middleware.rmw_registry import middleware_of
 
 TOPIC = "shared memory"
 

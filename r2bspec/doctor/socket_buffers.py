@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from r2bspec.doctor.checkup import CheckResult, System, read_int, read_text
 from r2bspec.measure.units import show
-from r2bspec.middleware.registry import middleware_of
+from r2bspec.middleware.rmw_registry import middleware_of
 
 TOPIC = "network"
 

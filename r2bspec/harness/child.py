@@ -15,7 +15,7 @@ from r2bspec.exit_status import ExitStatus
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.exit_timer import start_exit_timer
 from r2bspec.harness.roles import play_role
-from r2bspec.middleware.registry import middleware_of
+from r2bspec.middleware.rmw_registry import middleware_of
 
 _MAX_EXIT_S = 8.0
 """How long leaving ROS may take, which may include what a node does when it is destroyed. Less

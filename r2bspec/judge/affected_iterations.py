@@ -44,7 +44,7 @@ from dataclasses import replace
 import msgspec
 
 from r2bspec.judge.best_case import best_case_iteration
-from r2bspec.judge.methods.registry import METHODS
+from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.playback_validity import schedule_problem
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
 from r2bspec.measure.interference import Surroundings

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from r2bspec.judge.decision import decide
-from r2bspec.judge.methods.registry import Method
+from r2bspec.judge.methods.method_registry import Method
 from r2bspec.judge.statistics.paired_ratio import RatioInterval, paired_ratio
 from r2bspec.judge.statistics.power import pairs_needed
 from r2bspec.judge.statistics.prediction_interval import MIN_HISTORY_RUNS, predicted_ratio

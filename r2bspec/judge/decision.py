@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from r2bspec.judge.methods.registry import Method
+from r2bspec.judge.methods.method_registry import Method
 from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
@@ -105,7 +105,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Decider:
-    """A method as its module offers it to `r2bspec.judge.methods.registry`.
+    """A method as its module offers it to `r2bspec.judge.methods.method_registry`.
 
     Attributes:
         takes: whether the method decides a requirement.

@@ -26,7 +26,7 @@ from typing import Literal
 
 import msgspec
 
-from r2bspec.judge.methods.registry import METHODS
+from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.units import show

@@ -11,7 +11,7 @@ from typing import Final
 import msgspec
 
 from r2bspec.judge.decision import Answer, Decider, Question, requirement_verdict, window_condition
-from r2bspec.judge.methods import registry
+from r2bspec.judge.methods import method_registry
 from r2bspec.judge.playback_validity import REMEDY, TIMELINE_REMEDY, PlaybackValidity
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.requirement_grammar import Requirement
@@ -167,8 +167,8 @@ def decider_of(question: Question) -> Decider:
 
 @cache
 def _deciders() -> tuple[Decider, ...]:
-    package = registry.__package__
-    modules = [importlib.import_module(f"{package}.{name}") for name in registry.DECIDERS]
+    package = method_registry.__package__
+    modules = [importlib.import_module(f"{package}.{name}") for name in method_registry.DECIDERS]
     return tuple(module.DECIDER for module in modules)
 
 

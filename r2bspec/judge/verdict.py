@@ -7,7 +7,7 @@ from typing import Final, Literal
 import msgspec
 
 from r2bspec.exit_status import ExitStatus
-from r2bspec.judge.methods.registry import Method
+from r2bspec.judge.methods.method_registry import Method
 
 Outcome = Literal["pass", "fail", "inconclusive"]
 

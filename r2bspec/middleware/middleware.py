@@ -2,7 +2,7 @@
 
 The answers given here are right for an RMW of which nothing is known: it is not configured, it
 needs no workaround, and discovery is kept on this host by the variable that ROS 2 has for that. A
-module for one RMW overrides what differs (`r2bspec.middleware.registry`).
+module for one RMW overrides what differs (`r2bspec.middleware.rmw_registry`).
 """
 
 from __future__ import annotations

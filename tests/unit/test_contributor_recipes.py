@@ -103,12 +103,12 @@ def check_files(title: str, package: EditedPackage) -> None:
 
 RENDER_ALL = """
 from pathlib import Path
-from r2bspec.compare.report_input import Reported
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.format_registry import renderer
 from report_runs import USUAL
 run = USUAL.write(Path("run"))
-reported = Reported(result=result_of(run), run=run)
+reported = ReportInput(result=result_of(run), run=run)
 for name in {names}:
     Path(name).write_bytes(renderer(name)(reported))
 """
@@ -133,12 +133,12 @@ def test_a_percentile_in_all_reports(package: EditedPackage) -> None:
 RULE = '''
 """Benchmarks that are called example."""
 
-from r2bspec.check.rule_api import Finding, Rule, Severity
+from r2bspec.check.rule_api import Finding, Rule
 
 RULE = Rule(
     code="R2B299",
     title="an example",
-    severity=Severity.ERROR,
+    severity="error",
     why="Examples measure nothing.",
     find=lambda context: iter([Finding(message="an example", path=("name",))]),
 )
@@ -164,9 +164,34 @@ def test_when_a_late_message_counts_as_lost() -> None:
     assert waits == set(RECIPES["When a late message counts as lost"])
 
 
-def test_another_rmw() -> None:
-    (name,) = RECIPES["Another RMW"]
-    assert name == "r2bspec/middleware/<rmw>.py"
+RMW = '''
+"""An RMW of the test."""
+
+from r2bspec.middleware.middleware import Middleware
+
+
+class Example(Middleware):
+    name = "Example RMW"
+    implementations = ("rmw_example_cpp",)
+    transports = ("inherit", "udp")
+
+
+MIDDLEWARE = Example()
+'''
+
+SELECTED = """
+from r2bspec.middleware.rmw_registry import middleware_of, refuse_transport
+found = middleware_of({"RMW_IMPLEMENTATION": "rmw_example_cpp"})
+print(found.name, *(refuse_transport(kind, "rmw_example_cpp") is None
+                    for kind in ("inherit", "udp", "shared_memory")))
+"""
+
+
+def test_another_rmw(package: EditedPackage) -> None:
+    assert "Example RMW" not in package.python(SELECTED)
+    package.add("r2bspec/middleware/example.py", RMW)
+    assert package.python(SELECTED) == "Example RMW True True False\n"
+    check_files("Another RMW", package)
 
 
 METHOD = '''
@@ -186,7 +211,7 @@ import msgspec
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.result import Result
 from r2bspec.judge.judge_run import from_json, result_of, to_json
-from r2bspec.measure.samples import read_samples
+from r2bspec.measure.run_samples import read_samples
 from report_runs import USUAL
 from run_simulation import objective
 run = USUAL.write(Path("run"))
@@ -201,7 +226,7 @@ def test_the_method_of_a_verdict(package: EditedPackage) -> None:
     assert package.python(JUDGE).startswith("observation ")
     package.add("r2bspec/judge/methods/coin.py", METHOD)
     package.edit(
-        "r2bspec/judge/methods/registry.py",
+        "r2bspec/judge/methods/method_registry.py",
         ('    "none",\n]', '    "coin",\n    "none",\n]'),
         (
             '    "none": MethodTraits(),\n',
@@ -223,7 +248,8 @@ def test_a_report_format(package: EditedPackage) -> None:
         "r2bspec/report/format_registry.py",
         (
             '    "json": Format(',
-            '    "one_word": Format(f"{_FORMATS}.one_word", "the outcome"),\n    "json": Format(',
+            '    "one_word": Format(f"{_FORMATS_PACKAGE}.one_word", "the outcome"),\n'
+            '    "json": Format(',
         ),
     )
     package.python(RENDER_ALL.format(names=("one_word", "json")))
@@ -245,7 +271,7 @@ BUNDLE: Final = NodeKind(
 NODE_KINDS: Final = (BUNDLE, """
 
 COMMAND_LINE = """\
-    "launch": _launch,
+    "launch": _launch_argv,
     "bundle": lambda wired: (wired.node.bundle, *_ros_arguments(wired, wired.parameters)),
 """
 
@@ -274,7 +300,7 @@ def test_a_kind_of_node(package: EditedPackage) -> None:
         "r2bspec/language/spec.py",
         ("    external: bool = False\n", '    external: bool = False\n    bundle: str = ""\n'),
     )
-    package.edit("r2bspec/plan/command_lines.py", ('    "launch": _launch,\n', COMMAND_LINE))
+    package.edit("r2bspec/plan/command_lines.py", ('    "launch": _launch_argv,\n', COMMAND_LINE))
     checked = package.run("validate", spec.name)
     assert "no problems" in checked.stdout, checked.stdout
     plan = json.loads(package.run("plan", spec.name).stdout)
@@ -303,7 +329,7 @@ def test_the_length_of_a_probe(package: EditedPackage) -> None:
     search = schema["properties"]["benchmark"]["properties"]["search"]
     assert search["properties"]["probe"]["default"] == "4 s"
     looks = package.python(
-        "from r2bspec.judge.rate_test import planned_looks; print(planned_looks(4)[0].at_s)\n"
+        "from r2bspec.judge.rate_test import plan_interim_looks as looks; print(looks(4)[0].at_s)\n"
         "from r2bspec.execute.measurement import rate_probe\n"
         "print(rate_probe.MIN_PROBE_STEPS, rate_probe.PROBE)"
     )

@@ -12,7 +12,7 @@ from r2bspec.execute.measurement.rate_probe import RateProber
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.measurement.time_budget import TimeBudget
-from r2bspec.judge.methods.registry import METHODS, Method
+from r2bspec.judge.methods.method_registry import METHODS, Method
 from r2bspec.judge.verdict import Verdict
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import ConfirmationRecord, FloorRecord, Probe, SearchRecord

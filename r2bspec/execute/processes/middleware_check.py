@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from r2bspec.execute.errors import MiddlewareError
 from r2bspec.middleware.middleware import TransportKind
-from r2bspec.middleware.registry import RMW_VARIABLE, refuse_transport, selected_rmw
+from r2bspec.middleware.rmw_registry import RMW_VARIABLE, refuse_transport, selected_rmw
 from r2bspec.plan.plan import Plan
 
 

@@ -23,7 +23,7 @@ from r2bspec.execute.processes.process_logs import LogLimiter
 from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import clean_up
-from r2bspec.middleware.registry import middleware_of
+from r2bspec.middleware.rmw_registry import middleware_of
 from r2bspec.record.run_record import ProcessRecord
 
 __all__ = ["ManagedProcess", "ProcessSupervisor", "describe_exit"]

@@ -13,16 +13,16 @@ import pytest
 from r2bspec.judge import judge_requirement
 from r2bspec.judge.decision import Question, window_condition
 from r2bspec.judge.judge_requirement import decider_of
-from r2bspec.judge.methods.registry import DECIDERS, METHODS, Method
+from r2bspec.judge.methods.method_registry import DECIDERS, METHODS, Method
 from r2bspec.language.requirement_grammar import parse_requirement
 from r2bspec.measure.metric_catalogue import METRICS
 
 PACKAGE = Path(judge_requirement.__file__).parents[1]
 METHOD_MODULES = PACKAGE / "judge" / "methods"
-HELPERS = {"__init__", "registry", "forecast"}
+HELPERS = {"__init__", "method_registry", "forecast"}
 
 NAMED_ELSEWHERE = {
-    "exact binomial": {"interop/judging.py"},
+    "exact binomial": {"interop/imported_verdicts.py"},
     "paired t on logs": {"judge/baseline_ratio.py", "judge/pair_comparison.py"},
     "prediction interval": {"judge/baseline_ratio.py", "judge/history_comparison.py"},
     "stored baseline": {"judge/baseline_ratio.py"},

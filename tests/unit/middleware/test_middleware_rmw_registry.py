@@ -12,7 +12,7 @@ import pytest
 
 import r2bspec.middleware
 from r2bspec.middleware.middleware import Middleware, Transport, TransportKind
-from r2bspec.middleware.registry import (
+from r2bspec.middleware.rmw_registry import (
     inherited_variables,
     known_middlewares,
     middleware_named,
