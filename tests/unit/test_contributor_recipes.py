@@ -248,8 +248,10 @@ def test_a_report_format(package: EditedPackage) -> None:
         "r2bspec/report/format_registry.py",
         (
             '    "json": Format(',
-            '    "one_word": Format(f"{_FORMATS_PACKAGE}.one_word", "the outcome"),\n'
-            '    "json": Format(',
+            (
+                '    "one_word": Format(f"{_FORMATS_PACKAGE}.one_word", "the outcome"),\n'
+                '    "json": Format('
+            ),
         ),
     )
     package.python(RENDER_ALL.format(names=("one_word", "json")))
