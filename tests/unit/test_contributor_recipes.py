@@ -331,7 +331,7 @@ def test_the_length_of_a_probe(package: EditedPackage) -> None:
     search = schema["properties"]["benchmark"]["properties"]["search"]
     assert search["properties"]["probe"]["default"] == "4 s"
     looks = package.python(
-        "from r2bspec.judge.rate_test import plan_interim_looks as looks; print(looks(4)[0].at_s)\n"
+        "from r2bspec.judge import rate_decision as r; print(r.plan_interim_looks(4)[0].at_s)\n"
         "from r2bspec.execute.measurement import rate_probe\n"
         "print(rate_probe.MIN_PROBE_STEPS, rate_probe.PROBE)"
     )

@@ -11,7 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from r2bspec.execute.measurement.segments import SegmentObservation, SegmentPlayer
+from r2bspec.execute.measurement.segment_observation import SegmentObservation
+from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.record.run_record import Segment, SegmentKind
 from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
 

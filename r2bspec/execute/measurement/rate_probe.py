@@ -7,8 +7,9 @@ from collections.abc import Callable
 from typing import Literal
 
 from r2bspec.execute.measurement.peak_search import ProbeOutcome
-from r2bspec.execute.measurement.segments import SegmentObservation, SegmentPlayer
-from r2bspec.judge.rate_test import (
+from r2bspec.execute.measurement.segment_observation import SegmentObservation
+from r2bspec.execute.measurement.segments import SegmentPlayer
+from r2bspec.judge.rate_decision import (
     Criterion,
     ProbeEstimate,
     ProbeJudgement,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,85 +16,36 @@ from numpy.typing import NDArray
 from r2bspec.execute.diagnosis.stopped_outputs import output_stopped
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.host.resource_sampler import ResourceSampler
+from r2bspec.execute.measurement.drain import (
+    DRAIN_POLL_S,
+    DrainTimer,
+    Outstanding,
+    outstanding_answers,
+)
 from r2bspec.execute.measurement.progress_view import ProgressView
+from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.progress import Progress
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.ipc.stall_log import StallLogReader
-from r2bspec.measure.matched_monitor import MatchedMonitor, match_monitor
-from r2bspec.measure.matching import NO_MATCH
 from r2bspec.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
-from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
+from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import tap_monitors
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind
-from r2bspec.record.sample_arrays import Rows
 
 PLAYBACK_ROWS = "playback"
 """The player's sample file; those of the monitors end in ``.rows``."""
 
 _CHECK_INTERVAL_S = 0.25
 _JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation"})
-_DRAIN_POLL_S = 0.01
-_MIN_QUIET_S = 0.3
-_QUIET_FACTOR = 5
-"""A gap is waited for so many times the longest pause between two arrivals."""
-_MAX_DRAIN_S = 60.0
-"""For a graph that never stops sending."""
 _PLAYER_SLACK_S = 30.0
-
-Outstanding = Literal["nothing", "gaps", "tail"]
-"""The answers that are missing: none; some, but not the last; the last one, and perhaps more."""
 
 StopCondition = Callable[["SegmentObservation", float], bool]
 """Called every quarter second with what is there so far and the seconds played; True stops."""
-
-
-class SegmentObservation:
-    """The samples of one segment, all there is at the moment they were read."""
-
-    def __init__(
-        self, plan: Plan, playback: Rows, monitors: dict[str, Rows], played_before: int = 0
-    ) -> None:
-        self.playback = playback
-        self.monitors = monitors
-        self.played_before = played_before
-        self.now_ns = time.monotonic_ns()
-        self._plan = plan
-        self._matched: dict[str, MatchedMonitor] = {}
-
-    def matched(self, name: str) -> MatchedMonitor:
-        """The steps that count for a monitor, and how its messages answer them."""
-        if name not in self._matched:
-            monitor = next(each for each in self._plan.monitors if each.name == name)
-            self._matched[name] = match_monitor(
-                self.playback,
-                self.monitors[name],
-                monitor,
-                self._plan.inputs,
-                self.played_before,
-            )
-        return self._matched[name]
-
-    def samples(self, segment: Segment) -> SegmentSamples:
-        """The samples as metrics need them, without hops, processes and the host."""
-        return SegmentSamples(
-            segment=segment,
-            playback=playback_samples(self.playback),
-            monitors={
-                name: monitor_samples(segment, matched)
-                for name, matched in self.all_matched().items()
-            },
-            processes={},
-            machine=None,
-        )
-
-    def all_matched(self) -> dict[str, MatchedMonitor]:
-        """The same of every monitor."""
-        return {name: self.matched(name) for name in self.monitors}
 
 
 class SegmentPlayer:
@@ -328,39 +279,22 @@ class SegmentPlayer:
             self._resources.sample_at(int(begun["due_ns"][0]) + span_ns)
 
     def _drain(self, kind: SegmentKind, first: dict[str, int]) -> None:
-        """Wait for answers; what is missing when this returns counts as lost.
-
-        What comes after the last answer may be late: it is waited for until nothing has come for
-        the whole `drain_timeout`. A gap before an answer to the last step is most likely a loss,
-        because graphs rarely overtake themselves: it is waited for only for a multiple of the
-        longest pause so far, so that a graph that drops does not cost a time-out in each segment.
-        """
-        timeout_s = self._plan.drain_timeout_ns / 1e9
-        changed = time.monotonic()
-        deadline = changed + max(_MAX_DRAIN_S, timeout_s)
+        """Wait for answers; what is missing when this returns counts as lost (see `drain`)."""
+        timer = DrainTimer(self._plan.drain_timeout_ns / 1e9, time.monotonic())
         last_counts: dict[str, int] = {}
-        longest_pause_s = 0.0
-        outstanding: Outstanding | None = None
-        while (now := time.monotonic()) < deadline:
+        while not timer.is_over(now_s := time.monotonic()):
             counts = self._counts()
             if counts != last_counts:
-                if last_counts:
-                    longest_pause_s = max(longest_pause_s, now - changed)
-                last_counts, changed, outstanding = counts, now, None
+                last_counts = counts
+                timer.arrived(now_s)
                 if self._enough(first, counts) and self._outstanding(first) == "nothing":
                     return
-            quiet_s = now - changed
-            if quiet_s > _MIN_QUIET_S and outstanding is None:
-                outstanding = self._outstanding(first)
+            if timer.wants_a_look(now_s):
+                timer.outstanding = self._outstanding(first)
                 # While the graph starts, playing on tells more than waiting.
                 if kind == "warm_up" and not all(self.received().values()):
                     return
-            limit_s = timeout_s
-            if outstanding != "tail":
-                limit_s = min(max(_MIN_QUIET_S, _QUIET_FACTOR * longest_pause_s), timeout_s)
-            if quiet_s > limit_s:
-                return
-            self._supervisor.pump(_DRAIN_POLL_S)
+            self._supervisor.pump(DRAIN_POLL_S)
 
     def _enough(self, first: dict[str, int], counts: dict[str, int]) -> bool:
         """Whether as many messages came as are expected, which is cheap to see."""
@@ -374,22 +308,11 @@ class SegmentPlayer:
         )
 
     def _outstanding(self, first: dict[str, int]) -> Outstanding:
-        """Which answers are still missing.
-
-        As many messages as steps do not suffice: where some are answered twice, others still wait.
-        """
-        observation = self._observe(first)
-        found: Outstanding = "nothing"
-        for name, matched in observation.all_matched().items():
-            if name in self._stopped_outputs:
-                continue
-            answers = matched.matching.first_row
-            if not answers.size or (answers != NO_MATCH).all():
-                continue
-            if answers[-1] == NO_MATCH:
-                return "tail"
-            found = "gaps"
-        return found
+        """Which answers are still missing; an output that has stopped is not waited for again."""
+        matched = self._observe(first).all_matched()
+        return outstanding_answers(
+            each for name, each in matched.items() if name not in self._stopped_outputs
+        )
 
     def _write_segment(
         self,

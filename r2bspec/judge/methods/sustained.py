@@ -1,9 +1,9 @@
 """Whether an offered rate is sustained, by the one sequential probe that was made of it.
 
-The probe is a sequential test with three answers and a stated error (`r2bspec.judge.rate_test`):
-it was stopped as soon as one of two was clear, and is open where neither was in the longest time
-that a probe may take. To test its samples once more would test a sample whose size the first test
-has chosen, so the answer stands as it was recorded:
+The probe is a sequential test with three answers and a stated error
+(`r2bspec.judge.rate_decision`): it was stopped as soon as one of two was clear, and is open where
+neither was in the longest time that a probe may take. To test its samples once more would test a
+sample whose size the first test has chosen, so the answer stands as it was recorded:
 
     PASS            the rate held
     FAIL            the backlog grew, messages were dropped, or a condition of the spec did not hold
