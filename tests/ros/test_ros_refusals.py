@@ -169,7 +169,7 @@ def test_a_program_that_is_missing_is_missed_before_any_is_started(bench: Bench)
     spec = graph_of({"command": ["no-such-program"], "publishes": {"output": IMAGE}})
     spec["graph"]["nodes"]["other"] = relay_node(remappings={"output": "elsewhere"})
     done = bench.run(spec)
-    assert "process relay: there is no program 'no-such-program' on PATH" in done.error
+    assert "process relay: program 'no-such-program' is not on PATH" in done.error
     assert done.run().record.processes == ()
 
 
@@ -224,12 +224,12 @@ def test_a_constructor_that_raises(bench: Bench) -> None:
 
 def test_a_constructor_that_never_returns(bench: Bench) -> None:
     said = failed(bench.run(impatient({"python": "./nodes.py:Hangs"}, "1 s")))
-    assert "process relay did not answer within 1 s" in said
+    assert "process relay did not respond within 1 s" in said
 
 
 def test_a_process_that_ends_while_it_starts(bench: Bench) -> None:
     said = failed(bench.run(graph_of({"python": "./nodes.py:Dies"})))
-    assert "process relay ended with status 7" in said
+    assert "process relay exited with status 7" in said
     assert "no licence" in said
 
 

@@ -1,4 +1,4 @@
-"""Ending processes: one after another, first asked, then told, then killed."""
+"""Ending processes one after another: by request, then with SIGTERM, then with SIGKILL."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from collections.abc import Callable, Sequence
 from r2bspec.execute.processes.process import ManagedProcess
 
 _MAX_SEQUENTIAL_S = 3.0
-"""How long processes are waited for one by one, all together; then the rest are asked at once.
+"""The total time for which processes are ended one by one; then the rest are asked together.
 
-A participant that leaves while it hears that another one leaves can hang for ever in Fast DDS
-2.14: `DomainParticipant::set_listener` waits for a callback of discovery to return, which waits
-for a lock that the caller of `set_listener` holds. Whoever leaves alone hears nothing.
+In Fast DDS 2.14 a participant that is deleted while it processes the removal of another one can
+block for ever: `DomainParticipant::set_listener` waits for a discovery callback to return, which
+waits for a lock that the caller of `set_listener` holds. Ended one by one, no participant receives
+such a callback.
 """
 
 MAX_EXIT_S = 10.0
-"""How long a process that has been asked may take to end by itself."""
+"""How long a process may take to exit after the request."""
 
 MAX_SIGTERM_S = 2.0
-"""How long one may take after SIGTERM."""
+"""How long a process may take to exit after SIGTERM."""
 
 _MAX_SIGKILL_S = 5.0
 _POLL_S = 0.005
@@ -30,8 +31,8 @@ def end_sequentially(processes: Sequence[ManagedProcess], on_poll: Callable[[], 
     """End some processes.
 
     Args:
-        processes: in the order in which they are to end.
-        on_poll: is called again and again while they are waited for.
+        processes: in the order in which to end them.
+        on_poll: is called repeatedly while waiting.
 
     Returns:
         The names of those that had to be killed.
@@ -60,7 +61,7 @@ def _wait_for(
 
 
 def _signal_all(processes: Sequence[ManagedProcess], which: signal.Signals) -> list[str]:
-    """Signal those that still run; returns their names."""
+    """Send a signal to those that still run; returns their names."""
     running = [child for child in processes if child.is_running]
     for child in running:
         child.signal(which)

@@ -58,7 +58,7 @@ def test_every_code_in_the_sources_has_a_page() -> None:
 
 SAME_ON_THE_REAL_GRAPH = {
     "execute/bringup/spec_mismatches.py",
-    "execute/diagnosis/find_break.py",
+    "execute/diagnosis/find_fault.py",
 }
 """Where a run finds in the real graph what a rule would have found, had it been known before."""
 
