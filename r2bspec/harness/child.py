@@ -1,7 +1,7 @@
 """The main program of every harness process: ``python -m r2bspec.harness.child``.
 
-The first command says which role to play. A process ends with status 0 when it is told to shut
-down or when the controller is gone, and with status 1 after it has said why it failed.
+The first command sets the role. A process exits with status 0 on the command to shut down or when
+the controller has exited, and with status 1 after it has reported an error.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from r2bspec.harness.exit_timer import start_exit_timer
 from r2bspec.harness.roles import play_role
 
 _MAX_EXIT_S = 8.0
-"""How long leaving ROS may take, which may include what a node does when it is destroyed. Less
-than the controller waits before it sends SIGTERM."""
+"""How long the shutdown of ROS may take, including `destroy_node` of the nodes. Less than the
+controller waits before it sends SIGTERM."""
 
 
 def main() -> int:
@@ -26,7 +26,7 @@ def main() -> int:
     try:
         channel = Channel.from_environment()
     except KeyError:
-        sys.stderr.write("this program is started by r2bspec run, not by hand\n")
+        sys.stderr.write("this program is started by 'r2bspec run' and cannot be run alone\n")
         return 2
     return play_role(channel)
 

@@ -217,7 +217,7 @@ def test_a_plan_from_a_file_has_no_places_but_the_same_code(bench: Bench) -> Non
 def test_a_constructor_that_raises(bench: Bench) -> None:
     done = bench.run(graph_of({"python": "./nodes.py:Raises"}))
     said = failed(done)
-    assert "/r2b/relay could not be made: ValueError: the calibration file is missing" in said
+    assert "/r2b/relay cannot be created: ValueError: the calibration file is missing" in said
     # The log has what a developer of the node needs.
     assert 'raise ValueError("the calibration file is missing")' in done.log("relay")
 
@@ -236,4 +236,4 @@ def test_a_process_that_ends_while_it_starts(bench: Bench) -> None:
 def test_a_function_that_returns_no_node(bench: Bench) -> None:
     done = bench.run(graph_of({"python": "./nodes.py:nothing"}))
     assert done.status in {2, 4}
-    assert "./nodes.py:nothing gave no rclpy node but NoneType" in done.error
+    assert "./nodes.py:nothing returned NoneType, not an rclpy node" in done.error

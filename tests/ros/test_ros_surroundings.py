@@ -213,7 +213,7 @@ def test_what_is_there_is_not_made_again(bench: Bench, everything: Finished) -> 
             },
             4,
             "R2B647",
-            ("there is no service /r2b/nobody",),
+            ("service /r2b/nobody does not exist",),
             id="a service is not there",
         ),
         pytest.param(
