@@ -131,7 +131,7 @@ def test_a_spec_that_is_not_there(bench: Bench) -> None:
 def test_an_output_folder_that_cannot_be_made(bench: Bench) -> None:
     (bench.folder / "a_file").write_text("")
     done = bench.run(relay_spec(), output=bench.folder / "a_file" / "run")
-    assert "a_file/run cannot be made" in done.error
+    assert "a_file/run cannot be created" in done.error
     refused(done)
 
 
