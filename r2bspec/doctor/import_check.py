@@ -1,4 +1,4 @@
-"""Asking a fresh interpreter what it can import."""
+"""Checking in a new interpreter which modules can be imported."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _TIMEOUT_S = 60.0
 
 
 def probe_imports(system: System, *names: str) -> dict[str, dict[str, Any]]:
-    """What `r2bspec.doctor.import_probe` says of these modules; an error for what hangs."""
+    """The results of `r2bspec.doctor.import_probe` for these modules; a timeout is an error."""
     command = [system.python, "-P", "-m", "r2bspec.doctor.import_probe", *names]
     try:
         done = subprocess.run(

@@ -1,8 +1,7 @@
 """The main program of every harness process: ``python -m r2bspec.harness.child``.
 
-The first command says which role to play. A process ends with the status OK when it is told to
-shut down or when the controller is gone, and with FINDINGS_OR_FAILED after it has reported its
-error.
+The first command sets the role. A process exits with the status OK on the command to shut down or
+when the controller has exited, and with FINDINGS_OR_FAILED after it has reported an error.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ from r2bspec.harness.roles import play_role
 from r2bspec.middleware.rmw_registry import middleware_of
 
 _MAX_EXIT_S = 8.0
-"""How long leaving ROS may take, which may include what a node does when it is destroyed. Less
-than the controller waits before it sends SIGTERM."""
+"""How long the shutdown of ROS may take, including `destroy_node` of the nodes. Less than the
+controller waits before it sends SIGTERM."""
 
 
 def main() -> int:
@@ -29,7 +28,7 @@ def main() -> int:
     try:
         channel = Channel.from_environment()
     except KeyError:
-        sys.stderr.write("this program is started by r2bspec run, not by hand\n")
+        sys.stderr.write("this program is started by 'r2bspec run' and cannot be run alone\n")
         return ExitStatus.USAGE
     return play_role(channel)
 

@@ -1,6 +1,6 @@
-"""The roles that a harness process, or a part of one, can be told to play.
+"""The roles of harness processes and their parts.
 
-Each is imported only by the process that plays it.
+Each is imported only by the processes that have this role.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from r2bspec.ipc import protocol
 
 
 class Role(Protocol):
-    """What is made of the first command; it answers the others."""
+    """The object that the first command creates; it executes the others."""
 
     def serve(self) -> None:
         """Answer commands until told to shut down."""
 
 
 def play_role(channel: Channel) -> int:
-    """Play the role that the first command names, to its end.
+    """Run the role of the first command to its end.
 
     Returns:
-        The exit status: FINDINGS_OR_FAILED after the role has reported its error.
+        The exit status: FINDINGS_OR_FAILED after an error has been reported.
     """
     try:
         _make_role(channel, channel.receive()).serve()
@@ -70,7 +70,7 @@ def _make_role(channel: Channel, command: protocol.Command) -> Role:
             from r2bspec.harness.component_loader import ComponentLoader
 
             return ComponentLoader(channel, command)
-    raise RuntimeError(f"a process is configured first, not told to {type(command).__name__}")
+    raise RuntimeError(f"the first command must configure the process: {type(command).__name__}")
 
 
 def _failure(error: Exception) -> protocol.Failed:

@@ -1,4 +1,4 @@
-"""What can be wrong with a plan file."""
+"""Errors of plan files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PLAN_BROKEN: Final = "R2B612"
 
 
 class PlanError(R2bspecError):
-    """A file that cannot be used as a plan. The message names the file; `hint` the way out."""
+    """A file cannot be used as a plan. The message names the file; `hint` is the remedy."""
 
     code = PLAN_BROKEN
     exit_code = ExitStatus.USAGE

@@ -1,4 +1,4 @@
-"""What can be wrong with a run folder."""
+"""Errors of run folders."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ RUN_UNWRITABLE: Final = "R2B651"
 
 
 class RecordError(R2bspecError):
-    """A run folder that cannot be written, or cannot be read as one.
+    """A run folder cannot be written or read.
 
-    The message names the file; `hint` says the way out.
+    The message names the file; `hint` is the remedy.
     """
 
     code = RUN_UNREADABLE

@@ -1,4 +1,4 @@
-"""On what a run was made: the machine and the versions of what took part."""
+"""The machine of a run, and the versions of its software."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from r2bspec.middleware.rmw_registry import middleware_of, selected_rmw
 
 
 def describe_machine() -> dict[str, Any]:
-    """Processor, memory, kernel and load of this machine, as far as they can be told."""
+    """Processor, memory, kernel and load of this machine, as far as they are known."""
     load_1min, load_5min, _ = os.getloadavg()
     frequency = None
-    # Not every platform, and no container without /sys, tells the frequency.
+    # Some platforms, and containers without /sys, do not provide the frequency.
     try:
         current = psutil.cpu_freq()
         frequency = round(current.max or current.current) if current else None
@@ -70,7 +70,7 @@ def _cpu_model() -> str:
 
 
 def _gpus() -> list[str]:
-    """The names of the NVIDIA GPUs, where NVML and its bindings (the extra `gpu`) are there."""
+    """The names of the NVIDIA GPUs, if NVML and its bindings (the extra `gpu`) are installed."""
     try:
         import pynvml
 

@@ -1,7 +1,7 @@
-"""Watching a segment of a live run: the graph has a source of its own, and nothing is played.
+"""Recording a segment of a live run: the graph has its own source, and nothing is played.
 
-A segment is what arrived in a stretch of time. The stamps of its messages are on the system clock,
-all other times on CLOCK_MONOTONIC, so the difference of the two is kept with each segment.
+A segment consists of the messages that arrived in a period of time. Their stamps are on the system
+clock, all other times on CLOCK_MONOTONIC, so the offset of the two is stored with each segment.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
 
 _POLL_S = 0.25
 _MAX_CLOCK_DRIFT_NS = 1_000_000
-"""By more than this only somebody who sets the system clock changes it within a segment."""
+"""A larger change of the offset within a segment means that the system clock was set."""
 
 _CLOCK_READINGS = 5
 
 
 class LiveSegmentWatcher(SegmentPlayer):
-    """A stage on which the graph's own source plays."""
+    """Records segments in which the graph's own source publishes."""
 
     def play_for(
         self,
@@ -38,10 +38,10 @@ class LiveSegmentWatcher(SegmentPlayer):
         min_steps: int = 2,
         rerun_of: str = "",
     ) -> SegmentObservation:
-        """Watch for so long, and record it; the rate and the least steps have no meaning here.
+        """Record a segment of this duration; the rate and the minimum of steps have no effect.
 
         Raises:
-            RunError: a process died or failed.
+            RunError: a process exited or failed.
         """
         del rate_hz, min_steps
         self._progress.segment(title, 0)
@@ -80,13 +80,13 @@ class LiveSegmentWatcher(SegmentPlayer):
         return observation
 
     def play_unrecorded(self, rate_hz: float, steps: int) -> None:
-        """Let the source play for as long as so many steps would take."""
+        """Let the source publish for the time that these steps would take."""
         end = time.monotonic() + steps / rate_hz
         while (left_s := end - time.monotonic()) > 0:
             self._supervisor.pump(left_s)
 
     def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
-        """Tell of outputs of which nothing came, each once."""
+        """Report outputs without messages, each once."""
         for plan in self._plan.monitors:
             if (
                 kind == "warm_up"
@@ -105,7 +105,7 @@ class LiveSegmentWatcher(SegmentPlayer):
     def _observe_between(
         self, first: dict[str, int], began_ns: int, ended_ns: int
     ) -> SegmentObservation:
-        """What was received between two times."""
+        """The messages received between two times."""
 
         def within(rows: Rows) -> Rows:
             received = rows["received_ns"]

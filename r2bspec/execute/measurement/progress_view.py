@@ -1,7 +1,7 @@
-"""What can be told of a stretch while it is still being played.
+"""The progress of a segment while it is played.
 
-Everything is worked out when it is asked for, and from the rows that came since it was last asked
-for: a run that nobody watches pays nothing for it, and a long one no more than a short one.
+Values are computed on request, and from the rows since the last request: a run without a progress
+display has no cost, and a long segment costs no more per request than a short one.
 """
 
 from __future__ import annotations
@@ -23,21 +23,22 @@ if TYPE_CHECKING:
 
 _LOG_BIN_WIDTH = math.log(1.01)
 _BINS = 2800
-"""Steps of 1 % from a nanosecond to some 20 minutes."""
+"""Bins of 1 % from a nanosecond to about 20 minutes."""
 
 
 _MAX_KEPT_STEPS = 10_000
-"""Steps that an answer may still come to."""
+"""The most recent steps, for which an output may still arrive."""
 
 
 class ProgressView:
-    """One stretch, as far as it has been played.
+    """One segment, as far as it has been played.
 
     Args:
-        playback: what the player writes.
-        monitors: what each monitor writes, with its plan.
-        first: how many rows each had when the stretch began; the player's under an empty name.
-        use: processor time per time of each process, by name.
+        playback: the rows of the player.
+        monitors: the plan and the rows of each monitor.
+        first: the number of rows of each at the start of the segment; of the player under an empty
+            name.
+        use: the CPU use of each process, in cores, by name.
     """
 
     def __init__(
@@ -59,16 +60,16 @@ class ProgressView:
         return self._playback.count()
 
     def received(self) -> int:
-        """How many messages have come: the least over all monitors."""
+        """How many messages have been received: the minimum over all monitors."""
         return min((each.rows.count() for each in self._monitors.values()), default=0)
 
     def p99_ns(self) -> int | None:
-        """The p99 of the latencies of the messages that have come, the largest of all monitors.
+        """The p99 of the latencies of the received messages, the largest of all monitors.
 
-        It is up to 1 % above the true one: latencies are counted in steps of that size. A message
-        that is still under way is not in it, nor one that was lost.
+        It is up to 1 % above the exact value, because latencies are counted in bins of this width.
+        It does not include messages that have not been received.
         """
-        # Monitors first: a step that is in the monitors' rows must be in the player's.
+        # Monitors first: a step in the rows of a monitor must be in those of the player.
         for each in self._monitors.values():
             each.rows.read()
         self._playback.read()
@@ -77,12 +78,12 @@ class ProgressView:
         return max((each for each in found if each is not None), default=None)
 
     def cores(self) -> Mapping[str, float]:
-        """Processor time per time of each process lately; 1 is one core."""
+        """The recent CPU use of each process, in cores."""
         return self._use()
 
 
 class _SampleColumns:
-    """The rows of a stretch, as they are read; all but the latest may be dropped."""
+    """The rows of a segment that have been read; all but the latest may be dropped."""
 
     def __init__(self, rows: RowReader, first: int) -> None:
         import numpy as np
@@ -97,7 +98,7 @@ class _SampleColumns:
         return self._rows.count() - self._first
 
     def read(self) -> None:
-        """Read what is new: stamps, and when each message was published or received."""
+        """Read new rows: the stamps, and the times of publication or arrival."""
         import numpy as np
 
         new = self._rows.read(self._first + self.dropped + self.stamps.size)
@@ -108,14 +109,14 @@ class _SampleColumns:
             self.times = np.concatenate((self.times, new[time]))
 
     def drop(self, kept: int) -> None:
-        """Forget all but the last `kept` rows."""
+        """Drop all but the last `kept` rows."""
         gone = max(0, self.stamps.size - kept)
         self.dropped += gone
         self.stamps, self.times = self.stamps[gone:], self.times[gone:]
 
 
 class _Latencies:
-    """The latencies of one monitor, of which only the new ones are matched."""
+    """The latencies of one monitor; each request matches only new rows."""
 
     def __init__(self, plan: MonitorPlan, rows: _SampleColumns) -> None:
         import numpy as np
@@ -131,7 +132,7 @@ class _Latencies:
 
         stamps, received = self.rows.stamps, self.rows.times
         if self._by_stamp:
-            # Stamps only ever grow.
+            # Stamps are ascending.
             steps = np.searchsorted(playback.stamps, stamps)
         else:
             steps = np.arange(stamps.size) + self.rows.dropped - playback.dropped

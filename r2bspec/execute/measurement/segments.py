@@ -1,6 +1,7 @@
-"""Playing one segment: offer a rate, let the graph drain, and cut the samples out.
+"""Playing one segment: offer a rate, let the graph drain, and extract the samples.
 
-Player and monitors write rows for the whole run; a segment is the stretch between two row counts.
+Player and monitors write rows for the whole run; a segment consists of those between two row
+counts.
 """
 
 from __future__ import annotations
@@ -45,18 +46,17 @@ _JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation"})
 _PLAYER_SLACK_S = 30.0
 
 StopCondition = Callable[["SegmentObservation", float], bool]
-"""Called every quarter second with what is there so far and the seconds played; True stops."""
+"""Called four times a second with the samples so far and the seconds played; True stops."""
 
 
 class SegmentPlayer:
-    """The player, the monitors and their sample files: everything that playing needs.
+    """Plays segments with the player, the monitors and their sample files.
 
-    A stage without a player can only be watched (`r2bspec.execute.measurement.live_mode`).
+    Without a player it can only record (`r2bspec.execute.measurement.live_mode`).
 
     Attributes:
-        segments: what has been played.
-        samples: the samples of what counts for a verdict, by the id of their segment, without
-            those of processes and of the host.
+        segments: all that have been played.
+        samples: of the segments that are judged, by id, without those of processes and the host.
         on_output_stopped: is called once for each monitor whose output stops, after the segment.
     """
 
@@ -92,7 +92,7 @@ class SegmentPlayer:
             tap.topic: RowReader(rows_dir / f"{tap.name}.rows", MONITOR_FIELDS)
             for tap in tap_monitors(monitors)
         }
-        # What was played by now, nobody has seen: the graph was not there.
+        # Rows written before this point were played before the graph was started.
         self._initial_count = self._playback.count()
         self._next_rows: dict[str, int] = {}
         self._stopped_outputs: set[str] = set()
@@ -117,14 +117,14 @@ class SegmentPlayer:
     ) -> SegmentObservation:
         """Play a segment and record it; one that ends with an exception is kept as incomplete.
 
-        `rerun_of` is the id of the segment in whose place it is played. On the stage of a batch
-        that confirms, everything measured is of that kind.
+        `rerun_of` is the id of the segment that this one replaces. In a confirmation run, all
+        measured segments have the kind `confirmation`.
 
         Returns:
             The samples, after the graph has drained.
 
         Raises:
-            RunError: the player does not answer, or a process died or failed.
+            RunError: the player does not respond, or a process exited or failed.
         """
         kind, segment_id = self._kind_of(kind), self.segment_id_for(segment_id)
         self._progress.segment(title, steps)
@@ -143,23 +143,23 @@ class SegmentPlayer:
         return observation
 
     def play_unrecorded(self, rate_hz: float, steps: int) -> None:
-        """Play what belongs to no segment; `discard_new_rows` what comes of it.
+        """Play steps that belong to no segment; `discard_new_rows` discards their output.
 
         Raises:
-            RunError: the player does not answer, or a process died or failed.
+            RunError: the player does not respond, or a process exited or failed.
         """
         if self._player is None:
-            raise RunError("nothing is played in this run")
+            raise RunError("this run has no player")
         timeout_s = self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         command = protocol.Play(rate_hz=rate_hz, steps=steps)
         self._supervisor.request(self._player, command, protocol.Played, timeout_s)
 
     def discard_new_rows(self) -> None:
-        """Leave out what has arrived since the last segment."""
+        """Discard the messages that have arrived since the last segment."""
         self._next_rows = self._counts() | {name: rows.count() for name, rows in self._taps.items()}
 
     def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
-        """Tell of outputs that have stopped, each once."""
+        """Report outputs that have stopped, each once."""
         for plan in self._plan.monitors:
             if (
                 kind == "warm_up"
@@ -184,21 +184,21 @@ class SegmentPlayer:
         min_steps: int = 2,
         rerun_of: str = "",
     ) -> SegmentObservation:
-        """Play a segment of a length in time, but of no fewer than `min_steps`; see `play`."""
+        """Play a segment of this duration, with at least `min_steps` steps; see `play`."""
         steps = max(min_steps, self._schedule.steps_within(rate_hz, duration_ns))
         return self.play(
             kind, segment_id, rate_hz, steps, title=title, index=index, rerun_of=rerun_of
         )
 
     def segment_id_for(self, name: str) -> str:
-        """The id of a segment that is played under a name, apart from those of another batch."""
+        """The id of a segment with a name, unique over the sessions of a run."""
         return f"confirm-{name}" if self._confirms else name
 
     def _kind_of(self, kind: SegmentKind) -> SegmentKind:
         return "confirmation" if self._confirms and kind != "warm_up" else kind
 
     def received(self) -> dict[str, int]:
-        """How many messages each monitor has received since it was started."""
+        """The number of messages that each monitor has received since its start."""
         return {name: rows.count() for name, rows in self._monitors.items()}
 
     def _counts(self) -> dict[str, int]:
@@ -207,14 +207,14 @@ class SegmentPlayer:
     def _first_rows(self) -> dict[str, int]:
         """The first row of each file that belongs to no segment yet.
 
-        What arrived since the end of the last segment is kept with the next one.
+        Messages that arrived after the end of the last segment belong to the next one.
         """
         return {name: self._next_rows.get(name, 0) for name in (*self._monitors, *self._taps)} | {
             "": self._playback.count()
         }
 
     def _observe(self, first: dict[str, int]) -> SegmentObservation:
-        # Monitors first: a step that is in the monitors' rows must be in the player's.
+        # Monitors first: a step in the rows of a monitor must be in those of the player.
         monitors = {name: rows.read(first[name]) for name, rows in self._monitors.items()}
         before = first[""] - self._initial_count
         played = self._playback.read(first[""])
@@ -228,14 +228,14 @@ class SegmentPlayer:
         stop_condition: StopCondition | None,
     ) -> None:
         if self._player is None:
-            raise RunError("nothing is played in this run")
+            raise RunError("this run has no player")
         begin = time.monotonic()
         deadline = begin + self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         next_check = begin + _CHECK_INTERVAL_S
         stopping = False
         live = self._live(first)
         self._player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
-        # While the player waits for the first due time: what was used before then is not counted.
+        # While the player waits for the first due time, so that earlier use is not counted.
         self._resources.sample_at(time.monotonic_ns())
         while True:
             self._supervisor.pump()
@@ -247,9 +247,9 @@ class SegmentPlayer:
             now = time.monotonic()
             if now > deadline:
                 raise RunError(
-                    f"the player has not finished {steps} steps "
+                    f"the player did not finish {steps} steps "
                     f"{f'at {rate_hz:g} Hz' if rate_hz else 'of the recording'} in time",
-                    hint="The machine may be overloaded, or a publication blocks.",
+                    hint="The machine may be overloaded, or a publish call blocks.",
                     code="R2B645",
                 )
             if now >= next_check:
@@ -272,7 +272,7 @@ class SegmentPlayer:
         return {name: cores for name, cores in known.items() if cores is not None}
 
     def _sample_at_end(self, first: dict[str, int], steps: int, rate_hz: float) -> None:
-        """Have resources sampled when the last period ends, which the player does not wait for."""
+        """Schedule a resource sample at the end of the last period; the player ends before it."""
         begun = self._playback.read(first[""], first[""] + 1)
         if begun.size:
             span_ns = self._schedule.span_ns(rate_hz, steps)
@@ -297,7 +297,7 @@ class SegmentPlayer:
             self._supervisor.pump(DRAIN_POLL_S)
 
     def _enough(self, first: dict[str, int], counts: dict[str, int]) -> bool:
-        """Whether as many messages came as are expected, which is cheap to see."""
+        """Whether the number of messages suffices; a cheap check before `_outstanding`."""
         if not isinstance(self._schedule, CyclicSchedule):
             # Of a timeline, not every step counts for every monitor.
             return True
@@ -351,7 +351,7 @@ class SegmentPlayer:
     def _write_samples(
         self, segment: Segment, observation: SegmentObservation, first: dict[str, int]
     ) -> None:
-        """Write a segment and its rows, and hold its samples if a verdict may rest on them."""
+        """Write a segment and its rows, and keep its samples in memory if they are judged."""
         taps = {topic: reader.read(first[topic]) for topic, reader in self._taps.items()}
         self._folder.write_playback(segment.id, observation.playback)
         for name, rows in observation.monitors.items():

@@ -1,4 +1,4 @@
-"""Ending processes: one after another, first asked, then told, then killed."""
+"""Ending processes one after another: by request, then with SIGTERM, then with SIGKILL."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from r2bspec.execute.processes.process import ManagedProcess
 
 MAX_EXIT_S = 10.0
-"""How long a process that has been asked may take to end by itself."""
+"""How long a process may take to exit after the request."""
 
 MAX_SIGTERM_S = 2.0
-"""How long one may take after SIGTERM."""
+"""How long a process may take to exit after SIGTERM."""
 
 _MAX_SIGKILL_S = 5.0
 _POLL_S = 0.005
@@ -24,8 +24,8 @@ def end_sequentially(
     """End some processes.
 
     Args:
-        processes: in the order in which they are to end.
-        on_poll: is called again and again while they are waited for.
+        processes: in the order in which to end them.
+        on_poll: is called repeatedly while waiting.
         in_turn_s: how long processes are waited for one by one, all together; then the rest are
             asked at once (`Middleware.exit_in_turn_s`).
 
@@ -56,7 +56,7 @@ def _wait_for(
 
 
 def _signal_all(processes: Sequence[ManagedProcess], which: signal.Signals) -> list[str]:
-    """Signal those that still run; returns their names."""
+    """Send a signal to those that still run; returns their names."""
     running = [child for child in processes if child.is_running]
     for child in running:
         child.signal(which)

@@ -150,5 +150,8 @@ def test_the_budget_comes_first() -> None:
     played, budget = iterate([hanging], budget_ns=1)
     assert played == FIRST_LOOK
     rerun, look = budget.left_out
-    assert rerun.startswith("No rerun of rate-30Hz-001, which was disturbed: the time budget")
-    assert look.startswith("No more than 2 iterations: the time budget")
+    assert rerun.startswith(
+        "No rerun of rate-30Hz-001, which host interference affected: "
+        "it would exceed the time budget"
+    )
+    assert look.startswith("No more than 2 iterations: it would exceed the time budget")
