@@ -21,15 +21,6 @@ if TYPE_CHECKING:
 _MAX_FRAME_HEADER_BYTES = 18
 
 
-def measure_largest(path: Path, topics: Collection[str], window: Window | None = None) -> int:
-    """Size in bytes of the largest message of any of the topics; 0 where there is none.
-
-    Raises:
-        DataError: as `read_messages`.
-    """
-    return max(measure_largest_by_topic(path, topics, window).values(), default=0)
-
-
 def measure_largest_by_topic(
     path: Path, topics: Collection[str], window: Window | None = None
 ) -> dict[str, int]:

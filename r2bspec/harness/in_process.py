@@ -9,7 +9,6 @@ lock; Python nodes beside them can make the player late, and a run says by how m
 
 from __future__ import annotations
 
-import gc
 import sys
 import threading
 
@@ -49,8 +48,6 @@ class InProcessHarness:
             self._channel.send(protocol.Ready())
             match self._channel.receive():
                 case protocol.ConfigureHost() as nodes:
-                    # The parts have switched it off, but nodes may make cycles.
-                    gc.enable()
                     NodeHost(self._channel, nodes).serve()
                 case _:
                     return

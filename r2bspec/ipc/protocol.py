@@ -261,9 +261,7 @@ class Surveyed(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Called(_Message, frozen=True, kw_only=True, tag=True):
-    """The service answered, with this."""
-
-    response: str
+    """The service answered."""
 
 
 class Composed(_Message, frozen=True, kw_only=True, tag=True):
@@ -286,12 +284,11 @@ class Played(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Failed(_Message, frozen=True, kw_only=True, tag=True):
-    """The child cannot go on. `message` is for the user, `detail` for the log."""
+    """The child cannot go on. `message` and `hint` are for the user."""
 
     code: str
     message: str
     hint: str = ""
-    detail: str = ""
 
 
 Reply = Ready | Matched | Discovered | Surveyed | Called | Composed | Loaded | Played | Failed

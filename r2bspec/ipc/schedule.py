@@ -233,11 +233,6 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
 Schedule = CyclicSchedule | TimelineSchedule
 
 
-def bits(inputs: int) -> int:
-    """The set of the first so many inputs, as bits."""
-    return (1 << inputs) - 1
-
-
 def round_length_ns(times_ns: list[int]) -> int:
     """How long a round is, from its first time to the first one of the next round.
 

@@ -17,7 +17,7 @@ from data_bags import START_NS, chatter, edit_metadata, storage_file, text, writ
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.errors import DataError
-from r2bspec.bags.largest_message import measure_largest, measure_largest_by_topic
+from r2bspec.bags.largest_message import measure_largest_by_topic
 from r2bspec.bags.recording import Window
 
 
@@ -190,8 +190,11 @@ def test_measures_the_largest_messages(
         "/quiet": 0,
     }
     early = Window(end_ns=60_000_000)
-    assert measure_largest(bag, ["/ping", "/quiet"], early) == len(chatter()[4][2])
-    assert measure_largest(bag, []) == 0
+    assert measure_largest_by_topic(bag, ["/ping", "/quiet"], early) == {
+        "/ping": len(chatter()[4][2]),
+        "/quiet": 0,
+    }
+    assert measure_largest_by_topic(bag, []) == {}
 
 
 @pytest.mark.parametrize(
