@@ -16,7 +16,7 @@ class SegmentProgress(Protocol):
         """How many messages have come: the least over all monitors."""
 
     def p99_ns(self) -> int | None:
-        """The p99 of the latencies so far; None before the first message."""
+        """The p99 of the latest latencies; None before the first message."""
 
     def cores(self) -> Mapping[str, float]:
         """Processor time per time of each process lately; 1 is one core."""
