@@ -33,15 +33,7 @@ def _without_exact_timers() -> None:
 def _without_spin() -> None:
     from r2bspec.harness import pacing
 
-    pacing.__dict__["INITIAL_SPIN_NS"] = 0
-    pacing.__dict__["_MIN_SPIN_NS"] = 0
-    pacing.__dict__["_MAX_SPIN_NS"] = 0
-
-
-def _without_learning() -> None:
-    from r2bspec.harness.pacing import Pacer
-
-    type.__setattr__(Pacer, "_learn", lambda _self, **_late: None)
+    pacing.__dict__["SPIN_NS"] = 0
 
 
 def _without_early_stamps() -> None:
@@ -63,7 +55,6 @@ _TECHNIQUES: dict[str, Any] = {
     "rcl": _without_rcl,
     "exact-timers": _without_exact_timers,
     "spin": _without_spin,
-    "learning": _without_learning,
     "early-stamps": _without_early_stamps,
 } | dict.fromkeys(_VARIABLES, lambda: None)
 
