@@ -127,7 +127,7 @@ class SyntheticDataset(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         path: bag folder; `ground_truth.json` and `dataset.json` lie in it.
-        content_sha256: hash of the uncompressed content, as `hash_content` gives it.
+        content_sha256: hash of the uncompressed content, as `ContentHash` gives it.
         made: False where it was found in the cache.
     """
 

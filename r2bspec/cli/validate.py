@@ -7,18 +7,11 @@ status is 1 if one of them is an error, and 0 otherwise.
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import (
-    allow_path_option,
-    case_option,
-    parse_variables,
-    sets_option,
-    variables_option,
-)
+from r2bspec.cli.shared_options import SpecValues, spec_options
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.findings.finding_formats import FORMATS
 
@@ -36,10 +29,7 @@ if TYPE_CHECKING:
     default="text",
     help="; ".join(f"{name}: {use}" for name, use in FORMATS.items()) + ".",
 )
-@sets_option
-@variables_option
-@case_option
-@allow_path_option
+@spec_options
 @click.option(
     "--resolved",
     is_flag=True,
@@ -53,10 +43,7 @@ if TYPE_CHECKING:
 def command(
     paths: tuple[str, ...],
     output_format: str,
-    sets: tuple[str, ...],
-    variables: tuple[str, ...],
-    case: str,
-    allow_paths: tuple[Path, ...],
+    values: SpecValues,
     resolved: bool,
     offline: bool,
     fix: bool,
@@ -70,14 +57,7 @@ def command(
     from r2bspec.cli.check_files import CheckOptions, check_files, check_text
     from r2bspec.cli.spec_files import spec_files
 
-    check_options = CheckOptions(
-        sets=sets,
-        variables=parse_variables(variables),
-        case=case,
-        allow_paths=allow_paths,
-        offline=offline,
-        resolved=resolved,
-    )
+    check_options = CheckOptions(*values, offline=offline, resolved=resolved)
     files = spec_files(paths)
     if fix and (diff or "-" in files):
         raise click.UsageError("--fix cannot be combined with --diff or with '-'")

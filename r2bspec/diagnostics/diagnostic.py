@@ -39,13 +39,6 @@ class Span:
         """The beginning of a file, for problems without a more specific place."""
         return cls(file, 1, 1, 1, 1)
 
-    def part(self, offset: int, length: int = 1) -> Span:
-        """A part of a one-line span, `offset` characters after its beginning."""
-        if self.line != self.end_line:
-            return self
-        column = min(self.column + offset, self.end_column)
-        return Span(self.file, self.line, column, self.line, max(column + length, column + 1))
-
 
 @dataclass(frozen=True, slots=True)
 class Related:

@@ -16,7 +16,7 @@ class SegmentProgress(Protocol):
         """How many messages have been received: the minimum over all monitors."""
 
     def p99_ns(self) -> int | None:
-        """The p99 of the latencies so far; None before the first message."""
+        """The p99 of the latest latencies; None before the first message."""
 
     def cores(self) -> Mapping[str, float]:
         """The recent CPU use of each process, in cores."""

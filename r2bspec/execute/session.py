@@ -37,7 +37,7 @@ from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_rate_hz
 from r2bspec.execute.measurement.live_mode import LiveSegmentWatcher
 from r2bspec.execute.measurement.run_reporter import RunReporter
-from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentPlayer
+from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
@@ -245,12 +245,9 @@ class Session:
         title = f"warm-up at {rate_hz:g} Hz" if rate_hz else "warm-up"
         for attempt in range(1, 1000):
             segment_player.play_for(
-                "warm_up",
-                f"warm_up-{attempt:03d}",
+                SegmentHeading("warm_up", f"warm_up-{attempt:03d}", title, attempt),
                 rate_hz,
                 max(plan.warm_up_ns, 0 if attempt == 1 else _WARM_UP_RETRY_NS),
-                title=title,
-                index=attempt,
                 min_steps=_WARM_UP_STEPS,
             )
             silent = [name for name, count in segment_player.received().items() if not count]

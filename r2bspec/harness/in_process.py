@@ -10,7 +10,6 @@ its lateness.
 
 from __future__ import annotations
 
-import gc
 import sys
 import threading
 
@@ -50,8 +49,6 @@ class InProcessHarness:
             self._channel.send(protocol.Ready())
             match self._channel.receive():
                 case protocol.ConfigureHost() as nodes:
-                    # The parts have disabled it, but nodes may create reference cycles.
-                    gc.enable()
                     NodeHost(self._channel, nodes).serve()
                 case _:
                     return

@@ -8,7 +8,6 @@ the monotonic one (`r2bspec.ipc.clocks`).
 from __future__ import annotations
 
 import contextlib
-import gc
 import queue
 import threading
 from pathlib import Path
@@ -85,8 +84,6 @@ class Monitor:
         threading.Thread(target=self._listen, daemon=True).start()
         subscribing = False
         clocks = ClockOffsetTracker()
-        gc.collect()
-        gc.disable()
         while True:
             timeout_s = _DISCOVERY_POLL_S if subscribing and self._waiting else _IDLE_S
             began_ns = clocks.update()

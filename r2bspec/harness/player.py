@@ -7,7 +7,6 @@ the same unique header stamp, so that each output can be matched to its input.
 
 from __future__ import annotations
 
-import gc
 import time
 from pathlib import Path
 
@@ -102,9 +101,6 @@ class Player:
             self._folder,
         )
         self._next = 0
-        # The player creates no reference cycles; a collection would only delay a publication.
-        gc.collect()
-        gc.disable()
 
     def _play(self, rate_hz: float, steps: int) -> int:
         """Publish `steps` steps; fewer if a command arrives. Returns how many were published."""

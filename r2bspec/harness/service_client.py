@@ -124,9 +124,7 @@ class ServiceCaller:
         self._channel.send(protocol.Ready())
         settings = self._settings
         deadline = time.monotonic() + settings.timeout_ns / 1e9
-        response = call_service(
-            self._node, settings.type, settings.service, settings.request, deadline
-        )
-        self._channel.send(protocol.Called(response=repr(response)))
+        call_service(self._node, settings.type, settings.service, settings.request, deadline)
+        self._channel.send(protocol.Called())
         while not isinstance(self._channel.receive(), protocol.Shutdown):
             pass

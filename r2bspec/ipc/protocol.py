@@ -262,9 +262,7 @@ class Surveyed(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Called(_Message, frozen=True, kw_only=True, tag=True):
-    """The response of the service."""
-
-    response: str
+    """The service has responded."""
 
 
 class Composed(_Message, frozen=True, kw_only=True, tag=True):
@@ -287,12 +285,11 @@ class Played(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Failed(_Message, frozen=True, kw_only=True, tag=True):
-    """The child cannot continue. `message` is for the user, `detail` for the log."""
+    """The child cannot continue. `message` and `hint` are for the user."""
 
     code: str
     message: str
     hint: str = ""
-    detail: str = ""
 
 
 Reply = Ready | Matched | Discovered | Surveyed | Called | Composed | Loaded | Played | Failed

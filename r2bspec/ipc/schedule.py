@@ -233,11 +233,6 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
 Schedule = CyclicSchedule | TimelineSchedule
 
 
-def bits(inputs: int) -> int:
-    """The set of this number of first inputs, as bits."""
-    return (1 << inputs) - 1
-
-
 def round_length_ns(times_ns: list[int]) -> int:
     """The duration of a round, from its first time to the first time of the next round.
 

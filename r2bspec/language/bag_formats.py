@@ -19,8 +19,6 @@ class BagFormat:
         title: as its users call it.
         suffix: of its files.
         reader: ``module:class`` in `r2bspec.bags.storage`, a `Storage` that opens one file.
-        sizes: ``module:function`` there, which tells the largest messages of a file without
-            reading them; empty where only reading tells.
         folders: whether rosbag2 records folders of such files.
         note: what is to be said of every bag of this format.
     """
@@ -29,7 +27,6 @@ class BagFormat:
     title: str
     suffix: str
     reader: str
-    sizes: str = ""
     folders: bool = True
     note: str = ""
 
@@ -40,7 +37,6 @@ BAG_FORMATS: Final = (
         title="sqlite3",
         suffix=".db3",
         reader="sqlite:SqliteStorage",
-        sizes="sqlite:largest_message_sizes",
     ),
     BagFormat(name="mcap", title="MCAP", suffix=".mcap", reader="mcap:McapStorage"),
     BagFormat(

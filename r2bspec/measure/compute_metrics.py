@@ -28,18 +28,7 @@ from r2bspec.measure.metrics import (
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.pooling import pool_monitor, pool_playback, pool_resource_use, process_names
 from r2bspec.measure.resource_usage import ResourceUse
-from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import MonitorSamples, PlaybackSamples, RunSamples, SegmentSamples
-from r2bspec.record.run_folder import Run
-
-
-def measure_run(run: Run) -> RunMetrics:
-    """Read a run's samples and compute its metrics.
-
-    Raises:
-        RecordError: a file of the run is missing or damaged.
-    """
-    return summarise(read_samples(run))
 
 
 def summarise(samples: RunSamples) -> RunMetrics:

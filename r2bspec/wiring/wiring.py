@@ -12,7 +12,6 @@ from r2bspec.language.spec import Node, ParameterValue, QoS
 from r2bspec.wiring.node_interface import Interface
 
 Phase = Literal["preprocess", "measure"]
-Harness = Literal["loader", "recorder", "player", "monitor"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from r2bspec.bags.compression import decompress_ahead, uncompressed_size
+from r2bspec.bags.compression import decompress_ahead
 from r2bspec.bags.errors import RECORDING_NOT_CLOSED, STORAGE_UNREADABLE, DataError
 from r2bspec.bags.metadata import normalise_type
 from r2bspec.bags.recording import Message
@@ -25,7 +25,6 @@ _JOURNALS = {
 # Characters that have a meaning in the URI by which the file is opened.
 _URI_SPECIAL = frozenset("?#%")
 # The longest header of a zstd frame, magic number included.
-_MAX_FRAME_HEADER_BYTES = 18
 
 
 class SqliteStorage:
@@ -90,37 +89,6 @@ class SqliteStorage:
     def close(self) -> None:
         """As `Storage.close`."""
         self._stack.close()
-
-
-def largest_message_sizes(
-    path: Path, topics: Collection[str], start_ns: int, stop_ns: int
-) -> dict[str, int]:
-    """As `SizesReader`, from lengths and first bytes."""
-    largest = dict.fromkeys(topics, 0)
-    with closing(_open(path.resolve())) as database:
-        for topic in largest:
-            rows = database.execute(
-                "SELECT messages.rowid, length(messages.data) FROM messages"
-                " JOIN topics ON messages.topic_id = topics.id"
-                " WHERE topics.name = ? AND messages.timestamp >= ? AND messages.timestamp < ?",
-                (topic, start_ns, stop_ns),
-            )
-            for row, stored_bytes in rows:
-                size = _message_size(path, database, row, stored_bytes)
-                largest[topic] = max(largest[topic], size)
-    return largest
-
-
-def _message_size(file: Path, database: sqlite3.Connection, row: int, stored_bytes: int) -> int:
-    with database.blobopen("messages", "data", row, readonly=True) as blob:
-        size = uncompressed_size(blob.read(_MAX_FRAME_HEADER_BYTES), stored_bytes)
-    if size is None:
-        raise DataError(
-            f"{file} holds a compressed message that does not tell its size",
-            code=STORAGE_UNREADABLE,
-            hint="convert the bag with 'ros2 bag convert'",
-        )
-    return size
 
 
 def _open(path: Path) -> sqlite3.Connection:

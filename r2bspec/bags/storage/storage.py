@@ -63,10 +63,6 @@ class Storage(Protocol):
 StorageReader = Callable[[Path, Path], Storage]
 """Opens a file; its second argument is what errors call the file."""
 
-SizesReader = Callable[[Path, Collection[str], int, int], dict[str, int]]
-"""The sizes in bytes of the largest uncompressed messages of topics in a file, by topic, between
-two times; 0 where there is none."""
-
 
 @contextmanager
 def storage_errors(path: Path) -> Iterator[None]:

@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from r2bspec.execute.measurement.segments import SegmentPlayer
+from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.interim_looks import InterimLooks, decide_after_look
@@ -107,13 +107,11 @@ class IterationRunner:
         at = f"{play.rate_hz:g} Hz, " if play.rate_hz else ""
         name = f"rate-{play.rate_hz:g}Hz" if play.rate_hz else "iteration"
         self.segment_player.play_for(
-            "iteration",
-            f"{name}-{index:03d}{again}",
+            SegmentHeading(
+                "iteration", f"{name}-{index:03d}{again}", f"{at}{title}", index, rerun_of
+            ),
             play.rate_hz,
             play.duration_ns,
-            title=f"{at}{title}",
-            index=index,
-            rerun_of=rerun_of,
         )
 
 

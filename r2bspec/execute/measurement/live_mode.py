@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
-from r2bspec.execute.measurement.segments import SegmentPlayer
+from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.record.run_record import Segment, SegmentKind
 from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
 
@@ -27,16 +27,7 @@ class LiveSegmentWatcher(SegmentPlayer):
     """Records segments in which the graph's own source publishes."""
 
     def play_for(
-        self,
-        kind: SegmentKind,
-        segment_id: str,
-        rate_hz: float,
-        duration_ns: int,
-        *,
-        title: str,
-        index: int = 1,
-        min_steps: int = 2,
-        rerun_of: str = "",
+        self, heading: SegmentHeading, rate_hz: float, duration_ns: int, min_steps: int = 2
     ) -> SegmentObservation:
         """Record a segment of this duration; the rate and the minimum of steps have no effect.
 
@@ -44,7 +35,8 @@ class LiveSegmentWatcher(SegmentPlayer):
             RunError: a process exited or failed.
         """
         del rate_hz, min_steps
-        self._progress.segment(title, 0)
+        heading = self._confirming(heading)
+        self._progress.segment(heading.title, 0)
         first = self._first_rows()
         offset_ns = clock_offset_ns()
         began_ns = time.monotonic_ns()
@@ -61,22 +53,22 @@ class LiveSegmentWatcher(SegmentPlayer):
             observation = self._observe_between(first, began_ns, ended_ns)
             self._write_samples(
                 Segment(
-                    id=self.segment_id_for(segment_id),
-                    kind=self._kind_of(kind),
+                    id=heading.id,
+                    kind=heading.kind,
                     rate_hz=0.0,
-                    index=index,
+                    index=heading.index,
                     steps=0,
                     began_ns=began_ns,
                     ended_ns=ended_ns,
                     complete=complete,
-                    rerun_of=rerun_of,
+                    rerun_of=heading.rerun_of,
                     live=True,
                     clock_offset_ns=offset_ns if abs(changed_ns) <= _MAX_CLOCK_DRIFT_NS else None,
                 ),
                 observation,
                 first,
             )
-        self._detect_stopped_outputs(kind, observation)
+        self._detect_stopped_outputs(heading.kind, observation)
         return observation
 
     def play_unrecorded(self, rate_hz: float, steps: int) -> None:

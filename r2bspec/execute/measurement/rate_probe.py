@@ -8,7 +8,7 @@ from typing import Literal
 
 from r2bspec.execute.measurement.peak_search import ProbeOutcome
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
-from r2bspec.execute.measurement.segments import SegmentPlayer
+from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.judge.rate_decision import (
     Criterion,
     ProbeEstimate,
@@ -66,13 +66,10 @@ class RateProber:
             self._criterion, steps / rate_hz, lambda each: self._estimate(rate_hz, each)
         )
         observation = self._segment_player.play(
-            kind,
-            name,
+            SegmentHeading(kind, name, f"probing {rate_hz:.4g} Hz", number),
             rate_hz,
             steps,
-            title=f"probing {rate_hz:.4g} Hz",
-            index=number,
-            stop_condition=interim.watch,
+            interim.watch,
         )
         estimates = self._estimate(rate_hz, observation)
         judgement = interim.conclude(estimates)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -47,6 +48,21 @@ _PLAYER_SLACK_S = 30.0
 
 StopCondition = Callable[["SegmentObservation", float], bool]
 """Called four times a second with the samples so far and the seconds played; True stops."""
+
+
+@dataclass(frozen=True)
+class SegmentHeading:
+    """What a segment is and how it is called; the names are those of `Segment`.
+
+    `title` is for the progress shown; `rerun_of` is the id of the segment in whose place it is
+    played.
+    """
+
+    kind: SegmentKind
+    id: str
+    title: str
+    index: int = 1
+    rerun_of: str = ""
 
 
 class SegmentPlayer:
@@ -105,20 +121,14 @@ class SegmentPlayer:
 
     def play(
         self,
-        kind: SegmentKind,
-        segment_id: str,
+        heading: SegmentHeading,
         rate_hz: float,
         steps: int,
-        *,
-        title: str,
-        index: int = 1,
         stop_condition: StopCondition | None = None,
-        rerun_of: str = "",
     ) -> SegmentObservation:
         """Play a segment and record it; one that ends with an exception is kept as incomplete.
 
-        `rerun_of` is the id of the segment that this one replaces. In a confirmation run, all
-        measured segments have the kind `confirmation`.
+        In a confirmation run, all measured segments have the kind `confirmation`.
 
         Returns:
             The samples, after the graph has drained.
@@ -126,20 +136,18 @@ class SegmentPlayer:
         Raises:
             RunError: the player does not respond, or a process exited or failed.
         """
-        kind, segment_id = self._kind_of(kind), self.segment_id_for(segment_id)
-        self._progress.segment(title, steps)
+        heading = self._confirming(heading)
+        self._progress.segment(heading.title, steps)
         first = self._first_rows()
         complete = False
         try:
             self._play(rate_hz, steps, first, stop_condition)
-            self._drain(kind, first)
+            self._drain(heading.kind, first)
             complete = True
         finally:
             observation = self._observe(first)
-            self._write_segment(
-                kind, segment_id, rate_hz, steps, index, first, observation, complete, rerun_of
-            )
-        self._detect_stopped_outputs(kind, observation)
+            self._write_segment(heading, rate_hz, steps, first, observation, complete)
+        self._detect_stopped_outputs(heading.kind, observation)
         return observation
 
     def play_unrecorded(self, rate_hz: float, steps: int) -> None:
@@ -173,29 +181,20 @@ class SegmentPlayer:
                 self.on_output_stopped(self.segments[-1], plan)
 
     def play_for(
-        self,
-        kind: SegmentKind,
-        segment_id: str,
-        rate_hz: float,
-        duration_ns: int,
-        *,
-        title: str,
-        index: int = 1,
-        min_steps: int = 2,
-        rerun_of: str = "",
+        self, heading: SegmentHeading, rate_hz: float, duration_ns: int, min_steps: int = 2
     ) -> SegmentObservation:
         """Play a segment of this duration, with at least `min_steps` steps; see `play`."""
         steps = max(min_steps, self._schedule.steps_within(rate_hz, duration_ns))
-        return self.play(
-            kind, segment_id, rate_hz, steps, title=title, index=index, rerun_of=rerun_of
-        )
+        return self.play(heading, rate_hz, steps)
 
     def segment_id_for(self, name: str) -> str:
         """The id of a segment with a name, unique over the sessions of a run."""
         return f"confirm-{name}" if self._confirms else name
 
-    def _kind_of(self, kind: SegmentKind) -> SegmentKind:
-        return "confirmation" if self._confirms and kind != "warm_up" else kind
+    def _confirming(self, heading: SegmentHeading) -> SegmentHeading:
+        measured = self._confirms and heading.kind != "warm_up"
+        kind = "confirmation" if measured else heading.kind
+        return replace(heading, kind=kind, id=self.segment_id_for(heading.id))
 
     def received(self) -> dict[str, int]:
         """The number of messages that each monitor has received since its start."""
@@ -316,15 +315,12 @@ class SegmentPlayer:
 
     def _write_segment(
         self,
-        kind: SegmentKind,
-        segment_id: str,
+        heading: SegmentHeading,
         rate_hz: float,
         steps: int,
-        index: int,
         first: dict[str, int],
         observation: SegmentObservation,
         complete: bool,
-        rerun_of: str,
     ) -> None:
         playback = observation.playback
         if not playback.size:
@@ -332,16 +328,16 @@ class SegmentPlayer:
         began_ns = int(playback["due_ns"][0])
         self._write_samples(
             Segment(
-                id=segment_id,
-                kind=kind,
+                id=heading.id,
+                kind=heading.kind,
                 rate_hz=rate_hz,
-                index=index,
+                index=heading.index,
                 steps=steps,
                 began_ns=began_ns,
                 ended_ns=began_ns + self._schedule.span_ns(rate_hz, playback.size),
                 complete=complete,
                 played_before=observation.played_before,
-                rerun_of=rerun_of,
+                rerun_of=heading.rerun_of,
                 monitor_held_ns=self._stall_log.between(began_ns, time.monotonic_ns()),
             ),
             observation,

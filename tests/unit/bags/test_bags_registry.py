@@ -56,8 +56,6 @@ def test_a_list_would_be_found(source: str) -> None:
 @pytest.mark.parametrize("entry", BAG_FORMATS, ids=lambda entry: entry.name)
 def test_every_entry_leads_to_its_code(entry: BagFormat) -> None:
     assert callable(import_from_storage(entry.reader))
-    if entry.sizes:
-        assert callable(import_from_storage(entry.sizes))
 
 
 def test_names_and_suffixes_are_different() -> None:

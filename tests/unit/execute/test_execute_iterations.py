@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from r2bspec.execute.measurement.iterations import IterationRunner
+from r2bspec.execute.measurement.segments import SegmentHeading
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.judge.verdict import (
     EXIT_CODES,
@@ -35,28 +36,18 @@ class Played:
 
     segments: list[Segment] = field(default_factory=list)
 
-    def play_for(
-        self,
-        kind: Any,
-        name: str,
-        rate_hz: float,
-        duration_ns: int,
-        *,
-        index: int,
-        rerun_of: str,
-        **_: Any,
-    ) -> None:
+    def play_for(self, heading: SegmentHeading, rate_hz: float, duration_ns: int) -> None:
         self.segments.append(
             Segment(
-                id=name,
-                kind=kind,
+                id=heading.id,
+                kind=heading.kind,
                 rate_hz=rate_hz,
-                index=index,
+                index=heading.index,
                 steps=round(rate_hz * duration_ns / 1e9),
                 began_ns=0,
                 ended_ns=1,
                 complete=True,
-                rerun_of=rerun_of,
+                rerun_of=heading.rerun_of,
             )
         )
 
