@@ -208,8 +208,21 @@ class ProcessSupervisor:
         child.send(command)
         return self.answer(child, kind, timeout_s)
 
-    def answer(self, child: ManagedProcess, kind: type[_Answer], timeout_s: float) -> _Answer:
+    def answer(
+        self,
+        child: ManagedProcess,
+        kind: type[_Answer],
+        timeout_s: float,
+        *,
+        of_s: float | None = None,
+    ) -> _Answer:
         """Wait for a reply of a type.
+
+        Args:
+            child: which replies.
+            kind: of the reply.
+            timeout_s: how long to wait.
+            of_s: the timeout that the user knows, where `timeout_s` is what is left of it.
 
         Raises:
             RunError: none was received in time, or from `pump`.
@@ -222,7 +235,7 @@ class ProcessSupervisor:
                     return message
             if time.monotonic() > deadline:
                 raise RunError(
-                    f"process {child.name} did not respond within {timeout_s:g} s",
+                    f"process {child.name} did not respond within {of_s or timeout_s:g} s",
                     hint=f"It may be blocked in a callback or a constructor; see {child.log}",
                     code="R2B632",
                 )
