@@ -149,7 +149,7 @@ def test_an_output_folder_that_cannot_be_made(bench: Bench) -> None:
         ),
         (
             {"command": ["no-such-program"], "publishes": {"output": IMAGE}},
-            "no program 'no-such-program'",
+            "program 'no-such-program' is not on PATH",
         ),
         (
             {"command": ["./spec.txt"], "publishes": {"output": IMAGE}},
@@ -217,7 +217,7 @@ def test_a_plan_from_a_file_has_no_places_but_the_same_code(bench: Bench) -> Non
     done = bench.run(plan)
     assert done.status == 2
     assert done.error.startswith(
-        f"error[{code_with_slug('R2B211')}]: node /r2b/relay declares no parameter 'rtae'"
+        f"error[{code_with_slug('R2B211')}]: /r2b/relay declares no parameter 'rtae'"
     )
 
 
