@@ -89,7 +89,7 @@ def _message_size(file: Path, database: sqlite3.Connection, row: int, stored_byt
         size = uncompressed_size(blob.read(_MAX_FRAME_HEADER_BYTES), stored_bytes)
     if size is None:
         raise DataError(
-            f"{file} holds a compressed message that does not tell its size",
+            f"{file} has a compressed message without its uncompressed size",
             code=STORAGE_UNREADABLE,
             hint="convert the bag with 'ros2 bag convert'",
         )

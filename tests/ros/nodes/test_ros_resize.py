@@ -126,7 +126,7 @@ def test_an_image_that_cannot_be_read_is_logged_and_passed_over() -> None:
         node.wait(1)
         graph.spin_until(lambda: log)
     assert node.steps() == [2]
-    assert log[0].msg.startswith("message dropped: image encoding 'yuv422' is none of mono8")
+    assert log[0].msg.startswith("message dropped: image encoding 'yuv422' is not one of mono8")
 
 
 def test_images_without_camera_info_are_given_up_and_logged() -> None:
