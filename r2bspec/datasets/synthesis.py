@@ -1,4 +1,4 @@
-"""Making a synthetic dataset: only the topics and the stretch of time that are asked for."""
+"""Synthesising a dataset: only the requested topics and window."""
 
 from __future__ import annotations
 

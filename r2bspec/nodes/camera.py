@@ -20,7 +20,7 @@ _COEFFICIENTS = (0, 4, 5, 8, 12, 14)
 
 
 class Roi(Protocol):
-    """sensor_msgs/msg/RegionOfInterest; all zero stands for the whole image."""
+    """sensor_msgs/msg/RegionOfInterest; all zero means the whole image."""
 
     x_offset: int
     y_offset: int

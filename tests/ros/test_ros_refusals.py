@@ -211,7 +211,7 @@ def test_a_plan_from_a_file_has_no_places_but_the_same_code(bench: Bench) -> Non
     plan.write_bytes(made.stdout)
     done = bench.run(plan)
     assert done.status == 2
-    assert done.error.startswith("error[R2B211]: node /r2b/relay declares no parameter 'rtae'")
+    assert done.error.startswith("error[R2B211]: /r2b/relay declares no parameter 'rtae'")
 
 
 def test_a_constructor_that_raises(bench: Bench) -> None:

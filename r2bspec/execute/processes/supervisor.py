@@ -206,8 +206,20 @@ class ProcessSupervisor:
         child.send(command)
         return self.answer(child, kind, timeout_s)
 
-    def answer(self, child: ManagedProcess, kind: type[_Answer], timeout_s: float) -> _Answer:
+    def answer(
+        self,
+        child: ManagedProcess,
+        kind: type[_Answer],
+        timeout_s: float,
+        stated_timeout_s: float | None = None,
+    ) -> _Answer:
         """Wait for a reply of a type.
+
+        Args:
+            child: whose reply it is.
+            kind: its type.
+            timeout_s: how long to wait.
+            stated_timeout_s: the timeout in the error, if `timeout_s` is only the rest of it.
 
         Raises:
             RunError: none was received in time, or from `pump`.
@@ -219,8 +231,9 @@ class ProcessSupervisor:
                 if isinstance(message, kind):
                     return message
             if time.monotonic() > deadline:
+                stated_s = timeout_s if stated_timeout_s is None else stated_timeout_s
                 raise RunError(
-                    f"process {child.name} did not respond within {timeout_s:g} s",
+                    f"process {child.name} did not respond within {stated_s:g} s",
                     hint=f"It may be blocked in a callback or a constructor; see {child.log}",
                     code="R2B632",
                 )
