@@ -1,4 +1,4 @@
-"""What a bag holds, learnt from its metadata and cross-checked with its storage."""
+"""The index of a bag, from its metadata, checked against its storage."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from r2bspec.language.bag_formats import (
 
 
 class _StorageSummary(msgspec.Struct):
-    """What the storage files themselves say, summed over all of them."""
+    """The content of all storage files, summed up."""
 
     types: dict[str, str]
     serializations: dict[str, str]
@@ -46,22 +46,22 @@ class _StorageSummary(msgspec.Struct):
 def index_bag(path: Path) -> BagIndex:
     """Index a bag folder, or a lone storage file, without message bodies.
 
-    Where metadata and storage differ in topics, types or counts the bag is refused; where they
-    differ in the times, which some recorders write wrongly, the storage is believed and a note
-    kept. Bags whose files are compressed as a whole are taken at their metadata's word.
+    If metadata and storage differ in topics, types or counts, this is an error; if they differ in
+    times, which some recorders write wrongly, the storage is used, with a note. For bags whose
+    files are compressed as a whole, only the metadata is used.
 
     Raises:
         DataError: R2B301 to R2B305, R2B310 and R2B313, each with a hint.
     """
     path = Path(path)
-    # Unlike those of pathlib, these take a name that is too long for one that is not there.
+    # Unlike those of pathlib, these return False for a name that is too long.
     if os.path.isdir(path):  # noqa: PTH112
         return _index_folder(path)
     if not os.path.exists(path):  # noqa: PTH110
         raise DataError(
             f"{path} does not exist",
             code=BAG_NOT_FOUND,
-            hint=f"name a bag folder, a {SUFFIXES_TEXT} file, or a dataset",
+            hint=f"give a bag folder, a {SUFFIXES_TEXT} file, or a dataset",
         )
     bag_format = format_of_suffix(path.suffix)
     if bag_format is None:
@@ -75,8 +75,8 @@ def index_bag(path: Path) -> BagIndex:
 
 def _unsupported_hint(path: Path) -> str:
     if path.suffix in {".zstd", ".zst"}:
-        return "name the folder that holds metadata.yaml, or unpack it with 'zstd -d'"
-    return "name the folder that holds metadata.yaml"
+        return "give the folder that contains metadata.yaml, or unpack the file with 'zstd -d'"
+    return "give the folder that contains metadata.yaml"
 
 
 def _index_folder(path: Path) -> BagIndex:
@@ -86,7 +86,7 @@ def _index_folder(path: Path) -> BagIndex:
     compression = _compression(path, metadata)
     if compression == "file":
         start_ns, end_ns = metadata.start_ns, metadata.start_ns + metadata.duration_ns
-        notes: tuple[str, ...] = ("compressed as whole files: metadata.yaml is taken at its word",)
+        notes: tuple[str, ...] = ("files are compressed: metadata.yaml was not checked",)
     else:
         with open_storages(paths, compressed_files=False) as storages:
             summary = _summarize(storages)
@@ -140,7 +140,8 @@ def _storage_name(path: Path, metadata: BagMetadata) -> str:
     known = folder_format_names()
     if metadata.storage not in known:
         raise DataError(
-            f"{path} is stored as {metadata.storage!r}; readable are {' and '.join(known)}",
+            f"{path} has the storage format {metadata.storage!r}; supported are "
+            f"{' and '.join(known)}",
             code=METADATA_UNREADABLE,
             hint="convert it with 'ros2 bag convert'",
         )
@@ -154,7 +155,7 @@ def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message"
     ):
         raise DataError(
             f"{path} is compressed with {metadata.compression_format!r} by {mode!r};"
-            " readable is zstd by message or by file",
+            " supported is zstd by message or by file",
             code=METADATA_UNREADABLE,
             hint="convert it with 'ros2 bag convert'",
         )
@@ -179,7 +180,7 @@ def _summarize(storages: list[Storage]) -> _StorageSummary:
 
 
 def _check_metadata(path: Path, metadata: BagMetadata, summary: _StorageSummary) -> None:
-    """Refuse a bag whose metadata promises other content than the storage has."""
+    """Raise DataError if the metadata differs from the content of the storage."""
     stated = Counter({topic.name: 0 for topic in metadata.topics})
     for topic in metadata.topics:
         stated[topic.name] += topic.count
@@ -194,13 +195,13 @@ def _check_metadata(path: Path, metadata: BagMetadata, summary: _StorageSummary)
         if summary.types.get(topic.name, topic.type) != topic.type
     ]
     if stated.total() != metadata.message_count:
-        wrong.append(f"in all {metadata.message_count:,} stated, {stated.total():,} by topic")
+        wrong.append(f"total: {metadata.message_count:,} stated, {stated.total():,} by topic")
     if wrong:
         shown = "; ".join(wrong[:3]) + (f"; and {len(wrong) - 3} more" if len(wrong) > 3 else "")
         raise DataError(
-            f"{path / 'metadata.yaml'} disagrees with the storage: {shown}",
+            f"{path / 'metadata.yaml'} does not match the storage: {shown}",
             code=METADATA_DISAGREES,
-            hint=f"if the recording was cut short, 'ros2 bag reindex {path}' writes what is there",
+            hint=f"if the recording was interrupted, run 'ros2 bag reindex {path}'",
         )
 
 
@@ -211,7 +212,7 @@ def _time_notes(metadata: BagMetadata, summary: _StorageSummary) -> list[str]:
     if stated == (summary.start_ns, summary.end_ns):
         return []
     note = (
-        f"metadata.yaml says {stated[0]} to {stated[1]} ns, the storage holds"
+        f"metadata.yaml states {stated[0]} to {stated[1]} ns, the storage has"
         f" {summary.start_ns} to {summary.end_ns} ns"
     )
     return [note]

@@ -1,4 +1,4 @@
-"""Hashes of bags: of their files, and of what they say whatever the format."""
+"""Hashes of bags: of their files, and of their content independent of the format."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _BLOCK_BYTES = 1 << 20
 class ContentHash:
     """SHA-256 over topics, types, relative times and uncompressed CDR.
 
-    Each topic is hashed by itself and the digests are combined in name order: how a storage
-    interleaves messages of equal time does not matter. Numbers go in as 8 bytes, little-endian,
-    and strings and messages with their length in front, so that no two contents look alike.
+    Each topic is hashed separately and the digests are combined in order of names, so that the
+    order of messages with equal times does not matter. Numbers are 8 bytes, little-endian; strings
+    and messages are preceded by their lengths, so that the encoding is unambiguous.
     """
 
     def __init__(self, types: dict[str, str], start_ns: int) -> None:
@@ -28,13 +28,13 @@ class ContentHash:
                 self._topics[name].update(_encode_int(len(encoded)) + encoded)
 
     def add(self, message: Message) -> None:
-        """Take in one message; those of one topic must come in time order."""
+        """Add one message; those of one topic must be in order of time."""
         topic = self._topics[message.topic]
         topic.update(_encode_int(message.time_ns - self._start_ns) + _encode_int(len(message.data)))
         topic.update(message.data)
 
     def hexdigest(self) -> str:
-        """The hash of all that was taken in, 64 hexadecimal digits."""
+        """The hash of everything added, 64 hexadecimal digits."""
         whole = hashlib.sha256()
         for topic in self._topics.values():
             whole.update(topic.digest())

@@ -1,4 +1,4 @@
-"""What is true of a made dataset, written beside its bag to test nodes against."""
+"""The ground truth of a synthetic dataset, in its bag folder, for tests of nodes."""
 
 from __future__ import annotations
 

@@ -173,7 +173,7 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
     "MCAP cut short": (_cut_mcap, "R2B304", "ends before its footer"),
     "ROS 1 cut short": (_cut_ros1, "R2B304", "cannot be read"),
     "MCAP with a damaged index": (_damaged_index, "R2B304", "checksum of its summary"),
-    "a part of a split recording is missing": (_without_a_part, "R2B303", "lacks bag_1.db3"),
+    "a part of a split recording is missing": (_without_a_part, "R2B303", "has no bag_1.db3"),
     "the recorder was killed": (_recorder_killed, "R2B313", "bag.db3-wal"),
     "the same on a read-only disk": (
         _recorder_killed_on_a_read_only_disk,
@@ -187,7 +187,7 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
     "links in a circle": (_loop, "R2B301", "does not exist"),
     "a link to nothing": (_dangling, "R2B303", "bag.db3"),
     "no permission": (_unreadable, "R2B304", "permissions"),
-    "an empty file": (_empty_file, "R2B304", "does not begin as MCAP does"),
+    "an empty file": (_empty_file, "R2B304", "does not begin like an MCAP file"),
     "a device": (_device, "R2B304", "neither a bag folder nor"),
     "nothing there": (lambda at: at, "R2B301", "does not exist"),
     "a name that is too long": (lambda at: at.with_name("x" * 300), "R2B301", "does not exist"),

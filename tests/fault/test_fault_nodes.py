@@ -149,4 +149,4 @@ def test_a_log_without_end_is_cut_and_the_run_says_so(done: Finished) -> None:
     # It may have been cut while a word was being written.
     assert text[-5:] in b"word word "
     assert text.count(b" MiB of this log here]\n") == 1
-    assert "logs that were too long were cut: floods.log" in done.events()
+    assert "truncated large logs: floods.log" in done.events()

@@ -166,7 +166,7 @@ def test_what_is_there_is_not_made_again(bench: Bench, everything: Finished) -> 
     )
     finished = bench.run(spec)
     assert finished.status == 0, finished.stderr
-    assert "model: model is there" in finished.events()
+    assert "model: model already exists" in finished.events()
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Opening the storage files of a bag, whatever their format, with errors a person can use."""
+"""Opening the storage files of a bag in any format, with clear errors."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from r2bspec.language.bag_formats import SUFFIXES_TEXT, format_of_suffix
 
 @dataclass(frozen=True)
 class StoredTopic:
-    """A topic as one storage file states it; the type is normalised."""
+    """A topic of one storage file; the type is normalised."""
 
     name: str
     type: str
@@ -66,10 +66,10 @@ StorageReader = Callable[[Path, Path], Storage]
 
 @contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Turn whatever a storage parser raises on damaged input into one DataError (R2B304).
+    """Convert all exceptions of a storage parser to DataError (R2B304).
 
-    The parsers of damaged files raise struct, index, type, database and decompression errors;
-    naming each would only list today's.
+    For damaged files, the parsers raise struct, index, type, database and decompression errors,
+    which may change with their versions.
     """
     try:
         yield
@@ -89,7 +89,7 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
     Raises:
         DataError: one is missing (R2B303) or a Git LFS pointer (R2B305).
     """
-    # Unlike its method of pathlib, this takes a name that is too long for one that is not there.
+    # Unlike the method of pathlib, this returns False for a name that is too long.
     if not os.path.exists(path):  # noqa: PTH110
         raise DataError(
             f"{path} does not exist", code=BAG_NOT_FOUND, hint="check the path of the bag"
@@ -98,7 +98,7 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
     missing = [candidate.name for candidate in paths if not os.path.isfile(candidate)]  # noqa: PTH113
     if missing:
         raise DataError(
-            f"{path} lacks {', '.join(missing)}, which its metadata.yaml names",
+            f"{path} has no {', '.join(missing)}, which its metadata.yaml names",
             code=STORAGE_MISSING,
             hint=f"copy the whole folder again, or run 'ros2 bag reindex {path}'",
         )
@@ -110,11 +110,11 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
 
 @contextmanager
 def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterator[list[Storage]]:
-    """Open storage files, each by itself.
+    """Open storage files separately.
 
-    One reader per file, and not one for the folder: topics are then matched by what the storage
-    says, which is right where metadata.yaml disagrees about QoS, and files that overlap in time
-    can be merged.
+    With one reader per file, instead of one for the folder, topics are matched by the storage,
+    which is correct even if metadata.yaml has another QoS, and files that overlap in time can be
+    merged.
 
     Args:
         paths: the storage files.
@@ -122,7 +122,7 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
             folder, because all formats need random access.
 
     Raises:
-        DataError: a file is no readable storage (R2B304), or was not closed (R2B313).
+        DataError: a file is not readable storage (R2B304), or was not closed (R2B313).
     """
     with ExitStack() as stack:
         storages = []

@@ -146,7 +146,7 @@ class Launcher:
         self._load_components([plan for plan in plans if plan.role == "container"], deadline)
         for child, plan in hosts:
             ready = self._supervisor.answer(
-                child, protocol.Ready, deadline.left_s, of_s=deadline.timeout_s
+                child, protocol.Ready, deadline.left_s, deadline.timeout_s
             )
             require_declared_parameters(ready)
             self.endpoints += ready.endpoints

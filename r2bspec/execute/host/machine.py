@@ -58,7 +58,7 @@ def describe_versions() -> dict[str, str]:
 
 
 def interpreter() -> str:
-    """The interpreter that ``$(python)`` stands for."""
+    """The interpreter that replaces ``$(python)``."""
     return sys.executable
 
 

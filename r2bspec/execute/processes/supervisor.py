@@ -213,16 +213,15 @@ class ProcessSupervisor:
         child: ManagedProcess,
         kind: type[_Answer],
         timeout_s: float,
-        *,
-        of_s: float | None = None,
+        stated_timeout_s: float | None = None,
     ) -> _Answer:
         """Wait for a reply of a type.
 
         Args:
-            child: which replies.
-            kind: of the reply.
+            child: whose reply it is.
+            kind: its type.
             timeout_s: how long to wait.
-            of_s: the timeout that the user knows, where `timeout_s` is what is left of it.
+            stated_timeout_s: the timeout in the error, if `timeout_s` is only the rest of it.
 
         Raises:
             RunError: none was received in time, or from `pump`.
@@ -234,8 +233,9 @@ class ProcessSupervisor:
                 if isinstance(message, kind):
                     return message
             if time.monotonic() > deadline:
+                stated_s = timeout_s if stated_timeout_s is None else stated_timeout_s
                 raise RunError(
-                    f"process {child.name} did not respond within {of_s or timeout_s:g} s",
+                    f"process {child.name} did not respond within {stated_s:g} s",
                     hint=f"It may be blocked in a callback or a constructor; see {child.log}",
                     code="R2B632",
                 )
