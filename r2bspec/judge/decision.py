@@ -21,7 +21,7 @@ class WindowCondition:
 
 
 def window_condition(requirement: Requirement) -> WindowCondition | None:
-    """The windows that a requirement speaks of, or None if it speaks of the whole run."""
+    """The windows that a requirement refers to, or None if it refers to the whole run."""
     if requirement.windows_share is None:
         return None
     return WindowCondition(share=requirement.windows_share, window_ns=requirement.window_ns)
@@ -29,15 +29,15 @@ def window_condition(requirement: Requirement) -> WindowCondition | None:
 
 @dataclass(frozen=True)
 class Question:
-    """A requirement that makes sense in this run, and the samples that answer it.
+    """A requirement that applies to this run, and the samples to judge it by.
 
     Attributes:
-        at_hz: the offered rate that the objective speaks of, or None.
-        monitor: the monitor that is asked, for metrics that belong to one.
+        at_hz: the offered rate of the objective, or None.
+        monitor: the monitor, for metrics that belong to one.
         limit: the right-hand side in the metric's unit; 'of offered' is worked out.
         iterations: the complete iterations at `at_hz`; at least one where the metric needs any.
         confidence: of the decision, one-sided each way.
-        windows: where the requirement must hold in a share of windows, which.
+        windows: the share of windows in which the requirement must be met, if it has one.
     """
 
     objective: str
@@ -52,7 +52,7 @@ class Question:
 
     @property
     def is_upper_bound(self) -> bool:
-        """Whether the requirement is a ceiling (``<``, ``<=``) and not a floor."""
+        """Whether the requirement is an upper limit (``<``, ``<=``) and not a lower one."""
         return self.requirement.op in {"<", "<="}
 
     @property
@@ -102,7 +102,7 @@ def decide(*, passes: bool, fails: bool) -> Outcome:
 
 
 def requirement_verdict(question: Question, answer: Answer) -> RequirementVerdict:
-    """Put question and answer together; infinite values become None, for JSON has none."""
+    """Combine question and answer; infinite values become None, which JSON can write."""
     return RequirementVerdict(
         objective=question.objective,
         text=question.requirement.text,

@@ -30,8 +30,8 @@ def result_of(
 
     Args:
         run: the opened run.
-        objectives: what to judge it by; the run's own objectives if None.
-        judged_by: the name of the spec that `objectives` are from, where it is another.
+        objectives: to judge it by; the run's own objectives if None.
+        judged_by: the name of the spec of `objectives`, if it is another.
 
     Raises:
         RecordError: a file of the run is missing or damaged.
@@ -117,7 +117,7 @@ def from_json(content: bytes) -> Result:
     """Read what `to_json` wrote.
 
     Raises:
-        msgspec.DecodeError: it is no result of this version.
+        msgspec.DecodeError: it is not a result of this version.
     """
     return msgspec.json.decode(content, type=Result)
 
