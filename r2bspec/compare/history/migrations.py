@@ -1,7 +1,7 @@
 """The tables of a history, version by version.
 
 ``PRAGMA user_version`` counts the migrations that a file has had. Each is a transaction of its own:
-a file is at one version or the next, never between.
+a file is always at one of the versions.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import sqlite3
 from typing import Final
 
 APPLICATION_ID: Final = 0x52324253
-"""'R2BS' in ASCII: what tells a history from another program's database."""
+"""'R2BS' in ASCII: distinguishes a history from the database of another program."""
 
 MIGRATIONS: Final[tuple[tuple[str, ...], ...]] = (
     (
@@ -39,7 +39,7 @@ MIGRATIONS: Final[tuple[tuple[str, ...], ...]] = (
         """,
         "CREATE INDEX metrics_of_run ON metrics (run_id)",
     ),
-    # A change for the worse that is meant: the run counts as a baseline although it failed.
+    # An intended regression: the run counts as a baseline although it failed.
     (
         "ALTER TABLE runs ADD COLUMN accepted INTEGER NOT NULL DEFAULT 0",
         "CREATE INDEX runs_alike ON runs (host, plan, started_at)",
@@ -58,7 +58,7 @@ def migrate(connection: sqlite3.Connection) -> None:
     """Bring a file, also an empty one, to the current version.
 
     Two programs that open an old file at once both get here; the second waits for the lock of the
-    first and then finds nothing left to do.
+    first and then has nothing left to do.
 
     Raises:
         sqlite3.Error: the file is damaged, locked, or not to be written.

@@ -42,7 +42,7 @@ class History:
         self._connection = connection
 
     def add(self, entry: HistoryEntry) -> None:
-        """Remember a run; one of the same id is replaced.
+        """Store a run; one with the same id is replaced.
 
         Raises:
             HistoryError: the file cannot be written.
@@ -76,7 +76,7 @@ class History:
     def comparable_runs(
         self, host: str, plan: str, dataset: str, max_runs: int
     ) -> tuple[HistoryEntry, ...]:
-        """The latest runs that a new one may be compared with, oldest first, with their metrics.
+        """The latest runs that a new run may be compared with, oldest first, with their metrics.
 
         They are of the same plan and data on the same kind of machine. Runs that failed are left
         out unless they were accepted: a regression must not become the baseline of the next run.
@@ -91,7 +91,7 @@ class History:
         return tuple(replace(one, metrics=self.metrics(one.run_id)) for one in found)
 
     def metrics(self, run_id: str) -> tuple[HistoryMetric, ...]:
-        """What is remembered of one run.
+        """The stored metrics of one run.
 
         Raises:
             HistoryError: the file cannot be read.
@@ -108,7 +108,7 @@ class History:
         )
 
     def accept(self, run_id: str) -> bool:
-        """Let a run count as a baseline although it failed; whether there is such a run.
+        """Let a run count as a baseline although it failed; returns whether the run exists.
 
         Raises:
             HistoryError: the file cannot be written.
@@ -120,7 +120,7 @@ class History:
         return bool(done.rowcount)
 
     def remove(self, run_ids: Sequence[str]) -> int:
-        """Forget runs; how many there were.
+        """Delete runs; returns how many there were.
 
         Raises:
             HistoryError: the file cannot be written.
@@ -155,20 +155,20 @@ class History:
 
 @contextlib.contextmanager
 def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
-    """Open a history, and bring it to this version's tables.
+    """Open a history, and migrate it to this version.
 
     Args:
         path: the file.
-        create: make it, and its folders, if it is not there.
+        create: create it, and its folders, if it does not exist.
 
     Raises:
-        HistoryError: it is not there, is no history, is damaged, was written by a newer version,
-            or another program holds it for too long.
+        HistoryError: it does not exist, is not a history, is damaged, was written by a newer
+            version, or is locked by another program for too long.
     """
     if not path.exists() and not create:
         raise HistoryError(
-            f"there is no history {path}",
-            hint=f"'r2bspec run SPEC --history {path}' begins one.",
+            f"the history {path} does not exist",
+            hint=f"'r2bspec run SPEC --history {path}' creates it.",
         )
     with contextlib.ExitStack() as stack:
         with _translate_errors(path):
@@ -184,7 +184,7 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
 
 
 def _check(path: Path, connection: sqlite3.Connection) -> None:
-    """See that the file is a history that this version knows, before anything is changed."""
+    """Check that the file is a history of a known version, before anything is changed."""
     application = int(connection.execute("PRAGMA application_id").fetchone()[0])
     tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
     if application != APPLICATION_ID and tables:
@@ -195,24 +195,24 @@ def _check(path: Path, connection: sqlite3.Connection) -> None:
     version = schema_version(connection)
     if version > SCHEMA_VERSION:
         raise HistoryError(
-            f"{path} has version {version}; this r2bspec knows versions up to {SCHEMA_VERSION}",
+            f"{path} has version {version}; this r2bspec supports versions up to {SCHEMA_VERSION}",
             hint="Use the r2bspec that wrote it, or a newer one.",
         )
 
 
 @contextlib.contextmanager
 def _translate_errors(path: Path) -> Iterator[None]:
-    """What SQLite or the file system refuses, as an error with a way out."""
+    """Errors of SQLite or the file system as a `HistoryError` with a hint."""
     try:
         yield
     except sqlite3.OperationalError as error:
         busy = "locked" in str(error) or "busy" in str(error)
-        hint = "Another program holds it; try again." if busy else "See that it can be written."
+        hint = "Another program uses it; try again." if busy else "Check that it is writable."
         raise HistoryError(f"the history {path} cannot be used: {error}", hint=hint) from error
     except sqlite3.Error as error:
         raise HistoryError(
-            f"the history {path} is damaged, or no history: {error}",
-            hint="Put it aside and begin a new one; run folders can be judged without it.",
+            f"the history {path} is damaged, or not a history: {error}",
+            hint="Move it away and start a new one; run folders can be judged without it.",
         ) from error
     except OSError as error:
         raise HistoryError(

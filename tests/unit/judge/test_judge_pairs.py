@@ -103,7 +103,7 @@ def test_a_disturbed_pair_weakens_a_failure_and_never_a_pass(tmp_path: Path) -> 
     two = {number: busy[number] for number in (1, 2)}
     slower = judged(Comparison(BASE, SLOWER, disturbed=two), tmp_path / "slower")
     assert slower.outcome == "fail"
-    assert any("The machine disturbed pair 1" in note for note in ratio(slower).notes)
+    assert any("Host interference in pair 1" in note for note in ratio(slower).notes)
     passing = judged(Comparison(BASE, SAME, disturbed=busy), tmp_path / "same")
     assert passing.outcome == "pass"
     # What was played again in the place of a disturbed pair must not make a failure a pass.
