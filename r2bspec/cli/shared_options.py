@@ -24,14 +24,14 @@ variables_option = click.option(
     "variables",
     multiple=True,
     metavar="NAME=VALUE",
-    help="Give a declared variable another value; may be repeated.",
+    help="Set a declared variable; may be repeated.",
 )
 
 case_option = click.option(
     "--case",
     default="",
     metavar="CASE",
-    help="The case of the matrix that is meant, such as threads=2.",
+    help="The case of the matrix, such as threads=2.",
 )
 
 allow_path_option = click.option(
@@ -40,7 +40,7 @@ allow_path_option = click.option(
     multiple=True,
     type=click.Path(path_type=Path, file_okay=False),
     metavar="PATH",
-    help="A folder from which files may be extended, beside that of the spec; may be repeated.",
+    help="A folder, besides that of the spec, from which files may be extended; may be repeated.",
 )
 
 
@@ -75,7 +75,7 @@ reports_option = click.option(
     multiple=True,
     metavar="FORMAT=PATH",
     callback=_parse_reports,
-    help="Write a report, such as html=report.html or markdown=- for standard output; may be "
+    help="Write a report, such as html=report.html, or markdown=- for standard output; may be "
     "repeated. 'r2bspec report --formats' lists the formats.",
 )
 
@@ -91,5 +91,5 @@ junit_option = click.option(
     "junit",
     metavar="PATH",
     callback=_parse_junit,
-    help="The same as --report junit=PATH, under the name that ROS test runners use.",
+    help="Same as --report junit=PATH, under the name used by ROS test runners.",
 )
