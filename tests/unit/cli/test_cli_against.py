@@ -188,7 +188,7 @@ class TestHistory:
     def test_wrong_usage(self, path: Path, tmp_path: Path) -> None:
         with pytest.raises(click.UsageError, match="name the runs to delete"):
             self.call("prune", "--file", path)
-        with pytest.raises(click.UsageError, match="no date"):
+        with pytest.raises(click.UsageError, match="not a date"):
             self.call("prune", "--file", path, "--before", "yesterday")
         with pytest.raises(HistoryError, match="no run"):
             self.call("accept", "nobody", "--file", path)
