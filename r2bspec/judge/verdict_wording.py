@@ -78,7 +78,7 @@ def _wrong_side(question: Question, test: ShareTest) -> str:
     if question.info.statistic == "share":
         return "got no output"
     side = "over" if question.is_upper_bound else "under"
-    lost = f", counting {show(test.lost, 'count')} lost" if test.lost else ""
+    lost = f", including {show(test.lost, 'count')} lost" if test.lost else ""
     return f"are {side} {question.limit_text}{lost}"
 
 

@@ -128,6 +128,6 @@ def _observation_text(question: Question, seen: float, n: int) -> str:
     if info.name in _COUNT_METRICS:
         if question.iterations[0].live:
             count = len(question.iterations)
-            return f"{show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"
-        return f"{show(seen, 'count')} in {show(n, 'count')} steps"
+            return f"Observed {show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"
+        return f"Observed {show(seen, 'count')} in {show(n, 'count')} steps"
     return f"{info.name} is {show(seen, info.unit)}"

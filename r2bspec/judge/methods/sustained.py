@@ -51,11 +51,11 @@ def judge_sustained(question: Question, probes: Iterable[Probe]) -> Answer:
         )
     probe = found[-1]
     said = f": {probe.reason}" if probe.reason else ""
-    came = f"delivered {show(probe.delivered_hz, 'Hz')}"
+    throughput = f"throughput {show(probe.delivered_hz, 'Hz')}"
     return Answer(
         outcome=_OUTCOMES[probe.holds],
         method="sequential probe",
-        reason=f"{show(probe.rate_hz, 'Hz')} {_ANSWER_TEXTS[probe.holds]}{said} ({came}).",
+        reason=f"{show(probe.rate_hz, 'Hz')} {_ANSWER_TEXTS[probe.holds]}{said} ({throughput}).",
         settle=_SETTLE if probe.holds is None else "",
         estimate=probe.delivered_hz,
         n=1,

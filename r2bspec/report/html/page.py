@@ -1,4 +1,4 @@
-"""From a result to the page: the template's context, and the drawings."""
+"""From a result to the page: the template's context, and the charts."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def render(report_input: ReportInput) -> bytes:
     )
     environment.filters["pointer"] = pointer
     page = environment.get_template("page.html.j2")
-    # What no page can hold: control characters, and the lone surrogates of broken file names.
+    # HTML cannot contain control characters and the lone surrogates of broken file names.
     text = _CONTROL_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", page.render(_context(report_input)))
     return text.encode("utf-8", errors="replace") + b"\n"
 
@@ -194,14 +194,14 @@ def _graph(report_input: ReportInput) -> Drawing | None:
 
 
 def _annotations(metrics: RunMetrics) -> dict[str, list[str]]:
-    """What the drawing says at the player and at each monitor."""
+    """The annotations of the graph at the player and at each monitor."""
     rates = metrics.rates[-_MAX_SHOWN_RATES:]
-    told = {"player": [f"plays {show_rate(rate.offered_hz, rate.pace)}" for rate in rates]}
+    found = {"player": [f"plays {show_rate(rate.offered_hz, rate.pace)}" for rate in rates]}
     for name in dict.fromkeys(name for rate in rates for name in rate.pooled.monitors):
-        told[f"monitor {name}"] = [
+        found[f"monitor {name}"] = [
             f"{show_rate(rate.offered_hz, rate.pace)}: {show(seen.throughput_hz, 'Hz')}, "
             f"p99 {show(seen.latency.p99, 's')}"
             for rate in rates
             if (seen := rate.pooled.monitors[name])
         ]
-    return told
+    return found

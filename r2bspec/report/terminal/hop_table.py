@@ -1,4 +1,4 @@
-"""Where the time goes on the way to a tapped monitor: one line a hop."""
+"""The latency of the hops on the path to a tapped monitor, one line a hop."""
 
 from __future__ import annotations
 
@@ -26,5 +26,5 @@ def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
                     show(hop.matched, "count"),
                     show(hop.missed, "count"),
                 )
-            aside = f"the way to {name} at {show(rate.offered_hz, 'Hz')}; percentiles do not add up"
+            aside = f"path to {name} at {show(rate.offered_hz, 'Hz')}; percentiles do not add up"
             yield Group(heading("hops", aside), made)
