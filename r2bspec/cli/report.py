@@ -65,11 +65,11 @@ def command(
     from r2bspec.report.errors import ReportUsageError
     from r2bspec.report.write_reports import write_reports
 
-    asked = reports + junit
-    if not asked:
+    requests = reports + junit
+    if not requests:
         raise ReportUsageError(
             "no report was requested", hint="Name a format and a file: --report html=report.html"
         )
     baseline = open_run(against) if against is not None else None
-    write_reports(asked, read_report_input(run, spec_file=spec, baseline=baseline))
+    write_reports(requests, read_report_input(run, spec_file=spec, baseline=baseline))
     return 0

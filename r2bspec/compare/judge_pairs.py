@@ -47,17 +47,17 @@ def judge_comparison_folder(
     Raises:
         RecordError: a file of one of its runs is missing or damaged.
     """
-    asked = pairs.plan.objectives if objectives is None else objectives
+    objectives = pairs.plan.objectives if objectives is None else objectives
     counted = pairs.usable_pairs()
     head = pairs.merged(counted, "head")
     read: dict[str, RunSamples] = {}
     first = read_pair_set(pairs, read, confirms=False)
     confirms = any(each.confirms for each in pairs.record.pairs)
     again = read_pair_set(pairs, read, confirms=True) if confirms else None
-    verdict = judge_comparison(asked, first, again, decision_policy(pairs.plan))
+    verdict = judge_comparison(objectives, first, again, decision_policy(pairs.plan))
     result = build_result(
         head,
-        asked,
+        objectives,
         judged_by,
         metrics=summarise(first.played.merged),
         verdict=verdict,

@@ -42,13 +42,13 @@ def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[s
     """
     if loaded.spec is None:
         return text, []
-    asked = [
+    of_baseline = [
         requirement
         for objective in loaded.spec.slos.values()
         for requirement in objective.require
         if requirement.bound is not None and requirement.bound.of_baseline
     ]
-    if not asked:
+    if not of_baseline:
         return _with_objective(loaded, loaded.spec, found, text)
     edits, left = [], []
     for each in narrow_margins(Context(loaded, loaded.spec, offline=True)):

@@ -178,13 +178,13 @@ def _answer(question: Question, report: ReferenceReport, figures: MonitorFigures
 
 def _judge_observation(question: Question, value: float, extreme: _Extreme) -> Answer:
     """Compare a value with the limit, as far as it shows anything."""
-    holds = question.holds(value)
+    is_met = question.is_met(value)
     text = show(value, question.info.unit)
     lost = (extreme == "largest" and question.is_upper_bound) or (
         extreme == "smallest" and not question.is_upper_bound
     )
     equal = question.requirement.op in {"==", "!="} and bool(extreme)
-    if holds and (lost or equal):
+    if is_met and (lost or equal):
         return Answer(
             outcome="inconclusive",
             method="none",
@@ -193,7 +193,7 @@ def _judge_observation(question: Question, value: float, extreme: _Extreme) -> A
             estimate=value,
         )
     return Answer(
-        outcome="pass" if holds else "fail",
+        outcome="pass" if is_met else "fail",
         method="observation",
         reason=f"The report has {text}; the limit is {question.limit_text}.",
         estimate=value,
@@ -213,7 +213,7 @@ def _judge_drop_rate(question: Question, figures: MonitorFigures) -> Answer:
     towards, against = (
         (test.upper, test.lower) if question.is_upper_bound else (test.lower, test.upper)
     )
-    outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
+    outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
     return Answer(
         outcome=outcome,
         method="exact binomial",
@@ -233,12 +233,12 @@ def _judge_drop_rate(question: Question, figures: MonitorFigures) -> Answer:
 def _judge_peak(question: Question, peak_hz: float | None) -> Answer:
     if peak_hz is None:
         return _inconclusive("The report has no peak.")
-    holds = question.holds(peak_hz)
+    is_met = question.is_met(peak_hz)
     text = show(peak_hz, "Hz")
-    if holds == question.is_upper_bound:
+    if is_met == question.is_upper_bound:
         # That search overestimates: a value below the limit is a proof.
         return Answer(
-            outcome="pass" if holds else "fail",
+            outcome="pass" if is_met else "fail",
             method="observation",
             reason=f"The search of the report found {text}; the limit is {question.limit_text}.",
             estimate=peak_hz,

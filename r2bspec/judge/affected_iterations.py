@@ -221,7 +221,7 @@ def affected_iterations_text(
     number = f"{len(first)} iterations" if len(first) > 1 else "1 iteration"
     again = sum(bool(one.rerun) for one in first)
     unaffected = sum(bool(one.rerun) and one.rerun not in disturbed for one in first)
-    said = f"Host interference in {number}"
+    text = f"Host interference in {number}"
     if again:
-        said += f"; {again} of them played again, {unaffected} without interference"
-    return said
+        text += f"; {again} of them played again, {unaffected} without interference"
+    return text

@@ -71,10 +71,10 @@ def judge_with_confirmation(
         return msgspec.structs.replace(first, reason=f"{first.reason} {_NOT_PLAYED_AGAIN}")
     second = judge_confirmation(objectives, samples.confirmation, first)
     found = confirm_run(first, second, policy.inconclusive)
-    said = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
+    sentence = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
     return msgspec.structs.replace(
         found,
-        reason=f"{found.reason} {said}",
+        reason=f"{found.reason} {sentence}",
         disturbed=(*first.disturbed, *second.disturbed),
     )
 
@@ -95,8 +95,8 @@ def judge_confirmation(
         for name, objective in objectives.items()
     }
     found = judge(again, confirmation, DecisionPolicy(confidence=CONFIRMATION_CONFIDENCE))
-    asked = tuple(one for one in found.requirements if _key(one) in failed)
-    return msgspec.structs.replace(found, requirements=asked)
+    judged_again = tuple(one for one in found.requirements if _key(one) in failed)
+    return msgspec.structs.replace(found, requirements=judged_again)
 
 
 def confirm_requirement(

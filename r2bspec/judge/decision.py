@@ -70,7 +70,7 @@ class Question:
         """Such as ``95 % confidence``."""
         return f"{show(self.confidence, 'share', 4)} confidence"
 
-    def holds(self, value: float) -> bool:
+    def is_met(self, value: float) -> bool:
         """Compare a value with the limit."""
         return self.requirement.is_met(value, self.limit)
 

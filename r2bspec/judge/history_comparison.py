@@ -71,13 +71,17 @@ def judge_with_baseline(
         return msgspec.structs.replace(
             found, reason=f"{found.reason} No second run was made to confirm it."
         )
-    asked = {
+    at_policy_confidence = {
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()
     }
     alike = replace(policy, confidence=HISTORY_CONFIRMATION_CONFIDENCE, looks=None)
-    again = compare_with_baseline(judge(asked, fresh, alike), asked, fresh, alike, baseline)
-    usable = () if again.outcome in {"invalid", "incomplete"} else again.requirements
+    second_verdict = compare_with_baseline(
+        judge(at_policy_confidence, fresh, alike), at_policy_confidence, fresh, alike, baseline
+    )
+    usable = (
+        () if second_verdict.outcome in {"invalid", "incomplete"} else second_verdict.requirements
+    )
     second = {_key(one): one for one in usable}
     # What failed without the history has had its own confirmation session.
     requirements = tuple(
@@ -87,8 +91,8 @@ def judge_with_baseline(
         for one in found.requirements
     )
     confirmed = with_requirement_verdicts(found, requirements, policy)
-    said = _CONFIRMED if fails_by_history(confirmed) else _NOT_CONFIRMED
-    return msgspec.structs.replace(confirmed, reason=f"{confirmed.reason} {said}")
+    sentence = _CONFIRMED if fails_by_history(confirmed) else _NOT_CONFIRMED
+    return msgspec.structs.replace(confirmed, reason=f"{confirmed.reason} {sentence}")
 
 
 def compare_with_baseline(
@@ -100,7 +104,7 @@ def compare_with_baseline(
 ) -> Verdict:
     """The same without confirmation."""
     return judge_baseline_requirements(
-        verdict, objectives, samples, policy, lambda asked: _answer(asked, samples, baseline)
+        verdict, objectives, samples, policy, lambda question: _answer(question, samples, baseline)
     )
 
 
@@ -113,14 +117,14 @@ def fails_by_history(verdict: Verdict) -> bool:
 
 
 def _answer(
-    asked: BaselineQuestion, samples: RunSamples, baseline: BaselineRecord
+    question: BaselineQuestion, samples: RunSamples, baseline: BaselineRecord
 ) -> RequirementVerdict:
-    one = asked.comparison
+    one = question.comparison
     before = baseline.find(one.at_hz, one.monitor, one.metric)
     if baseline.kind == "history":
-        return judge_history(one, before, run_value(asked.info, one.monitor, one.at_hz, samples))
+        return judge_history(one, before, run_value(question.info, one.monitor, one.at_hz, samples))
     return advise_by_stored_run(
-        one, before, iteration_values(asked.info, one.monitor, one.at_hz, samples)
+        one, before, iteration_values(question.info, one.monitor, one.at_hz, samples)
     )
 
 

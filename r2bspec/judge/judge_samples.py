@@ -54,12 +54,14 @@ def judge(
         policy: as the plan stated it before the run.
     """
     playback_validity = PlaybackValidity.of(samples)
-    asked = {name: objective for name, objective in objectives.items() if objective.level != "off"}
+    judged_objectives = {
+        name: objective for name, objective in objectives.items() if objective.level != "off"
+    }
     disturbed = find_affected_iterations(samples)
-    requirements = _judge_looks(asked, samples, policy, playback_validity)
+    requirements = _judge_looks(judged_objectives, samples, policy, playback_validity)
     if disturbed and any(one.outcome == "fail" for one in requirements):
         requirements = _weaken_affected(
-            disturbed, requirements, asked, samples, policy, playback_validity
+            disturbed, requirements, judged_objectives, samples, policy, playback_validity
         )
     unusable = tuple(
         Unusable(offered_hz=rate, reason=reason)

@@ -94,17 +94,19 @@ def judge_comparison(
         return msgspec.structs.replace(
             verdict, reason=f"{verdict.reason} No new pairs were played to confirm it."
         )
-    asked = {
+    at_policy_confidence = {
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()
     }
     found = confirm_run(
         verdict,
-        judge_pair_set(asked, again, replace(policy, confidence=CONFIRMATION_CONFIDENCE)),
+        judge_pair_set(
+            at_policy_confidence, again, replace(policy, confidence=CONFIRMATION_CONFIDENCE)
+        ),
         policy.inconclusive,
     )
-    said = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
-    return msgspec.structs.replace(found, reason=f"{found.reason} {said}")
+    sentence = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
+    return msgspec.structs.replace(found, reason=f"{found.reason} {sentence}")
 
 
 def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPolicy) -> Verdict:
@@ -142,7 +144,7 @@ def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPo
 def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolicy) -> Verdict:
     verdict = judge(objectives, pairs.merged, policy)
     verdict = judge_baseline_requirements(
-        verdict, objectives, pairs.merged, policy, lambda asked: _judge_by_pairs(asked, pairs)
+        verdict, objectives, pairs.merged, policy, lambda question: _judge_by_pairs(question, pairs)
     )
     if not any(one.metric == "sustained" for one in verdict.requirements):
         return verdict
@@ -158,10 +160,10 @@ def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolic
     return with_requirement_verdicts(verdict, requirements, policy)
 
 
-def _judge_by_pairs(asked: BaselineQuestion, pairs: InterleavedRuns) -> RequirementVerdict:
-    one = asked.comparison
+def _judge_by_pairs(question: BaselineQuestion, pairs: InterleavedRuns) -> RequirementVerdict:
+    one = question.comparison
     base, head = (
-        [run_value(asked.info, one.monitor, one.at_hz, run) for run in side]
+        [run_value(question.info, one.monitor, one.at_hz, run) for run in side]
         for side in (pairs.base, pairs.head)
     )
     return judge_pairs(one, base, head)

@@ -235,10 +235,9 @@ def _judge(estimate: ProbeEstimate, criterion: Criterion, look: InterimLook) -> 
 
 
 def _min_drop_share(estimate: ProbeEstimate, offered_hz: float, error: float) -> float:
-    """The lower bound of the share dropped: by shares of batches, or by the rate of answers.
+    """The lower bound of the share dropped: by shares of batches, or by the rate of outputs.
 
-    The rate knows more where every so many messages one is dropped, the shares where drops are
-    random.
+    The rate is more precise if messages are dropped periodically, the shares if drops are random.
     """
     steady = estimate.steady
     delivered_hz = (
@@ -250,7 +249,7 @@ def _min_drop_share(estimate: ProbeEstimate, offered_hz: float, error: float) ->
 
 
 def _share_bounds(happened: NDArray[np.bool_], error: float) -> tuple[float, float]:
-    """The share of what happened with one-sided bounds by batch means, each with this error."""
+    """The share of true flags with one-sided bounds by batch means, each with this error."""
     if not happened.any():
         return 0.0, 0.0
     if happened.size < _BATCHES:

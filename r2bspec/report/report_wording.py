@@ -215,9 +215,9 @@ def _message_anomalies(result: Result) -> Iterator[str]:
                 "duplicated": seen.duplicates,
                 "reordered": seen.reordered,
                 "matched no input": (seen.unmatched or 0) - (seen.overdue or 0),
-                "arrived after their segment had ended (counted as missed)": seen.overdue,
-                "arrived before their input": seen.early,
+                "arrived in a later segment (counted as missed)": seen.overdue,
+                "arrived before the input": seen.early,
             }
-            said = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
-            if said:
-                yield f"{where}: of {show(seen.received, 'count')} messages, {', '.join(said)}"
+            texts = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
+            if texts:
+                yield f"{where}: of {show(seen.received, 'count')} messages, {', '.join(texts)}"

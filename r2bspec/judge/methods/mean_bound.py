@@ -56,7 +56,7 @@ def judge_mean(question: Question) -> Answer:
         if question.is_upper_bound
         else (interval.lower, interval.upper)
     )
-    outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
+    outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
     return Answer(
         outcome=outcome,
         method="t over iterations",

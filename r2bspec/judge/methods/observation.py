@@ -34,11 +34,11 @@ def judge_observation(question: Question) -> Answer:
             reason=f"{question.info.name} has no value in these iterations.",
         )
     n = _count_messages(question)
-    holds = question.holds(seen)
-    counts = holds and n > 0 and _bounds_single_messages(question, seen)
+    is_met = question.is_met(seen)
+    counts = is_met and n > 0 and _bounds_single_messages(question, seen)
     rule = zero_failure_bound(n, question.confidence) if counts else None
     return Answer(
-        outcome="pass" if holds else "fail",
+        outcome="pass" if is_met else "fail",
         method="observation",
         reason=_reason(question, seen, n, rule),
         estimate=seen,

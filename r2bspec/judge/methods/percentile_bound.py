@@ -42,7 +42,7 @@ def judge_percentile(question: Question) -> Answer:
         if question.is_upper_bound
         else (interval.lower, interval.upper)
     )
-    outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
+    outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
     return Answer(
         outcome=outcome,
         method="exact binomial",

@@ -28,7 +28,7 @@ def judge_share(question: Question) -> Answer:
     towards, against = (
         (test.upper, test.lower) if question.is_upper_bound else (test.lower, test.upper)
     )
-    outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
+    outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
     return Answer(
         outcome=outcome,
         method="exact binomial",

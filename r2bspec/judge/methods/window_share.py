@@ -77,8 +77,8 @@ def _judge_ordered(question: Question, windows: WindowCondition, pieces: list[Se
     ranked = RankedMessages([sign * piece for piece in pieces])
     interval = percentile_interval(ranked, windows.share, question.confidence)
     outcome = decide(
-        passes=question.holds(sign * interval.upper),
-        fails=not question.holds(sign * interval.lower),
+        passes=question.is_met(sign * interval.upper),
+        fails=not question.is_met(sign * interval.lower),
     )
     bad = sum(int(np.count_nonzero(flags)) for flags in _bad(question, pieces))
     test = _test(question, windows, ranked.effective_sample(bad))
@@ -96,7 +96,8 @@ def _judge_equality(question: Question, windows: WindowCondition, pieces: list[S
 
 def _bad(question: Question, pieces: list[Seconds]) -> list[BadFlags]:
     return [
-        np.array([not question.holds(value) for value in piece], dtype=np.bool_) for piece in pieces
+        np.array([not question.is_met(value) for value in piece], dtype=np.bool_)
+        for piece in pieces
     ]
 
 

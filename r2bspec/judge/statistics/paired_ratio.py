@@ -1,6 +1,6 @@
 """Base and head, measured in pairs on one host: the t test on the logarithms of the ratios.
 
-Runs are interleaved A B B A (A the base, B the head), each in fresh processes, so that a machine
+Runs are interleaved A B B A (A the base, B the head), each in new processes, so that a machine
 that gets slower slows both. Pair i has the values a_i and b_i of a metric, one iteration each, and
 
     d_i = ln(b_i / a_i),        mean d,  standard deviation s,  over n pairs.

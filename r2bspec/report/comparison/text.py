@@ -113,5 +113,5 @@ def title(one: Comparison) -> str:
 def summary(one: Comparison) -> str:
     """The number of metrics by outcome."""
     counts = {each: sum(line.outcome == each for line in one.lines) for each in _ORDER}
-    said = [f"{count} {outcome}" for outcome, count in counts.items() if count]
-    return f"{', '.join(said)}, at {show(one.confidence, 'share')} confidence."
+    texts = [f"{count} {outcome}" for outcome, count in counts.items() if count]
+    return f"{', '.join(texts)}, at {show(one.confidence, 'share')} confidence."

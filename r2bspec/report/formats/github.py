@@ -49,10 +49,10 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     for one in annotated[:MAX_ANNOTATIONS]:
         text = requirement_text(one, name_monitor=several)
         at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
-        said = "\n".join(sentences(one))
+        texts = "\n".join(sentences(one))
         shown = _ADVISORY_COMMANDS.get(one.level, _COMMANDS[one.outcome])
         place = _place(one, locations, file)
-        yield command(shown, f"{one.objective}: {text}{at}", said, place)
+        yield command(shown, f"{one.objective}: {text}{at}", texts, place)
     if len(annotated) > MAX_ANNOTATIONS:
         omitted = len(annotated) - MAX_ANNOTATIONS
         yield f"{omitted} more requirements are not annotated; see the report"

@@ -70,11 +70,11 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
         case.result = [Error(printable(verdict.reason), verdict.outcome)]
-    said = [
+    texts = [
         printable(note) for note in (*comparison(report_input.result), *notes(report_input.result))
     ]
-    if said:
-        case.system_out = "\n".join(said)
+    if texts:
+        case.system_out = "\n".join(texts)
     return case
 
 

@@ -82,8 +82,8 @@ def _requirements(verdict: Verdict, pace: str) -> Iterator[str]:
 
 
 def _why(one: RequirementVerdict, *, several: bool) -> str:
-    said = [f"**{escaped(one.objective)}** {code(requirement_text(one, name_monitor=several))}:"]
-    return " ".join([*said, *map(escaped, sentences(one))])
+    texts = [f"**{escaped(one.objective)}** {code(requirement_text(one, name_monitor=several))}:"]
+    return " ".join([*texts, *map(escaped, sentences(one))])
 
 
 def _measured(result: Result) -> Iterator[str]:

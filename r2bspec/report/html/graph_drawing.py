@@ -218,5 +218,7 @@ def _route_edge(tail: PlacedBox, head: PlacedBox, stored: bool) -> Edge:
 
 
 def _description(arrows: Sequence[Arrow], placed: Mapping[str, PlacedBox]) -> str:
-    said = [f"{placed[a.tail].title} to {placed[a.head].title}" for a in arrows]
-    return "Messages go from " + "; from ".join(said) + "." if said else "There are no connections."
+    texts = [f"{placed[a.tail].title} to {placed[a.head].title}" for a in arrows]
+    return (
+        "Messages go from " + "; from ".join(texts) + "." if texts else "There are no connections."
+    )

@@ -96,10 +96,10 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
             for number, one in enumerate(result.verdict.requirements)
             if one.compared is not None
         ],
-        "has_surroundings": any(
+        "has_interference": any(
             one.surroundings for rate in metrics.rates for one in rate.iterations
         ),
-        "disturbed": defaultdict(
+        "affected": defaultdict(
             str, {one.segment: "; ".join(one.reasons) for one in result.verdict.disturbed}
         ),
         "monitors": monitors,

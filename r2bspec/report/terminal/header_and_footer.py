@@ -60,11 +60,11 @@ def search_section(search: SearchRecord | None) -> RenderableType | None:
 
 def notes_section(result: Result) -> RenderableType | None:
     """The notes; None if there are none."""
-    said = [*notes(result)]
-    if not said:
+    texts = [*notes(result)]
+    if not texts:
         return None
     return Group(
-        heading("notes"), *(Padding(Text(note), (0, 0, 0, 2), expand=False) for note in said)
+        heading("notes"), *(Padding(Text(note), (0, 0, 0, 2), expand=False) for note in texts)
     )
 
 

@@ -89,8 +89,8 @@ def test_the_terminal_tells_where_an_output_stopped_and_what_is_odd(result: Resu
     text = " ".join(to_text(result).split())
     assert "No more messages on /r2b/detections in rate-30Hz-002. /r2b/a publishes nothing" in text
     assert "R2B204: node /r2b/a has no topic 'x' that could be remapped" in text
-    assert "3 matched no input, 2 arrived after their segment had ended (counted as missed)" in text
-    assert "1 arrived before their input" in text
+    assert "3 matched no input, 2 arrived in a later segment (counted as missed)" in text
+    assert "1 arrived before the input" in text
 
 
 def test_markdown_has_a_table_of_hops_in_which_names_are_no_markup(result: Result) -> None:
