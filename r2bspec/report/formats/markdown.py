@@ -119,7 +119,7 @@ def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
     """The latency of the hops to a monitor; nothing where it is not tapped."""
     rows = [
         (
-            show(rate.offered_hz, "Hz"),
+            show_rate(rate.offered_hz, rate.pace),
             escaped(f"{hop.source} → {hop.target}"),
             *(show(getattr(hop.latency, part), "s") for part in ("p50", "p99")),
             show(hop.matched, "count"),

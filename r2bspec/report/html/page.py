@@ -13,7 +13,7 @@ import msgspec
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.units import show, show_rate
+from r2bspec.measure.units import at_rate, show, show_rate
 from r2bspec.report.html.canvas import Chart
 from r2bspec.report.html.number_links import Numbers, pointer
 from r2bspec.report.html.svg import PALETTE
@@ -113,6 +113,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "number": Numbers(msgspec.to_builtins(result)),
         "show": show,
         "show_rate": show_rate,
+        "at_rate": at_rate,
         "pace": own_pace(metrics),
         "facts": {key: _plain(value) for key, value in result.machine.items()},
         "dataset": {key: _plain(value) for key, value in result.dataset.items()},

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from rich.console import Group, RenderableType
 
 from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.units import show
+from r2bspec.measure.units import at_rate, show
 from r2bspec.report.terminal.style import heading, table
 
 
@@ -26,5 +26,6 @@ def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
                     show(hop.matched, "count"),
                     show(hop.missed, "count"),
                 )
-            aside = f"path to {name} at {show(rate.offered_hz, 'Hz')}; percentiles do not add up"
+            at = at_rate(rate.offered_hz, rate.pace)
+            aside = f"path to {name} {at}; percentiles do not add up"
             yield Group(heading("hops", aside), made)
