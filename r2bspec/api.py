@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from r2bspec.compare.base_reference import BaseReference
@@ -35,7 +36,7 @@ class GraphMismatchError(R2bspecError):
         loaded: the document, with the texts that the diagnostics refer to.
     """
 
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
     def __init__(
         self, error: R2bspecError, loaded: LoadedSpec, diagnostics: Sequence[Diagnostic]
@@ -54,7 +55,7 @@ class InvalidSpecError(R2bspecError):
     """
 
     code = "R2B602"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
     def __init__(self, loaded: LoadedSpec, diagnostics: Sequence[Diagnostic]) -> None:
         errors = sum(each.severity == "error" for each in diagnostics)
@@ -144,22 +145,20 @@ def prepare(
         )
     import msgspec
 
-    from r2bspec.check import check
-    from r2bspec.datasets.locate_bag import index, locate
+    from r2bspec.check.engine import check_in_context, context_of
     from r2bspec.language.load_spec import load_spec
     from r2bspec.plan.compile_plan import compile_plan
-    from r2bspec.wiring.companion_files import read_companion_files
 
     loaded = load_spec(path, sets=sets, variables=variables, case=case, allow_paths=allow_paths)
-    diagnostics = check(loaded)
-    if loaded.spec is None or any(each.severity == "error" for each in diagnostics):
+    context = context_of(loaded)
+    diagnostics = check_in_context(loaded, context)
+    if context is None or any(each.severity == "error" for each in diagnostics):
         raise InvalidSpecError(loaded, diagnostics)
-    bags = [
-        index(locate(source.dataset or source.path, loaded.base_dir))
-        for source in loaded.spec.data_loader.sources
-    ]
     plan = compile_plan(
-        loaded.spec, bags, companion_files=read_companion_files(loaded.spec, loaded.base_dir)
+        context.spec,
+        context.require_bags(),
+        companion_files=context.companion_files,
+        wiring=context.wiring,
     )
     return PreparedBenchmark(
         # The case is part of the name by which results are stored and compared.

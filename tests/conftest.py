@@ -25,10 +25,24 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say how much a loaded machine left untested: a suite that measures nothing is no success."""
+    from machine_load import load_summary
+
+    for line in load_summary(terminalreporter.stats.get("skipped", [])):
+        terminalreporter.write_line(line)
+
+
 @pytest.fixture(autouse=True)
 def no_real_datasets(monkeypatch: pytest.MonkeyPatch) -> None:
     """The tester's own datasets must not change what names mean."""
     monkeypatch.delenv("R2B_DATASETS", raising=False)
+
+
+@pytest.fixture(autouse=True)
+def default_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor must the one that the tester uses for other work."""
+    monkeypatch.delenv("RMW_IMPLEMENTATION", raising=False)
 
 
 @pytest.fixture(scope="session")

@@ -22,11 +22,14 @@ from r2bspec.bags.metadata import (
     TopicMetadata,
     read_metadata,
 )
-from r2bspec.bags.recording import BagIndex, StorageName, TopicInfo
-from r2bspec.bags.storage.storage import STORAGE_SUFFIXES, Storage, open_storages, storage_paths
-
-_FOLDER_STORAGES = ("mcap", "sqlite3")
-_FORMAT_NOTES = {".bag": ("recorded by ROS 1: messages are converted to those of ROS 2",)}
+from r2bspec.bags.recording import BagIndex, TopicInfo
+from r2bspec.bags.storage.storage import Storage, open_storages, storage_paths
+from r2bspec.language.bag_formats import (
+    SUFFIXES_TEXT,
+    BagFormat,
+    folder_format_names,
+    format_of_suffix,
+)
 
 
 class _StorageSummary(msgspec.Struct):
@@ -41,7 +44,7 @@ class _StorageSummary(msgspec.Struct):
 
 
 def index_bag(path: Path) -> BagIndex:
-    """Index a bag folder, or a lone .db3, .mcap or (ROS 1) .bag file, without message bodies.
+    """Index a bag folder, or a lone storage file, without message bodies.
 
     Where metadata and storage differ in topics, types or counts the bag is refused; where they
     differ in the times, which some recorders write wrongly, the storage is believed and a note
@@ -58,15 +61,16 @@ def index_bag(path: Path) -> BagIndex:
         raise DataError(
             f"{path} does not exist",
             code=BAG_NOT_FOUND,
-            hint="name a bag folder, a .db3, .mcap or .bag file, or a dataset",
+            hint=f"name a bag folder, a {SUFFIXES_TEXT} file, or a dataset",
         )
-    if path.suffix not in STORAGE_SUFFIXES:
+    bag_format = format_of_suffix(path.suffix)
+    if bag_format is None:
         raise DataError(
-            f"{path} is neither a bag folder nor a .db3, .mcap or .bag file",
+            f"{path} is neither a bag folder nor a {SUFFIXES_TEXT} file",
             code=STORAGE_UNREADABLE,
             hint=_unsupported_hint(path),
         )
-    return _index_file(path)
+    return _index_file(path, bag_format)
 
 
 def _unsupported_hint(path: Path) -> str:
@@ -106,7 +110,7 @@ def _index_folder(path: Path) -> BagIndex:
     return index if record is None else record.complete_index(index)
 
 
-def _index_file(path: Path) -> BagIndex:
+def _index_file(path: Path, bag_format: BagFormat) -> BagIndex:
     paths = storage_paths(path, ())
     with open_storages(paths, compressed_files=False) as storages:
         summary = _summarize(storages)
@@ -122,25 +126,25 @@ def _index_file(path: Path) -> BagIndex:
     )
     return BagIndex(
         name=path.name,
-        storage=STORAGE_SUFFIXES[path.suffix],
+        storage=bag_format.name,
         topics=_topics(topics, summary.end_ns - summary.start_ns),
         start_ns=summary.start_ns,
         end_ns=summary.end_ns,
         message_count=summary.counts.total(),
         files=(path.name,),
-        notes=(*_FORMAT_NOTES.get(path.suffix, ()), *summary.notes),
+        notes=(*([bag_format.note] if bag_format.note else []), *summary.notes),
     )
 
 
-def _storage_name(path: Path, metadata: BagMetadata) -> StorageName:
-    if metadata.storage not in _FOLDER_STORAGES:
+def _storage_name(path: Path, metadata: BagMetadata) -> str:
+    known = folder_format_names()
+    if metadata.storage not in known:
         raise DataError(
-            f"{path} is stored as {metadata.storage!r}; readable are "
-            f"{' and '.join(_FOLDER_STORAGES)}",
+            f"{path} is stored as {metadata.storage!r}; readable are {' and '.join(known)}",
             code=METADATA_UNREADABLE,
             hint="convert it with 'ros2 bag convert'",
         )
-    return cast("StorageName", metadata.storage)
+    return metadata.storage
 
 
 def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message", "file"]:

@@ -72,13 +72,6 @@ def _decompressed(what: Key, data: bytes | Future[bytes]) -> tuple[Key, bytes]:
     return what, decompress_message(data) if isinstance(data, bytes) else data.result()
 
 
-def uncompressed_size(head: bytes, stored_bytes: int) -> int | None:
-    """Size of a stored message in bytes, from its first bytes; None if they do not tell."""
-    if head[:4] != _MAGIC:
-        return stored_bytes
-    return zstd.get_frame_info(head).decompressed_size
-
-
 @contextmanager
 def unpack(path: Path) -> Iterator[Path]:
     """A file that is one zstd stream, unpacked for as long as the block lasts.

@@ -34,7 +34,7 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
         storage: storage format.
         start_ns: start of the sequence, ns since the epoch: the origin of windows.
         topics: what was made.
-        content_sha256: as `hash_content` computes it for all topics.
+        content_sha256: as `ContentHash` computes it for all topics.
         file_bytes: size of each other file in the folder, to notice damage cheaply.
     """
 

@@ -8,6 +8,7 @@ from typing import Final
 
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 
 BAG_NOT_FOUND: Final = "R2B301"
 METADATA_UNREADABLE: Final = "R2B302"
@@ -30,7 +31,7 @@ class DataError(R2bspecError):
     """
 
     code = BAG_NOT_FOUND
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
     def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
         # Names in bags are the text of strangers, and this goes to a terminal.

@@ -16,6 +16,7 @@ from r2bspec.bags.errors import (
     error_hint,
     error_text,
 )
+from r2bspec.language.bag_formats import SUFFIXES_TEXT
 
 METADATA_NAME = "metadata.yaml"
 
@@ -98,7 +99,7 @@ def read_metadata(folder: Path) -> BagMetadata:
         raise DataError(
             f"{folder} has no {METADATA_NAME}, so it is no complete rosbag",
             code=METADATA_UNREADABLE,
-            hint=f"{reindex}, or name the .db3, .mcap or .bag file itself",
+            hint=f"{reindex}, or name the {SUFFIXES_TEXT} file itself",
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(

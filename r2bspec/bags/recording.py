@@ -7,8 +7,8 @@ from typing import Literal
 
 import msgspec
 
-StorageName = Literal["sqlite3", "mcap", "ros1"]
 WritableStorage = Literal["sqlite3", "mcap"]
+"""In which formats datasets are written."""
 
 
 class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -40,7 +40,7 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         name: dataset name, or the bag folder's name.
-        storage: format of the storage files.
+        storage: name of the format of the storage files, in `BAG_FORMATS`.
         topics: by recorded name, sorted.
         start_ns: origin of windows, ns since the epoch. For recorded bags the first message's
             time; for synthetic ones the start of the sequence, also where the made window
@@ -55,7 +55,7 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     name: str
-    storage: StorageName
+    storage: str
     topics: dict[str, TopicInfo]
     start_ns: int
     end_ns: int
@@ -127,7 +127,7 @@ class SyntheticDataset(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         path: bag folder; `ground_truth.json` and `dataset.json` lie in it.
-        content_sha256: hash of the uncompressed content, as `hash_content` gives it.
+        content_sha256: hash of the uncompressed content, as `ContentHash` gives it.
         made: False where it was found in the cache.
     """
 

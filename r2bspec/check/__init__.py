@@ -1,4 +1,4 @@
-"""Rules over a spec: what is wrong with it is told before anything runs."""
+"""Rules that find errors in a spec before anything runs."""
 
 from r2bspec.check.engine import check, check_cases
 

@@ -1,9 +1,8 @@
-"""Indexes of bags, kept between checks by the identity of their files.
+"""A cache of bag indexes, by the identity of the bag's files.
 
-Indexing a recording opens every file of it, which for a bag of many files takes longer than all
-rules together. What is kept is the index and the size, time and inode of each file that it was
-made from; as soon as one of them differs, it is made anew. A cache that cannot be read or written
-is no cache.
+Indexing a bag opens all of its files, which for a bag of many files takes longer than all rules
+together. The key of an index has the size, times and inode of each file, so a changed bag is
+indexed again. If the cache cannot be read or written, bags are indexed without it.
 """
 
 from __future__ import annotations
@@ -17,18 +16,18 @@ if TYPE_CHECKING:
     from r2bspec.bags.recording import BagIndex, BagLocation
 
 _CACHE_VERSION = 2
-"""To be raised with every change of what an index holds."""
+"""Increase this with every change of the content of an index."""
 
 _MAX_FILES = 10_000
 _MIN_CACHED_BYTES = 1_000_000
-"""Smaller recordings are indexed faster than anything could be looked up."""
+"""Smaller bags are indexed faster than a cache is read."""
 
 
 def cached_index(location: BagLocation) -> BagIndex:
     """The index of a located bag.
 
     Raises:
-        DataError: the bag cannot be used; this is never kept.
+        DataError: the bag cannot be used; errors are not cached.
     """
     from r2bspec.datasets.locate_bag import index as index_location
 
@@ -49,7 +48,7 @@ def cached_index(location: BagLocation) -> BagIndex:
 
 
 def _cache_file(bag: Path) -> Path | None:
-    """The file in which the index of a bag is kept; None where it is not worth while."""
+    """The cache file for the index of a bag; None if the bag is not worth caching."""
     try:
         files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
         stats = [(file, file.stat()) for file in files[:_MAX_FILES]]

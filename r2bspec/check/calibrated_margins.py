@@ -1,4 +1,4 @@
-"""Margins of the baseline that are narrower than the noise which was calibrated beside the spec."""
+"""Margins of baseline requirements that are narrower than the calibrated noise."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from r2bspec.record.calibration_file import Calibration, MetricNoise
 
 _NUMBER = re.compile(r"\s*(?P<number>[0-9.]+)\s*%")
 _LIMIT_STEP_PERCENT = 0.5
-"""Percent: limits are proposed in steps of half a percent."""
-
+"""Proposed limits are multiples of this, in percent."""
 
 MAX_LOG_MARGIN = math.log(1.5)
-"""A margin that lets a graph get slower by more than half is none."""
+"""The widest margin that is proposed: with it, a graph may become 50 % slower."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +25,11 @@ class NarrowMargin:
     """A requirement whose margin is below the noise.
 
     Attributes:
-        margin: its own, as a ratio to 1: 0.03 is 3 %.
-        min_margin: the smallest that can be held on the noisiest machine.
-        pairs: how many pairs the spec compares.
-        proposed: the limit that can be held, such as ``104.5 %``; empty where that would be so wide
-            that it means nothing.
+        margin: of the requirement, as a ratio: 0.03 is 3 %.
+        min_margin: the smallest detectable margin on the noisiest machine.
+        pairs: the number of pairs that the spec compares.
+        proposed: a detectable limit, such as ``104.5 %``; empty if its margin would exceed
+            MAX_LOG_MARGIN.
         part: offset and length of the limit in the text of the requirement.
     """
 
@@ -45,15 +44,14 @@ class NarrowMargin:
 
     @property
     def detectable_text(self) -> str:
-        """What the pairs of the spec can tell, such as ``10 pairs tell no less than 4.2 %``."""
-        pairs = "1 pair tells" if self.pairs == 1 else f"{self.pairs} pairs tell"
-        if not self.proposed:
-            return f"{pairs} not even a change by half"
-        return f"{pairs} no less than {show(self.min_margin, 'share')}"
+        """Such as ``10 pairs detect no change below 4.2 %``."""
+        pairs = "1 pair detects" if self.pairs == 1 else f"{self.pairs} pairs detect"
+        change = show(self.min_margin, "share") if self.proposed else "50 %"
+        return f"{pairs} no change below {change}"
 
 
 def narrow_margins(context: Context) -> Iterator[NarrowMargin]:
-    """The margins that no machine which was calibrated can hold, worst machine first."""
+    """The margins below the noise of a calibrated machine, each with its noisiest machine."""
     hosts = context.noise.benchmarks.get(context.loaded.id, {}) if context.noise else {}
     pairs = context.spec.benchmark.iterations
     for known_metric in known_metrics(context):
@@ -84,7 +82,7 @@ def _narrow(
     ceiling = requirement.op in {"<", "<="}
     margin = math.log(bound.value) * (1 if ceiling else -1)
     min_margin = noise.margin(pairs)
-    # A bound on the other side of 1 asks for an improvement, of which noise says nothing.
+    # A bound on the other side of 1 requires an improvement, to which noise does not apply.
     if min_margin is None or margin < 0 or margin >= min_margin:
         return None
     written = _NUMBER.match(requirement.text, requirement.bound_column)
@@ -103,7 +101,7 @@ def _narrow(
 
 
 def limit_text(margin: float, *, ceiling: bool) -> str:
-    """A limit that leaves a margin, given as a logarithm, rounded away from 100 %."""
+    """The limit with a margin, which is given as a logarithm, rounded away from 100 %."""
     percent = 100 * math.exp(margin if ceiling else -margin)
     steps = (
         math.ceil(percent / _LIMIT_STEP_PERCENT)

@@ -1,4 +1,4 @@
-"""What the rules of one check look at; everything is worked out when it is first asked for."""
+"""The input of the rules: a spec, and facts about it that are computed on first use."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from r2bspec.check.spec_requirements import LocatedRequirement, located_requirem
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
 from r2bspec.language.spec import BagSource, Spec
-from r2bspec.plan.compile_plan import bag_types
+from r2bspec.plan.compile_plan import bag_types, has_own_rate
 from r2bspec.plan.process_plans import process_names
 from r2bspec.record.calibration_file import CalibrationFile, calibration_path, read_calibration_file
 from r2bspec.record.errors import RecordError
-from r2bspec.wiring.build_wiring import build_wiring
+from r2bspec.wiring.build_wiring import build_wiring, harness_topic
 from r2bspec.wiring.companion_files import CompanionFiles, read_companion_files
 from r2bspec.wiring.merge_bags import merge_indexes
 from r2bspec.wiring.wiring import NodeWiring, Wiring
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Recording(NamedTuple):
-    """One bag of a spec: its place there, where it is, what is in it, or why it cannot be used."""
+    """One bag of a spec: its path in the spec, its location, and its index or its error."""
 
     path: Path
     location: BagLocation | None
@@ -37,12 +37,12 @@ class Recording(NamedTuple):
 
 
 class Context:
-    """A spec and what can be known around it without executing anything.
+    """A spec, and what can be found out about it without executing anything.
 
     Attributes:
-        loaded: the document as it was read.
+        loaded: the document.
         spec: its typed value.
-        offline: whether to leave recorded data alone.
+        offline: whether to skip recorded data.
     """
 
     def __init__(self, loaded: LoadedSpec, spec: Spec, *, offline: bool = False) -> None:
@@ -52,17 +52,17 @@ class Context:
 
     @cached_property
     def companion_files(self) -> CompanionFiles:
-        """What was read beside the spec: recorded interfaces, parameter files, Python files."""
+        """The companion files of the spec: interfaces, parameter files, Python files."""
         return read_companion_files(self.spec, self.loaded.base_dir)
 
     @property
     def noise(self) -> CalibrationFile | None:
-        """What was calibrated; None if nothing was, or if its file cannot be used."""
+        """The calibrated noise; None if there is no calibration file, or it cannot be used."""
         return self._noise[0]
 
     @property
     def noise_problem(self) -> str:
-        """Why the file of the calibration cannot be used; empty if it can, or is not there."""
+        """Why the calibration file cannot be used; empty if it can, or does not exist."""
         return self._noise[1]
 
     @cached_property
@@ -75,24 +75,24 @@ class Context:
 
     @cached_property
     def wiring(self) -> Wiring:
-        """Who writes and who reads which topic."""
+        """The publishers and subscriptions of every topic."""
         types = bag_types(self.spec, self.bag)
         return build_wiring(self.spec, bag_types=types, companion_files=self.companion_files)
 
     @cached_property
     def bag(self) -> BagIndex | None:
-        """What is known of all recordings together; None offline, or if one cannot be used."""
+        """The index of all bags together; None offline, or if one of them cannot be used."""
         found = [each.content for each in self.recordings if each.content is not None]
         return merge_indexes(found) if len(found) == len(self.recordings) else None
 
     @property
     def bag_location(self) -> BagLocation | None:
-        """Where the bag is; None offline, if it cannot be found, or if there are several."""
+        """The location of the bag; None offline, if it is not found, or if there are several."""
         return self.recordings[0].location if len(self.recordings) == 1 else None
 
     @cached_property
     def recordings(self) -> tuple[Recording, ...]:
-        """Every bag of the spec, as far as it can be known; none offline, or if none is named."""
+        """Every bag of the spec; none offline, or if the spec has no bag."""
         if self.offline:
             return ()
         sources = self.spec.data_loader.sources
@@ -105,11 +105,25 @@ class Context:
             for position, source in enumerate(sources)
         )
 
+    def require_bags(self) -> list[BagIndex]:
+        """The index of every bag.
+
+        Raises:
+            DataError: one of them cannot be used.
+        """
+        found = []
+        for each in self.recordings:
+            if each.content is None:
+                assert each.error is not None  # noqa: S101 - a recording is one or the other
+                raise each.error
+            found.append(each.content)
+        return found
+
     def _recording(self, source: BagSource, place: Path) -> Recording:
         from r2bspec.bags.errors import DataError
         from r2bspec.datasets.locate_bag import locate as locate_bag
 
-        # A path that is one word is still a path if the spec says so.
+        # A path without a '/' is still a path if the spec gives it as one.
         path = source.path if "/" in source.path or not source.path else f"./{source.path}"
         place = self._name_path(place)
         location = None
@@ -120,7 +134,7 @@ class Context:
             return Recording(place, location, None, error)
 
     def _name_path(self, place: Path) -> Path:
-        """The place of a bag's name: its own value, or below it."""
+        """The path of the bag's name: its own value, or a key of it."""
         for key in ("dataset", "path"):
             if self.value_at((*place, key)) is not None:
                 return (*place, key)
@@ -131,9 +145,9 @@ class Context:
         return lookup(self.loaded.tree, path) if self.loaded.tree is not None else None
 
     def parameter_path(self, node: NodeWiring, name: str) -> Path | None:
-        """Where the spec itself gives a node a parameter; None for one from a parameter file.
+        """Where the spec sets a parameter of a node; None for one from a parameter file.
 
-        Of several maps that give it, the last counts.
+        If several maps set it, the last one applies.
         """
         place: Path = (*node.path, "parameters")
         parameters_node = self.value_at(place)
@@ -156,15 +170,24 @@ class Context:
 
     @cached_property
     def requirements(self) -> tuple[LocatedRequirement, ...]:
-        """Every requirement with its place."""
+        """Every requirement with its path."""
         return tuple(located_requirements(self.spec))
 
     @cached_property
     def processes(self) -> tuple[str, ...]:
-        """The names of the processes that run while measuring."""
+        """The names of the processes of the measure phase."""
         return process_names(self.spec, self.wiring)
 
+    @property
+    def has_own_rate(self) -> bool:
+        """Whether the recording, or the graph's own source, sets the rate of the messages."""
+        return has_own_rate(self.spec)
+
+    def harness_topic(self, name: str) -> str:
+        """The full name of a topic that the spec names outside of any node."""
+        return harness_topic(name, self.wiring.namespace)
+
     def relative_name(self, topic: str, namespace: str = "") -> str:
-        """A full topic name as one would write it in a namespace, the spec's by default."""
+        """A topic name relative to a namespace, by default that of the spec."""
         inside = f"{(namespace or self.wiring.namespace).rstrip('/')}/"
         return topic.removeprefix(inside) if topic.startswith(inside) else topic

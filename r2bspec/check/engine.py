@@ -1,15 +1,15 @@
-"""Running all rules over a spec, and leaving out what follows from something already said.
+"""Runs all rules over a spec, and drops findings that follow from earlier ones.
 
-A rule sees only the whole spec, so one wrong word looks wrong to several of them: a misspelt
-remapping leaves one topic that nobody publishes, another that nobody reads, and a monitor that
-nothing reaches. Each finding therefore names the subjects that it is `suppressed_by`, and those
-that it `suppresses`. Rules run in the order of their codes, causes before consequences; a finding
-about a subject that an earlier rule has explained is left out.
+Every rule checks the whole spec, so several rules find the same error: a misspelt remapping leaves
+one topic without a publisher, another without a subscription, and a monitor without messages. Each
+finding therefore names the subjects that it is `suppressed_by`, and those that it `suppresses`.
+Rules run in the order of their codes, causes before consequences; a finding about a subject that an
+earlier rule suppresses is dropped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from r2bspec.check.check_context import Context
@@ -24,58 +24,72 @@ if TYPE_CHECKING:
 
 
 def check(loaded: LoadedSpec, *, offline: bool = False) -> list[Diagnostic]:
-    """Everything that is wrong with a spec, sorted by place.
+    """All findings about a spec, sorted by place.
 
-    Where reading the document found errors, there is no spec to apply rules to, and those errors
-    are all that is returned. What a comment waives (`r2bspec.diagnostics.waivers`) is left out.
-    Nothing that the spec names is executed or imported.
+    A document with errors has no spec, so only these errors are returned. Findings that a comment
+    waives (`r2bspec.diagnostics.waivers`) are left out. Nothing that the spec names is executed or
+    imported.
 
     Args:
-        loaded: what `load_spec` gave.
-        offline: leave recorded data alone; rules that need it find nothing.
+        loaded: from `load_spec`.
+        offline: skip recorded data; rules that need it find nothing.
     """
-    # Of a document with a matrix this is one case: a waiver may be meant for another.
-    return _unwaived_findings([loaded], offline=offline, complete=loaded.matrix_case is None)
+    return check_in_context(loaded, context_of(loaded, offline=offline))
+
+
+def check_in_context(loaded: LoadedSpec, context: Context | None) -> list[Diagnostic]:
+    """The same as `check`, for a caller that goes on using what the rules have worked out.
+
+    Args:
+        loaded: from `load_spec`.
+        context: from `context_of`; None where there is no spec.
+    """
+    # A document with a matrix has other cases, to which a waiver may apply.
+    return _unwaived_findings([loaded], [context], complete=loaded.matrix_case is None)
+
+
+def context_of(loaded: LoadedSpec, *, offline: bool = False) -> Context | None:
+    """The context of a spec; None where the document has errors."""
+    return None if loaded.spec is None else Context(loaded, loaded.spec, offline=offline)
 
 
 def check_cases(cases: Sequence[LoadedSpec], *, offline: bool = False) -> list[Diagnostic]:
-    """Everything that is wrong with any case of one document, each finding once.
+    """All findings about the cases of one document, each finding once.
 
     Args:
-        cases: every case, as `load_cases` gave them.
+        cases: every case, from `load_cases`.
         offline: as for `check`.
     """
-    return _unwaived_findings(cases, offline=offline, complete=True)
+    contexts = [context_of(one, offline=offline) for one in cases]
+    return _unwaived_findings(cases, contexts, complete=True)
 
 
 def _unwaived_findings(
-    cases: Sequence[LoadedSpec], *, offline: bool, complete: bool
+    cases: Sequence[LoadedSpec], contexts: Sequence[Context | None], *, complete: bool
 ) -> list[Diagnostic]:
-    found = merge_case_findings(cases, [_check_document(one, offline=offline) for one in cases])
+    findings = [_check_document(one, context) for one, context in zip(cases, contexts, strict=True)]
+    found = merge_case_findings(cases, findings)
     texts = {name: text for one in cases for name, text in one.texts.items()}
-    complete = complete and not offline and all(one.spec is not None for one in cases)
-    left = apply_waivers(found, texts, known=_known_codes, complete=complete)
+    complete = complete and all(each is not None and not each.offline for each in contexts)
+    left = apply_waivers(found, texts, known=_slugs_by_code, complete=complete)
     return sorted(left, key=lambda each: each.sort_key)
 
 
-def _check_document(loaded: LoadedSpec, *, offline: bool) -> list[Diagnostic]:
-    found = list(loaded.diagnostics)
-    if loaded.spec is not None:
-        found += _apply_rules(Context(loaded, loaded.spec, offline=offline))
-    return found
+def _check_document(loaded: LoadedSpec, context: Context | None) -> list[Diagnostic]:
+    return [*loaded.diagnostics, *(_apply_rules(context) if context is not None else ())]
 
 
-def _known_codes() -> Collection[str]:
+def _slugs_by_code() -> Mapping[str, str]:
     from r2bspec.check.pages import all_pages
 
-    return all_pages()
+    return {code: page.slug for code, page in all_pages().items()}
 
 
 def _apply_rules(context: Context) -> list[Diagnostic]:
     found: list[Diagnostic] = []
     suppressed: set[str] = set()
     for rule in all_rules():
-        # What a rule explains counts for the rules after it, not for its own other findings.
+        # A rule suppresses findings of later rules, but not its own.
         kept = [each for each in rule.find(context) if not each.suppressed_by & suppressed]
         for finding in kept:
             suppressed |= finding.suppresses

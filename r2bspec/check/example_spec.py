@@ -1,4 +1,4 @@
-"""The example specs of the rules: whole documents, of which each rule writes only its own part."""
+"""The example specs of the rules: complete documents, of which a rule gives only a part."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _SECTIONS = {
 
 
 def example(**sections: str) -> str:
-    """A whole spec: an image relayed at 30 Hz, with the given sections in place of its own.
+    """A complete spec that relays an image at 30 Hz, with some sections replaced.
 
     Args:
-        sections: text of a top-level section without its key, indented at will; the keys
-            `environment`, `namespace`, `variables` and the like are put at the beginning.
+        sections: text of a top-level section without its key, with any indentation; keys such as
+            `environment`, `namespace` and `variables` are put at the beginning.
     """
     lines = ["r2bspec: 1", "name: example"]
     head = [key for key in sections if key not in _SECTIONS]

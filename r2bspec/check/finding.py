@@ -1,15 +1,20 @@
-"""What a rule yields: a problem at a path of the spec, before it has a place in a file."""
+"""What a rule finds: a problem at a path of the spec, before it has a line and a column."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
+from typing import Literal
 
-from r2bspec.diagnostics.diagnostic import Certainty, Path, Severity
+from r2bspec.diagnostics.diagnostic import Path
+
+SeverityName = Literal["error", "warning", "info"]
+"""A `r2bspec.diagnostics.diagnostic.Severity`, as rules write it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pointer:
-    """Another value of the spec that explains a finding; `key` means its key."""
+    """Another place of the spec that explains a finding: the value at `path`, or its key."""
 
     message: str
     path: Path
@@ -21,19 +26,18 @@ class Finding:
     """One problem.
 
     Attributes:
-        message: one sentence without a full stop; names are in single quotes.
-        path: the value that is wrong.
-        key: whether the key there is wrong, rather than the value.
-        part: offset and length, in characters of the value's text, of the piece that is wrong.
-        help: the way out.
+        message: what is wrong, without a full stop; names are in single quotes.
+        path: the wrong value.
+        key: whether the key at `path` is wrong, not the value.
+        part: offset and length of the wrong part, in characters of the value's text.
+        help: what to do.
         related: other places that explain it.
-        replacement: a text that may safely stand in place of the value, or of its `part`.
-        severity: if not the rule's own.
-        certainty: whether it holds on every machine.
-        code: if not the rule's own, as for errors of the data.
-        suppressed_by: the subjects that the finding is a statement about; see
-        `r2bspec.check.engine`. suppresses: the subjects about which nothing more needs to be said
-        once this is known.
+        replacement: a text that can safely replace the value, or its `part`.
+        severity: if it differs from the rule's.
+        machine_dependent: whether the result may differ on another machine.
+        code: if it differs from the rule's, as for errors of bags.
+        suppressed_by: the subjects of the finding; see `r2bspec.check.engine`.
+        suppresses: the subjects that this finding explains.
     """
 
     message: str
@@ -43,8 +47,12 @@ class Finding:
     help: str = ""
     related: tuple[Pointer, ...] = ()
     replacement: str | None = None
-    severity: Severity | None = None
-    certainty: Certainty = Certainty.CERTAIN
+    severity: SeverityName | None = None
+    machine_dependent: bool = False
     code: str = ""
-    suppressed_by: frozenset[str] = frozenset()
-    suppresses: frozenset[str] = frozenset()
+    suppressed_by: Set[str] = frozenset()
+    suppresses: Set[str] = frozenset()
+
+
+Findings = Iterator[Finding]
+"""The result of a rule."""

@@ -1,11 +1,19 @@
-"""From a finding at a path to a diagnostic at a line and column."""
+"""Converts a finding at a path into a diagnostic at a line and column."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from r2bspec.check.finding import Finding
-from r2bspec.diagnostics.diagnostic import Diagnostic, Edit, Path, Related, Severity, Span
+from r2bspec.check.finding import Finding, SeverityName
+from r2bspec.diagnostics.diagnostic import (
+    Certainty,
+    Diagnostic,
+    Edit,
+    Path,
+    Related,
+    Severity,
+    Span,
+)
 from r2bspec.language.located_tree import ScalarNode, lookup
 
 if TYPE_CHECKING:
@@ -13,23 +21,23 @@ if TYPE_CHECKING:
 
 
 def to_diagnostic(
-    finding: Finding, code: str, severity: Severity, loaded: LoadedSpec
+    finding: Finding, code: str, severity: SeverityName, loaded: LoadedSpec
 ) -> Diagnostic:
-    """The diagnostic of a finding, with the rule's code and severity where it has none."""
+    """The diagnostic of a finding; code and severity of the rule are the defaults."""
     span = _span(finding, loaded)
     related = [
         Related(each.message, loaded.span(each.path, key=each.key)) for each in finding.related
     ]
     return Diagnostic(
         code=finding.code or code,
-        severity=finding.severity or severity,
+        severity=Severity(finding.severity or severity),
         message=finding.message,
         span=span,
         path=finding.path,
         help=finding.help,
         related=tuple(related + ([] if finding.key else _origin(finding.path, loaded))),
         edit=_edit(finding, span, loaded),
-        certainty=finding.certainty,
+        certainty=Certainty.ENVIRONMENT if finding.machine_dependent else Certainty.CERTAIN,
     )
 
 
@@ -40,13 +48,13 @@ def _span(finding: Finding, loaded: LoadedSpec) -> Span:
 
 
 def _origin(path: Path, loaded: LoadedSpec) -> list[Related]:
-    """Where a value was written that a variable brought to `path`."""
+    """Where the variable is set from which the value at `path` comes."""
     node = lookup(loaded.tree, path) if loaded.tree is not None else None
     return [node.origin] if isinstance(node, ScalarNode) and node.origin is not None else []
 
 
 def _edit(finding: Finding, span: Span, loaded: LoadedSpec) -> Edit | None:
-    """The replacement, if the text at `span` is exactly what it replaces."""
+    """The replacement, if the text at `span` is exactly the text to replace."""
     if finding.replacement is None or loaded.tree is None or span.line != span.end_line:
         return None
     node = lookup(loaded.tree, finding.path)

@@ -1,4 +1,4 @@
-"""What is installed on this machine, looked up without importing or starting anything."""
+"""Installed modules and ROS packages, found without importing or starting anything."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PACKAGE_INDEX = "share/ament_index/resource_index/packages"
 
 
 def find_module(name: str) -> ModuleSpec | None:
-    """Find a module by its dotted name; the packages above it are found, not imported."""
+    """Find a module by its dotted name, without importing its parent packages."""
     top, *below = name.split(".")
     try:
         found = importlib.util.find_spec(top)
@@ -30,10 +30,10 @@ def find_module(name: str) -> ModuleSpec | None:
 
 
 def top_level_names(source: Path) -> frozenset[str] | None:
-    """The names that a Python file defines, or None if that cannot be told from its text.
+    """The names that a Python file defines, or None if its text does not determine them.
 
     Raises:
-        SyntaxError: it is no Python, as this interpreter understands it.
+        SyntaxError: this interpreter cannot parse the file.
     """
     try:
         if source.stat().st_size > _MAX_SOURCE_BYTES:
@@ -46,7 +46,7 @@ def top_level_names(source: Path) -> frozenset[str] | None:
 
 
 def _bound_names(body: list[ast.stmt]) -> Iterator[str]:
-    """The names that statements bind, also inside of ``if``, ``try`` and ``with``."""
+    """The names that statements bind, including those in ``if``, ``try`` and ``with``."""
     for statement in body:
         match statement:
             case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef():
@@ -76,7 +76,7 @@ def ament_prefixes() -> list[Path]:
 
 
 def ament_packages() -> set[str]:
-    """The names of all ROS packages that are installed."""
+    """The names of all installed ROS packages."""
     found: set[str] = set()
     for prefix in ament_prefixes():
         try:
@@ -87,7 +87,7 @@ def ament_packages() -> set[str]:
 
 
 def package_executables(package: str) -> set[str]:
-    """The names of a ROS package's executables."""
+    """The names of the executables of a ROS package."""
     found: set[str] = set()
     for prefix in ament_prefixes():
         try:

@@ -1,4 +1,4 @@
-"""Pieces of sentences that many rules need."""
+"""Parts of messages that many rules use."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.quote import quote
 
 MAX_LISTED_NAMES = 8
-"""Names that a message lists at most."""
+"""The maximum number of names in a message."""
 
 MAX_SUGGESTIONS = 50
-"""Findings of a rule for which close names are looked for. Each search takes time, and a document
-with more mistakes of one kind has one cause, which the first ones show."""
+"""The maximum number of findings of a rule for which close names are searched. A search takes time,
+and many errors of one kind usually have one cause."""
 
 
 def quoted_list(names: Iterable[str], last: str = "and") -> str:
-    """``'a', 'b' and 'c'``; a long list is cut and says how many more there are."""
+    """``'a', 'b' and 'c'``; a long list is cut and ends with the number of omitted names."""
     quoted = [quote(name) for name in dict.fromkeys(names)]
     if len(quoted) > MAX_LISTED_NAMES:
         return (
@@ -26,12 +26,12 @@ def quoted_list(names: Iterable[str], last: str = "and") -> str:
 
 
 def suggestion(wrong: str, known: Iterable[str], what: str) -> str:
-    """What to write instead: the known name that is close, or else all of them.
+    """The help for an unknown name: the known name that is close, or else all known names.
 
     Args:
-        wrong: the name as written.
-        known: the names that would be right.
-        what: what they are, as in ``topics that are published``.
+        wrong: the unknown name.
+        known: the known names.
+        what: what they are, such as ``published topics``.
     """
     names = sorted(set(known))
     close = did_you_mean(wrong, names)

@@ -1,7 +1,7 @@
-"""What is known of message types without ROS.
+"""Facts about message types, without ROS.
 
-The types that most graphs use are listed here, because looking any up in `rosbags`, which knows
-all of the common interfaces, takes longer than the rest of a check.
+The types that most graphs use are listed here, because loading `rosbags`, which has all types of
+the common interfaces, takes longer than the rest of a check.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ WITHOUT_HEADER = frozenset(
         "tf2_msgs/msg/TFMessage",
     }
 )
-"""Frequent types that do not."""
+"""Frequent types without a header."""
 
 
 def begins_with_header(name: str) -> bool | None:
-    """Whether a type's first field is a std_msgs/Header; None for a type that is not known."""
+    """Whether the first field of a type is a std_msgs/Header; None for an unknown type."""
     if name in WITH_HEADER:
         return True
     if name in WITHOUT_HEADER:
@@ -60,7 +60,7 @@ def begins_with_header(name: str) -> bool | None:
 
 
 def types_of_same_package(name: str) -> frozenset[str]:
-    """All types of the package of `name`, if it is one of the common interfaces; else nothing."""
+    """All types of the package of `name`, if it is a common package; otherwise none."""
     if name in WITH_HEADER or name in WITHOUT_HEADER:
         return frozenset({name})
     package = name.partition("/")[0]

@@ -1,4 +1,4 @@
-"""The ROS type that a value of the language has as a parameter."""
+"""The ROS types of parameter values, and where the spec sets parameters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from r2bspec.language.spec import ParameterValue
 from r2bspec.wiring.node_interface import ParameterType
 from r2bspec.wiring.wiring import NodeWiring
 
-# bool comes before int, of which it is a kind in Python.
+# bool comes before int, because it is a subclass of int.
 _TYPES: tuple[tuple[type, ParameterType, ParameterType], ...] = (
     (bool, "bool", "bool_array"),
     (int, "integer", "integer_array"),
@@ -22,7 +22,7 @@ _TYPES: tuple[tuple[type, ParameterType, ParameterType], ...] = (
 
 
 def parameter_type(value: ParameterValue) -> ParameterType | None:
-    """The type of a parameter, or None for a list that is empty or of different types."""
+    """The ROS type of a value; None for a list that is empty or of different types."""
     if not isinstance(value, list):
         return next(name for kind, name, _ in _TYPES if isinstance(value, kind))
     types = {parameter_type(item) if not isinstance(item, list) else None for item in value}
@@ -32,11 +32,11 @@ def parameter_type(value: ParameterValue) -> ParameterType | None:
 
 @dataclass(frozen=True, slots=True)
 class ParameterOverride:
-    """A parameter that a node gets.
+    """A parameter that the spec or a parameter file sets.
 
     Attributes:
-        path: where: the value in the spec, or the name of the parameter file that gives it.
-        file: that parameter file; empty if the spec itself gives it.
+        path: the value in the spec, or the reference to the parameter file.
+        file: the parameter file; empty if the spec sets the parameter.
     """
 
     name: str
@@ -46,7 +46,7 @@ class ParameterOverride:
 
 
 def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[ParameterOverride]:
-    """What a node gets in the end, each parameter with the place that gives it."""
+    """The effective parameters of a node, each with the place that sets it."""
     for name, value in node.parameters.items():
         path = context.parameter_path(node, name)
         if path is not None and name in node.node.parameters:
@@ -63,7 +63,7 @@ def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[Paramete
 
 
 def parameter_file_paths(context: Context, node: NodeWiring) -> Iterator[tuple[Path, str]]:
-    """The parameter files that the spec gives a node, each with its place."""
+    """The parameter files of a node, each with its path in the spec."""
     place: Path = (*node.path, "parameters")
     listed = isinstance(context.value_at(place), ListNode)
     for index, source in enumerate(node.node.parameter_sources):

@@ -1,4 +1,4 @@
-"""What ``python:`` of a node names."""
+"""The class or function that ``python:`` of a node names."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ class PythonTarget:
     """A class or function in a module or a file.
 
     Attributes:
-        text: as written.
-        module: its dotted name; empty for a file.
-        file: where the file should be; without meaning for a module.
+        text: as in the spec.
+        module: the dotted name; empty for a file.
+        file: the path of the file; unused for a module.
         name: the class or function.
-        readable: whether the file lies in the folder of the spec, so that it may be read.
+        readable: whether the file is in the folder of the spec, so that it may be read.
     """
 
     text: str
@@ -26,7 +26,7 @@ class PythonTarget:
 
 
 def python_target(text: str, base_dir: Path) -> PythonTarget:
-    """Take ``module.Class`` or ``./file.py:Class`` apart."""
+    """Parse ``module.Class`` or ``./file.py:Class``."""
     place, colon, name = text.rpartition(":")
     if not colon:
         module, _, name = text.rpartition(".")

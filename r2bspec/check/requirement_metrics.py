@@ -1,4 +1,4 @@
-"""What the metrics of a spec's requirements mean, by the catalogue of `r2bspec.measure`."""
+"""The metrics of requirements, resolved with the catalogue of `r2bspec.measure`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from r2bspec.measure.metric_catalogue import MetricInfo, resolve
 
 @dataclass(frozen=True, slots=True)
 class KnownMetric:
-    """A requirement whose metric exists; `monitor` is None where it belongs to no single one."""
+    """A requirement whose metric exists; `monitor` is None if it applies to no single monitor."""
 
     located: LocatedRequirement
     monitor: str | None
@@ -23,27 +23,27 @@ class KnownMetric:
 
 @dataclass(frozen=True, slots=True)
 class UnknownMetric:
-    """A requirement whose metric, or the monitor before it, does not exist."""
+    """A requirement whose metric or monitor does not exist."""
 
     located: LocatedRequirement
     error: MetricError
 
 
 def known_metrics(context: Context) -> Iterator[KnownMetric]:
-    """The requirements whose metric exists."""
+    """The requirements whose metric and monitor exist."""
     for each in _resolved_metrics(context):
         if isinstance(each, KnownMetric):
             yield each
 
 
 def unknown_metrics(context: Context) -> Iterator[UnknownMetric]:
-    """The others."""
+    """The requirements whose metric or monitor does not exist."""
     for each in _resolved_metrics(context):
         if isinstance(each, UnknownMetric):
             yield each
 
 
-@lru_cache(maxsize=1)  # many rules ask, one after the other, about the same spec
+@lru_cache(maxsize=1)  # many rules use it, one after the other, for the same spec
 def _resolved_metrics(context: Context) -> tuple[KnownMetric | UnknownMetric, ...]:
     return tuple(_resolve_all(context))
 

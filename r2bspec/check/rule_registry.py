@@ -1,4 +1,4 @@
-"""All rules: every module of `r2bspec.check.rules` holds one, called RULE."""
+"""All rules: every module of `r2bspec.check.rules` defines one, called RULE."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from r2bspec.check.rule import Rule
 
 @cache
 def all_rules() -> tuple[Rule, ...]:
-    """Every rule, causes before consequences: the early ones, then in the order of their codes."""
+    """Every rule: early rules first, then by code, so that causes come before consequences."""
     modules = pkgutil.iter_modules(rules.__path__, f"{rules.__name__}.")
     found: list[Rule] = [import_module(module.name).RULE for module in modules]
     return tuple(sorted(found, key=lambda rule: (not rule.early, rule.code)))

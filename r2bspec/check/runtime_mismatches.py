@@ -1,7 +1,7 @@
-"""What a run found to be otherwise than the spec says, at its place in the document.
+"""Differences between the spec and the real graph of a run, as diagnostics of the document.
 
-``r2bspec validate`` knows a node only as far as somebody has written down what it has; a run sees
-the node itself. Where both find the same, they report it under the same code and at the same place.
+``r2bspec validate`` knows the interface of a node only if it is described; a run observes the node
+itself. Both report the same error with the same code at the same place.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Finding
 from r2bspec.check.finding_location import to_diagnostic
-from r2bspec.diagnostics.diagnostic import Diagnostic, Path, Severity
+from r2bspec.diagnostics.diagnostic import Diagnostic, Path
 from r2bspec.record.run_record import Difference
 from r2bspec.wiring.wiring import NodeWiring
 
@@ -26,8 +26,8 @@ def differences_to_diagnostics(
     """The diagnostics of differences between a spec and the real graph, sorted by place.
 
     Args:
-        differences: what the run found.
-        loaded: the document that its plan was compiled from.
+        differences: from the run.
+        loaded: the document of the plan.
     """
     if loaded.spec is None:
         return ()
@@ -36,7 +36,7 @@ def differences_to_diagnostics(
         to_diagnostic(
             Finding(message=each.message, path=path, key=key, help=each.help),
             each.code,
-            Severity.WARNING if each.harmless else Severity.ERROR,
+            "warning" if each.harmless else "error",
             loaded,
         )
         for each in differences
@@ -46,7 +46,7 @@ def differences_to_diagnostics(
 
 
 def _path(difference: Difference, context: Context) -> tuple[Path, bool]:
-    """The place that a difference is about, and whether its key is meant there."""
+    """The path of a difference, and whether it is about the key there."""
     node = next((node for _, node in context.nodes if node.name == difference.owner), None)
     if difference.part == "endpoint" or node is None:
         return _endpoint(difference, context, node)
@@ -59,7 +59,7 @@ def _path(difference: Difference, context: Context) -> tuple[Path, bool]:
 def _endpoint(
     difference: Difference, context: Context, node: NodeWiring | None
 ) -> tuple[Path, bool]:
-    """What in the spec gives a node, the player or a monitor this topic."""
+    """The place of the spec from which a node, the player or a monitor has this topic."""
     ends = [
         each
         for phase in context.wiring.phases

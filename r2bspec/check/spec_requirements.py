@@ -1,4 +1,4 @@
-"""Every requirement of a spec, with its place."""
+"""Every requirement of a spec, with its path."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.quantities import Rate
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Spec
@@ -19,8 +20,8 @@ class LocatedRequirement:
     Attributes:
         objective: the name of the objective; empty for a condition of the search.
         at: the rate of the objective.
-        needs_rate: whether the objective says neither a rate nor that the peak is meant.
-        confidence: that its verdicts are asked to have.
+        needs_rate: whether the objective has neither a rate nor the peak.
+        confidence: the required confidence of its verdicts.
     """
 
     requirement: Requirement
@@ -29,7 +30,7 @@ class LocatedRequirement:
     objective: str = ""
     at: Rate | None = None
     needs_rate: bool = False
-    confidence: float = 0.95
+    confidence: float = CONFIDENCE
 
     @property
     def metric_part(self) -> tuple[int, int]:
@@ -44,7 +45,7 @@ class LocatedRequirement:
 
     @property
     def subject(self) -> str:
-        """The requirement as a subject of findings."""
+        """The key of the requirement as a subject of findings."""
         return f"requirement:{self.path}"
 
 

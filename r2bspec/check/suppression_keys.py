@@ -1,6 +1,6 @@
-"""Names of what findings are about, by which consequences find their cause.
+"""Keys of the subjects of findings, which link consequences to their cause.
 
-See `r2bspec.check.engine` for what is done with them.
+See `r2bspec.check.engine` for their use.
 """
 
 from __future__ import annotations
@@ -8,22 +8,22 @@ from __future__ import annotations
 from r2bspec.diagnostics.diagnostic import Path
 
 MEASURE_FLOW = "flow"
-"""Whether messages get from the playback inputs to the monitors."""
+"""The path of the messages from the playback inputs to the monitors."""
 
 PREPROCESS_FLOW = "feed"
-"""Whether messages get from the bag through the preprocessors to the playback inputs."""
+"""The path of the messages from the bag through the preprocessors to the playback inputs."""
 
 
-def phase_flow(phase: str) -> str:
-    """The way of the messages in a phase."""
+def flow_key(phase: str) -> str:
+    """The path of the messages in a phase."""
     return PREPROCESS_FLOW if phase == "preprocess" else MEASURE_FLOW
 
 
-def topic(phase: str, name: str) -> str:
-    """Who writes and who reads a topic, by its full name."""
+def topic_key(phase: str, name: str) -> str:
+    """The publishers and subscriptions of a topic, by its full name."""
     return f"topic:{phase}:{name}"
 
 
-def value(path: Path) -> str:
-    """Whether a value of the document is right."""
+def value_key(path: Path) -> str:
+    """A value of the document."""
     return f"value:{'.'.join(map(str, path))}"

@@ -1,4 +1,4 @@
-"""How many messages of each bag topic lie in the window, as far as can be told cheaply."""
+"""The number of messages of each bag topic in the window, at low cost."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import islice
 from r2bspec.check.check_context import Context
 
 _MIN_ESTIMATED_MESSAGES = 5
-"""Below this many messages an estimate is worthless, and reading them costs little."""
+"""Below this number an estimate is useless, and reading the messages is cheap."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,10 +20,10 @@ class MessageCount:
 
 
 def window_message_counts(context: Context) -> dict[str, MessageCount]:
-    """The messages in the window by the spec's name of the bag topic; only topics of the bag.
+    """The messages in the window of each loaded topic that the bag contains.
 
-    Counts of rendered datasets and of whole bags are exact. Otherwise the mean rate tells; where it
-    promises only a few messages, they are looked up.
+    Counts of rendered datasets and of whole bags are exact. Other counts are estimated from the
+    mean rate; if the estimate is low, the messages are read.
     """
     bag = context.bag
     if bag is None:
@@ -66,7 +66,7 @@ def _count_rendered(name: str, topic: str, start_ns: int, end_ns: int) -> int:
 
 
 def _count_by_reading(context: Context, topic: str) -> MessageCount:
-    """Count by reading, and stop at a few."""
+    """Count by reading, up to _MIN_ESTIMATED_MESSAGES."""
     from r2bspec.bags.bag_reader import read_messages
     from r2bspec.bags.errors import DataError
     from r2bspec.bags.recording import Window
@@ -74,7 +74,7 @@ def _count_by_reading(context: Context, topic: str) -> MessageCount:
     window = context.spec.data_loader.window
     path = context.bag_location.path if context.bag_location is not None else None
     if path is None:
-        # Of several bags nothing is read; a rendered one is counted without reading.
+        # Several bags are not read; a rendered one is counted without reading.
         return MessageCount(_MIN_ESTIMATED_MESSAGES, exact=False)
     wanted = Window(start_ns=window.start.ns, end_ns=window.end.ns if window.end else None)
     try:
@@ -82,6 +82,6 @@ def _count_by_reading(context: Context, topic: str) -> MessageCount:
             1 for _ in islice(read_messages(path, {topic}, wanted), _MIN_ESTIMATED_MESSAGES)
         )
     except DataError:
-        # What cannot be read, or a window outside of the bag, is reported by rules of their own.
+        # Other rules report unreadable bags and windows outside of the bag.
         return MessageCount(_MIN_ESTIMATED_MESSAGES, exact=False)
     return MessageCount(counted, exact=counted < _MIN_ESTIMATED_MESSAGES)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from r2bspec.exit_status import ExitStatus
+
 FORMATS = ("text", "json", "markdown", "html", "csv", "github")
 
 _RESULT = click.Path(path_type=Path)
@@ -37,8 +39,8 @@ def command(
 ) -> int:
     """Compare each HEAD with BASE, metric by metric.
 
-    Each is a run folder, a result.json, or a report of ros2_benchmark. The exit status is 0
-    whatever the outcome: comparisons of stored results are advisory. To gate, use 'r2bspec run
+    Each is a run folder, a result.json, or a report of ros2_benchmark. Differences do not change
+    the exit status: comparisons of stored results are advisory. To gate, use 'r2bspec run
     --against'.
     """
     from r2bspec.compare.comparison_subject import read_compared_result
@@ -53,4 +55,4 @@ def command(
     width = shutil.get_terminal_size((100, 24)).columns
     content = render(found, output_format, width)
     click.echo(content, nl=False)
-    return 0
+    return ExitStatus.OK

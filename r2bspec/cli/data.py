@@ -7,11 +7,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
+from r2bspec.bags.recording import WritableStorage
 from r2bspec.errors import UsageError
+from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -102,7 +104,7 @@ def list_datasets(output: str) -> None:
 )
 @click.option(
     "--storage",
-    type=click.Choice(["sqlite3", "mcap"]),
+    type=click.Choice(get_args(WritableStorage)),
     default="sqlite3",
     show_default=True,
     help="The storage format of the bag.",
@@ -156,15 +158,12 @@ def info(bag: str, output: str) -> None:
         _print_index(result, _origin(location), digest)
 
 
-@command.command()
+@command.command(epilog=f"Exit status {ExitStatus.FINDINGS_OR_FAILED} if something is wrong.")
 @click.argument("path", type=click.Path(path_type=Path))
 @_format_option
 @click.pass_context
 def verify(context: click.Context, path: Path, output: str) -> None:
-    """Read the whole bag at PATH and check its metadata.
-
-    The exit status is 1 if something is wrong.
-    """
+    """Read the whole bag at PATH and check its metadata."""
     from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
     from r2bspec.bags.verification import verify as verify_bag
 
@@ -182,7 +181,7 @@ def verify(context: click.Context, path: Path, output: str) -> None:
             click.echo(problem)
         if not problems:
             click.echo(f"{path} is consistent")
-    context.exit(1 if problems else 0)
+    context.exit(ExitStatus.FINDINGS_OR_FAILED if problems else ExitStatus.OK)
 
 
 def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> Window | None:

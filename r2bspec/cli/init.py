@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from r2bspec.errors import UsageError
+from r2bspec.exit_status import ExitStatus
 
 _SCHEMA = "r2bspec-v1.schema.json"
 _DEFAULT_NAME = "my_benchmark"
@@ -47,13 +48,13 @@ def command(name: str, template: str, show_list: bool) -> int:
     NAME may start with an existing folder, as in benchmarks/camera. The JSON Schema, which editors
     use for completion and help, is written next to the spec. No file is overwritten.
     """
-    from r2bspec.language.schema import published_schema_text
+    from r2bspec.language.schema.derive_strict import published_schema_text
     from r2bspec.language.templates import filled, purpose, templates
 
     if show_list:
         for known, text in templates().items():
             click.echo(f"{known:<14}{purpose(text)}")
-        return 0
+        return ExitStatus.OK
     spec_file = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
     benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
     text = filled(templates()[template], benchmark, f"./{_SCHEMA}")
@@ -64,7 +65,7 @@ def command(name: str, template: str, show_list: bool) -> int:
     click.echo(f"created {spec_file}, and {schema} for editors. Next:")
     click.echo(f"  r2bspec validate {spec_file}    checks it")
     click.echo(f"  r2bspec run {spec_file}         runs it and judges it by its 'slos:'")
-    return 0
+    return ExitStatus.OK
 
 
 def _benchmark_name(name: str) -> str:

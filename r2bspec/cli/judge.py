@@ -69,7 +69,7 @@ def command(
 
 def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain: bool) -> int:
     """Judge a report of the reference tool, which has no run folder and no samples."""
-    from r2bspec.interop.judging import judge_report
+    from r2bspec.interop.imported_verdicts import judge_report
     from r2bspec.interop.ros2_benchmark import read_report
     from r2bspec.report.terminal import show_verdict
 

@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import (
-    allow_path_option,
-    case_option,
-    junit_option,
-    parse_variables,
-    reports_option,
-    sets_option,
-    variables_option,
-)
+from r2bspec.cli.shared_options import SpecValues, junit_option, reports_option, spec_options
 from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_and_report
 from r2bspec.errors import R2bspecError
 
@@ -32,10 +24,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path, file_okay=False),
     help="The run folder, new or empty.  [default: runs/NAME-TIME]",
 )
-@sets_option
-@variables_option
-@case_option
-@allow_path_option
+@spec_options
 @click.option(
     "--against",
     "against",
@@ -76,10 +65,7 @@ if TYPE_CHECKING:
 def command(
     spec: Path,
     output: Path | None,
-    sets: tuple[str, ...],
-    variables: tuple[str, ...],
-    case: str,
-    allow_paths: tuple[Path, ...],
+    values: SpecValues,
     against: tuple[str, ...],
     control: bool,
     pairs: int | None,
@@ -108,7 +94,7 @@ def command(
 
     is_comparison = bool(against) or control
     _check_option_conflicts(against, control, pairs, history, baseline, force=force)
-    selection = SpecSelection(spec, sets, parse_variables(variables), case, allow_paths)
+    selection = SpecSelection(spec, *values)
     prepared = prepare_and_report(selection)
     name = f"{prepared.plan.name}-pairs" if is_comparison else prepared.plan.name
     folder = output or api.default_run_folder(name)

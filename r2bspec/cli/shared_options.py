@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import functools
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -27,14 +28,14 @@ variables_option = click.option(
     help="Set a declared variable; may be repeated.",
 )
 
-case_option = click.option(
+_case_option = click.option(
     "--case",
     default="",
     metavar="CASE",
     help="The case of the matrix, such as threads=2.",
 )
 
-allow_path_option = click.option(
+_allow_path_option = click.option(
     "--allow-path",
     "allow_paths",
     multiple=True,
@@ -57,6 +58,36 @@ def parse_variables(options: Iterable[str]) -> dict[str, str]:
             raise click.UsageError(f"--var takes NAME=VALUE, not {option!r}")
         found[name] = value
     return found
+
+
+class SpecValues(NamedTuple):
+    """The options of a spec on the command line; the arguments of `r2bspec.api.prepare`."""
+
+    sets: tuple[str, ...] = ()
+    variables: Mapping[str, str] = {}
+    case: str = ""
+    allow_paths: tuple[Path, ...] = ()
+
+
+def spec_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Add the options of a spec to a verb, which takes them as `values`, a `SpecValues`."""
+
+    @sets_option
+    @variables_option
+    @_case_option
+    @_allow_path_option
+    @functools.wraps(command)
+    def with_values(
+        sets: tuple[str, ...],
+        variables: tuple[str, ...],
+        case: str,
+        allow_paths: tuple[Path, ...],
+        **others: Any,
+    ) -> int:
+        values = SpecValues(sets, parse_variables(variables), case, allow_paths)
+        return command(values=values, **others)
+
+    return with_values
 
 
 def _parse_reports(

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from r2bspec.bags.errors import DATASET_UNKNOWN, TOPIC_NOT_IN_BAG, WINDOW_OUTSIDE_BAG, DataError
-from r2bspec.bags.recording import BagIndex, StorageName, TopicInfo, Window
+from r2bspec.bags.recording import BagIndex, TopicInfo, Window, WritableStorage
 from r2bspec.datasets.scene.rig import HOPE_TOPICS, ROBOT_TOPICS, TopicSource
 from r2bspec.datasets.scene.sizes import message_bytes
 
@@ -150,7 +150,7 @@ def describe(
     topics: Collection[str] | None = None,
     window: Window | None = None,
     *,
-    storage: StorageName = "sqlite3",
+    storage: WritableStorage = "sqlite3",
 ) -> BagIndex:
     """The index that the made dataset will have; nothing is rendered, counts are exact.
 

@@ -8,7 +8,7 @@ from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from r2bspec.nodes import camera, images, paired, tag_poses
+from r2bspec.nodes import camera, camera_subscription, images, tag_poses
 from r2bspec.nodes.declared_parameters import declare, destroy_on_value_error, greater_than, one_of
 
 
@@ -43,8 +43,10 @@ class AprilTagNode(Node):
             "how corners are brought below one pixel",
             one_of(*tag_poses.REFINEMENTS),
         )
-        self._publisher = self.create_publisher(PoseArray, "detections", paired.QOS_DEPTH)
-        paired.subscribe_pair(self, "image", "camera_info", self._on_pair)
+        self._publisher = self.create_publisher(
+            PoseArray, "detections", camera_subscription.QOS_DEPTH
+        )
+        camera_subscription.subscribe_pair(self, "image", "camera_info", self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
         found = tag_poses.detect(

@@ -7,7 +7,7 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from r2bspec.nodes import camera, images, paired
+from r2bspec.nodes import camera, camera_subscription, images
 from r2bspec.nodes.declared_parameters import (
     Constraint,
     any_bool,
@@ -64,11 +64,15 @@ class ResizeNode(Node):
             "0 nearest, 1 linear, 2 cubic, 3 area, 4 Lanczos over 8x8 pixels",
             one_of(0, 1, 2, 3, 4),
         )
-        self._image_publisher = self.create_publisher(Image, "resize/image_raw", paired.QOS_DEPTH)
-        self._info_publisher = self.create_publisher(
-            CameraInfo, "resize/camera_info", paired.QOS_DEPTH
+        self._image_publisher = self.create_publisher(
+            Image, "resize/image_raw", camera_subscription.QOS_DEPTH
         )
-        paired.subscribe_pair(self, "image/image_raw", "image/camera_info", self._on_pair)
+        self._info_publisher = self.create_publisher(
+            CameraInfo, "resize/camera_info", camera_subscription.QOS_DEPTH
+        )
+        camera_subscription.subscribe_pair(
+            self, "image/image_raw", "image/camera_info", self._on_pair
+        )
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
         width, height = self._output_size(image)

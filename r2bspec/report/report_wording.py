@@ -137,6 +137,13 @@ def own_pace(metrics: RunMetrics) -> str:
     return next((rate.pace for rate in metrics.rates if not rate.offered_hz), "")
 
 
+def loaded_rmw(result: Result) -> str:
+    """The middleware (RMW implementation) of the run; empty if unknown."""
+    rmw = result.versions.get("rmw", "")
+    # Earlier versions recorded the variable, or this if it was not set.
+    return "" if rmw == "default" else rmw
+
+
 def notes(result: Result) -> Iterator[str]:
     """What a reader must know to interpret the results, a sentence each."""
     if result.status != "complete":

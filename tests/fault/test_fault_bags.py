@@ -28,6 +28,7 @@ from data_bags import (
     write_ros1,
 )
 from r2bspec.cli.main import main
+from r2bspec.report.findings.slugs import code_with_slug
 from ros_runs import quick_input, relay_node, relay_spec
 
 MESSAGES = chatter(30)
@@ -215,7 +216,7 @@ def test_every_verb_names_what_is_wrong(
         said = capsys.readouterr()
         assert found == status, (arguments[0], said)
         told = said.out + said.err
-        assert f"error[{code}]" in told, arguments[0]
+        assert f"error[{code_with_slug(code)}]" in told, arguments[0]
         assert words in told
         assert "help: " in told
         assert "Traceback" not in told
@@ -251,7 +252,7 @@ def test_damage_that_only_playing_meets_ends_the_run_and_is_named(
         database.execute("UPDATE messages SET data = substr(data, 1, 9) WHERE id = 7")
     assert main(["run", str(spec_of(bag)), "--output", str(tmp_path / "run")]) in (2, 4)
     said = capsys.readouterr().err
-    assert "error[R2B304]" in said
+    assert "error[R2B304 bag-file-unreadable]" in said
     assert "bag.db3" in said
     assert main(["data", "verify", str(bag)]) == 1
 

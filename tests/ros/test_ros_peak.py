@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from machine_load import skip_for_load
 from r2bspec.record.run_record import SearchRecord
 from ros_runs import Bench, Finished, relay_spec
 
@@ -34,7 +35,7 @@ def search(done: Finished) -> SearchRecord:
     found = done.run().record.search
     assert found is not None
     if found.holds_hz is None:
-        pytest.skip("this machine is too loaded to relay 20 messages a second")
+        skip_for_load("relay 20 messages a second")
     return found
 
 

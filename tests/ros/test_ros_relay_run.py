@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from machine_load import skip_for_load
 from r2bspec.measure.resource_usage import CONTROLLER_INDEX, MACHINE_INDEX
 from r2bspec.record.run_record import SearchRecord, Segment
 from ros_runs import HEIGHT, IMAGE, WIDTH, Bench, Finished, relay_node, relay_spec
@@ -48,7 +49,7 @@ def done(bench: Bench) -> Finished:
         found = bench.run(SPEC)
         if found.status != 4 or found.outcome != "invalid":
             return found
-    pytest.skip("this machine is too loaded to play 10 messages a second on time")
+    return skip_for_load("play 10 messages a second on time")
 
 
 def segments(done: Finished, kind: str) -> list[Segment]:

@@ -24,6 +24,7 @@ _JOURNALS = {
 }
 # Characters that have a meaning in the URI by which the file is opened.
 _URI_SPECIAL = frozenset("?#%")
+# The longest header of a zstd frame, magic number included.
 
 
 class SqliteStorage:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from r2bspec.bags.compression import unpack
 from r2bspec.bags.errors import (
@@ -19,9 +20,8 @@ from r2bspec.bags.errors import (
     error_text,
 )
 from r2bspec.bags.metadata import check_not_lfs_pointer
-from r2bspec.bags.recording import Message, StorageName
-
-STORAGE_SUFFIXES: dict[str, StorageName] = {".db3": "sqlite3", ".mcap": "mcap", ".bag": "ros1"}
+from r2bspec.bags.recording import Message
+from r2bspec.language.bag_formats import SUFFIXES_TEXT, format_of_suffix
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,10 @@ class Storage(Protocol):
     def close(self) -> None:
         """Close the file."""
         ...
+
+
+StorageReader = Callable[[Path, Path], Storage]
+"""Opens a file; its second argument is what errors call the file."""
 
 
 @contextmanager
@@ -133,21 +137,19 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
 
 def _open(path: Path, display_path: Path) -> Storage:
     """Open one file; `display_path` is what errors call it."""
-    from r2bspec.bags.storage.mcap import McapStorage
-    from r2bspec.bags.storage.ros1 import Ros1Storage
-    from r2bspec.bags.storage.sqlite import SqliteStorage
+    found = format_of_suffix(path.suffix)
+    if found is None:
+        raise DataError(
+            f"{display_path} is not named as a storage file",
+            code=STORAGE_UNREADABLE,
+            hint=f"storage files end in {SUFFIXES_TEXT}; "
+            "if it is compressed, metadata.yaml must say so",
+        )
+    reader: StorageReader = import_from_storage(found.reader)
+    return reader(path, display_path)
 
-    match STORAGE_SUFFIXES.get(path.suffix):
-        case "sqlite3":
-            return SqliteStorage(path, display_path)
-        case "mcap":
-            return McapStorage(path, display_path)
-        case "ros1":
-            return Ros1Storage(path, display_path)
-        case None:
-            raise DataError(
-                f"{display_path} is not named as a storage file",
-                code=STORAGE_UNREADABLE,
-                hint="storage files end in .db3, .mcap or .bag; "
-                "if it is compressed, metadata.yaml must say so",
-            )
+
+def import_from_storage(place: str) -> Any:
+    """What ``module:name`` stands for in this package; only what is used is imported."""
+    module, name = place.split(":")
+    return getattr(importlib.import_module(f"{__package__}.{module}"), name)

@@ -1,4 +1,4 @@
-"""R2B302 to R2B313: bags and datasets that cannot be used as they are."""
+"""R2B302 to R2B313: bags and datasets that cannot be used."""
 
 from __future__ import annotations
 
@@ -6,34 +6,40 @@ from r2bspec.check.example_spec import example
 from r2bspec.check.pages._page import error_page
 from r2bspec.diagnostics.code_pages import Page
 from r2bspec.diagnostics.diagnostic import Severity
+from r2bspec.language.bag_formats import TITLES_TEXT
 
 DATA_PAGES = (
     error_page(
+        "bag-metadata-unreadable",
         "R2B302",
-        "the metadata of a bag cannot be read",
-        "metadata.yaml says which files a bag has and how they are stored. Where it is missing or "
-        "broken, 'ros2 bag reindex' writes it anew.",
+        "bag metadata cannot be read",
+        "metadata.yaml lists the files of a bag and how they are stored. If it is missing or "
+        "damaged, 'ros2 bag reindex' recreates it.",
     ),
     error_page(
+        "bag-file-missing",
         "R2B303",
-        "a storage file of a bag is missing",
-        "metadata.yaml names files that are not beside it, so messages are missing. Bags are "
-        "copied as a whole folder.",
+        "storage file of a bag is missing",
+        "metadata.yaml lists files that are not in the folder, so messages are missing. Copy bags "
+        "as whole folders.",
     ),
     error_page(
+        "bag-file-unreadable",
         "R2B304",
-        "a storage file of a bag cannot be read",
-        "The file is damaged, cut short, or no sqlite3, MCAP or ROS 1 file at all. Lengths, counts "
+        "storage file of a bag cannot be read",
+        f"The file is damaged, truncated, or not an {TITLES_TEXT} file. Lengths, counts "
         "and checksums are compared as far as the format has them.",
     ),
     error_page(
+        "git-lfs-pointer",
         "R2B305",
-        "a Git LFS pointer stands in the place of a bag",
-        "The repository was cloned without its large files; 'git lfs pull' fetches them.",
+        "bag is a Git LFS pointer",
+        "The repository was cloned without its large files; 'git lfs pull' downloads them.",
     ),
     Page(
+        slug="unknown-dataset",
         code="R2B307",
-        title="a dataset that nobody knows",
+        title="unknown dataset",
         severity=Severity.ERROR,
         why="A bag without a '/' is the name of a dataset: a folder in $R2B_DATASETS, or one of "
         "those that 'r2bspec data list' shows.",
@@ -41,28 +47,32 @@ DATA_PAGES = (
         passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
     ),
     error_page(
+        "bag-metadata-mismatch",
         "R2B310",
-        "the metadata of a bag disagrees with its files",
-        "Topics, types or counts differ, so one of the two is wrong. After a recording that was "
-        "cut short, 'ros2 bag reindex' writes what is there.",
+        "bag metadata does not match the files",
+        "Topics, types or counts differ, so one of the two is wrong. If the recording was "
+        "truncated, 'ros2 bag reindex' recreates the metadata from the files.",
     ),
     error_page(
+        "dataset-not-writable",
         "R2B311",
-        "a dataset could not be written",
-        "Datasets are rendered on first use into a cache, which needs space and the permission to "
-        "write. XDG_CACHE_HOME says where it is.",
+        "dataset cannot be written",
+        "Datasets are rendered on first use into a cache, which needs free space and write "
+        "permission. XDG_CACHE_HOME sets its location.",
     ),
     error_page(
+        "bag-digest-mismatch",
         "R2B312",
-        "the bag is not the one that the spec pins",
-        "Its content has another SHA-256 than 'sha256' of the bag says. Results of different data "
+        "bag does not match its 'sha256'",
+        "The SHA-256 of the bag differs from 'sha256' in the spec. Results of different data "
         "cannot be compared.",
     ),
     error_page(
+        "recording-not-closed",
         "R2B313",
-        "a recording was not closed",
-        "Beside the sqlite3 file lies its journal, with messages that the file itself lacks: it is "
-        "still being written, or the recorder was killed. Read as it is, it would hold fewer "
-        "messages than were recorded.",
+        "recording was not closed",
+        "The sqlite3 file has a journal with messages that are not in the file itself: the bag is "
+        "still being written, or the recorder was killed. Messages would be missing if it were "
+        "read now.",
     ),
 )

@@ -1,4 +1,4 @@
-"""R2B619 to R2B671: what can go wrong while a benchmark runs, and with its folder."""
+"""R2B619 to R2B671: errors of a benchmark run and of its folder."""
 
 from __future__ import annotations
 
@@ -6,187 +6,219 @@ from r2bspec.check.pages._page import error_page
 
 RUN_PAGES = (
     error_page(
+        "unsupported-by-this-version",
         "R2B619",
-        "the plan asks for what this version does not carry out",
-        "It is valid, and can be planned and drawn. The message names the parts of the plan that "
-        "a later version will run.",
+        "plan uses unsupported features",
+        "The plan is valid and can be drawn, but this version cannot run all of it. The message "
+        "names the unsupported parts.",
     ),
     error_page(
+        "ros-not-installed",
         "R2B620",
         "ROS 2 is not installed",
         "Running needs rclpy: source a ROS 2 installation, or pip install 'r2bspec[ros]'. "
-        "Validating, planning and judging do not.",
+        "Validating, planning and judging do not need it.",
     ),
     error_page(
+        "run-failed",
         "R2B630",
-        "the run failed",
-        "The message says which process failed and why; what it printed is in the run folder "
-        "under logs/. What had been observed until then is kept.",
+        "run failed",
+        "The message names the process that failed and the reason; the output of the process is in "
+        "the run folder under logs/. Measurements up to the failure are kept.",
     ),
     error_page(
+        "process-ended-early",
         "R2B631",
-        "a process ended before its time",
-        "Nobody had told it to. What it printed is in the run folder under logs/.",
+        "process ended early",
+        "The process ended before the run stopped it. Its output is in the run folder under logs/.",
     ),
     error_page(
+        "process-not-responding",
         "R2B632",
-        "a process does not answer",
-        "It may be blocked in a callback or a constructor; what it printed is in the run folder "
-        "under logs/.",
+        "process does not respond",
+        "The process may be blocked in a callback or a constructor. Its output is in the run "
+        "folder under logs/.",
     ),
     error_page(
+        "node-constructor-failed",
         "R2B633",
-        "a node could not be made",
-        "Its constructor raised an exception. A Python node takes the keyword arguments of "
-        "rclpy's Node and passes them on.",
+        "node cannot be created",
+        "The constructor raised an exception. A Python node must accept the keyword arguments of "
+        "rclpy's Node and pass them on.",
     ),
     error_page(
+        "callback-raised",
         "R2B634",
-        "a callback raised an exception",
-        "The node did not do its work, so what was measured is not the graph's performance.",
+        "callback raised an exception",
+        "The node did not do its work, so the measurements do not show the performance of the "
+        "graph.",
     ),
     error_page(
+        "memory-limit-exceeded",
         "R2B635",
-        "a process uses more memory than it may",
-        "Its resident memory exceeded the 'memory_limit' that the spec sets for it.",
+        "process exceeds its memory limit",
+        "The resident memory of the process exceeded the 'memory_limit' of the spec.",
     ),
     error_page(
+        "cpu-not-available",
         "R2B636",
-        "a processor is not there",
-        "'cpus' names processors, counted from 0, that this machine does not have or does not "
-        "give to this user.",
+        "CPU is not available",
+        "'cpus' lists CPUs, counted from 0, that this machine does not have or does not grant to "
+        "this user.",
     ),
     error_page(
+        "priority-not-permitted",
         "R2B637",
-        "a process may not be given this priority",
-        "A 'nice' below 0 puts a process before others, which only a privileged user may do.",
+        "priority is not permitted",
+        "A 'nice' below 0 raises the priority of a process, which only a privileged user may do.",
     ),
     error_page(
+        "graph-not-connected",
         "R2B640",
-        "the graph did not come up as planned",
-        "Within 'benchmark.start_timeout' not every planned writer found its reader. The message "
-        "names the first topic on the way where one of the two is missing. Where the nodes are all "
-        "there and simply have other topics than the spec says, the code is that of the rule which "
-        "finds the same (R2B204, R2B207, R2B208, R2B210, R2B216), and to try again would not help.",
+        "graph is not connected as planned",
+        "Some planned publishers and subscriptions were not matched within "
+        "'benchmark.start_timeout'. The message names the first topic of the path on which one of "
+        "the two is missing. If all nodes run, but use other topics than the spec states, the code "
+        "is that of the rule for the same error (R2B204, R2B207, R2B208, R2B210, R2B216), and "
+        "another attempt would not help.",
     ),
     error_page(
+        "no-output",
         "R2B641",
-        "nothing comes out of the graph",
-        "All writers and readers have found each other, but no output was seen. Some messages are "
-        "then played while every topic is watched; the message follows their way and says where "
-        "they stop.",
+        "graph has no output",
+        "All publishers and subscriptions are matched, but no output was observed. Some messages "
+        "are then played while every topic is observed; the message traces their path and says "
+        "where they stop.",
     ),
     error_page(
+        "input-without-messages",
         "R2B643",
-        "a playback input has no messages",
-        "Nothing of it was loaded or came out of the preprocessors, so there is nothing to play.",
+        "playback input has no messages",
+        "No messages of the input were loaded or published by the preprocessors, so there is "
+        "nothing to play.",
     ),
     error_page(
+        "no-common-stamps",
         "R2B644",
-        "the inputs have no stamp in common",
-        "Messages of one step belong together by their header stamps; inputs that were not "
-        "recorded together are played in specs of their own.",
+        "inputs have no common stamps",
+        "The messages of one step are matched by their header stamps. Play inputs that were not "
+        "recorded together in separate specs.",
     ),
     error_page(
+        "player-timeout",
         "R2B645",
-        "the player did not finish in time",
-        "The machine may be overloaded, or a publication blocks.",
+        "player did not finish in time",
+        "The machine may be overloaded, or a publish call blocks.",
     ),
     error_page(
+        "readiness-timeout",
         "R2B646",
-        "a probe of readiness was not met in time",
-        "The file, the service, the topic or the line of output that 'ready' waits for did not "
-        "appear within its timeout.",
+        "readiness probe timed out",
+        "The file, service, topic or output line that 'ready' waits for did not appear within its "
+        "timeout.",
     ),
     error_page(
+        "service-call-failed",
         "R2B647",
-        "a service call failed",
-        "The service is not there, is of another type, refuses the request, or does not answer "
+        "service call failed",
+        "The service does not exist, has another type, rejects the request, or does not respond "
         "within the timeout of its step.",
     ),
     error_page(
+        "step-failed",
         "R2B648",
-        "a step failed",
-        "A command under 'setup' or 'after_ready' ended with an error, took longer than its "
-        "timeout, or did not make the file that it 'creates'. Its output is in the run folder.",
+        "step failed",
+        "A command under 'setup' or 'after_ready' returned an error, exceeded its timeout, or did "
+        "not create the file that 'creates' names. Its output is in the run folder.",
     ),
     error_page(
+        "external-node-not-running",
         "R2B649",
-        "an external node does not run",
-        "A node that is 'external' must run before the benchmark starts, in the ROS domain of the "
-        "run.",
+        "external node is not running",
+        "Start a node that is 'external' before the benchmark, in the ROS domain of the run.",
     ),
     error_page(
+        "monitor-without-steps",
         "R2B658",
-        "a monitor that no step of the timeline concerns",
-        "In a timeline a step has messages of the inputs that were recorded under one stamp, and "
-        "it counts for the monitors that answer all of these. A graph that joins inputs of "
-        "different rates answers one of them: write under 'monitors.NAME.answers' which.",
+        "monitor without steps of the timeline",
+        "A step of a timeline has the messages of all inputs with the same stamp. It counts for "
+        "the monitors that answer all of these inputs. A graph that joins inputs of different "
+        "rates answers one of them: name it under 'monitors.NAME.answers'.",
     ),
     error_page(
+        "timeline-times-unknown",
         "R2B659",
-        "a timeline of which nobody knows the times",
-        "What a preprocessor made is played when the message of its stamp was recorded. If the "
-        "preprocessor writes stamps of its own, that is not known: write 'record_timeline: true', "
-        "to play its messages at the times at which they come out of it.",
+        "times of the timeline are unknown",
+        "Messages of a preprocessor are played at the time at which the message with the same "
+        "stamp was recorded. If the preprocessor sets its own stamps, this time is unknown: set "
+        "'record_timeline: true' to play its messages at the times at which it publishes them.",
     ),
     error_page(
+        "run-folder-unreadable",
         "R2B650",
-        "a run folder cannot be read",
-        "A file of it is missing or damaged, or was written by another version. Files of a run "
-        "appear whole or not at all, so one was changed afterwards, or the folder is no run.",
+        "run folder cannot be read",
+        "A file is missing, damaged or of another version. A run writes each file completely or "
+        "not at all, so the file was changed later, or the folder is not a run folder.",
     ),
     error_page(
+        "run-folder-not-writable",
         "R2B651",
-        "a run folder cannot be written",
-        "It must be new or empty, and there must be space and the permission to write. '--output' "
-        "chooses another.",
+        "run folder cannot be written",
+        "The folder must be new or empty, with free space and write permission. '--output' sets "
+        "another folder.",
     ),
     error_page(
+        "history-unusable",
         "R2B654",
-        "a history cannot be used",
-        "The file is not there, damaged, of a newer version, of another program, or held by one "
-        "that is writing. Run folders can be judged without it.",
+        "history cannot be used",
+        "The file does not exist, is damaged, belongs to a newer version or another program, or is "
+        "locked by a process that writes to it. Run folders can be judged without a history.",
     ),
     error_page(
+        "nothing-to-compare",
         "R2B656",
-        "there is nothing to compare with",
-        "'--against' names another spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup "
+        "nothing to compare with",
+        "'--against' takes another spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup "
         "file, the folder of an installed workspace, or NAME=VALUE. A stored run cannot be played "
-        "again; '--baseline' compares with one, as advice.",
+        "again; '--baseline' compares with a stored run, as information only.",
     ),
     error_page(
+        "compared-environment-unusable",
         "R2B657",
-        "an environment to compare with cannot be used",
-        "There is no such setup file or workspace, sourcing it failed, or what it changes does "
-        "not reach any process of a run: nodes inherit what ROS needs, and what the spec names "
-        "under 'environment'.",
+        "environment to compare with cannot be used",
+        "The setup file or workspace does not exist, sourcing it failed, or its changes do not "
+        "reach any process of a run: nodes inherit the variables that ROS needs, and those that "
+        "the spec lists under 'environment'.",
     ),
     error_page(
+        "too-little-shared-memory",
         "R2B664",
-        "there is too little shared memory",
-        "With 'transport: shared_memory' each process takes a segment of /dev/shm that holds "
-        "several of the largest messages. Without room for it Fast DDS would use UDP and not say "
-        "so, and images would take many times as long. Make /dev/shm larger (containers have 64 "
-        "MB unless started with --shm-size), or state 'transport: udp'.",
+        "too little shared memory",
+        "With 'transport: shared_memory' each process allocates a segment of /dev/shm for several "
+        "of the largest messages. Without space for it, the middleware would use UDP without a "
+        "warning, and images would take many times as long. Enlarge /dev/shm (containers have "
+        "64 MB unless started with --shm-size), or set 'transport: udp'.",
     ),
     error_page(
+        "component-not-loaded",
         "R2B665",
-        "a C++ component was not loaded",
-        "The container answered that it cannot, or did not answer. Its own words follow; they "
-        "tell a package or a class that is not installed from a constructor that failed. What the "
-        "container printed is in the run folder under logs/.",
+        "C++ component was not loaded",
+        "The container reported an error or did not respond. Its error shows whether the package "
+        "or class is not installed, or the constructor failed. The output of the container is in "
+        "the run folder under logs/.",
     ),
     error_page(
+        "run-interrupted",
         "R2B670",
-        "the run was interrupted",
-        "By Ctrl-C or a signal. What had been observed until then is kept in the run folder and "
-        "marked as incomplete.",
+        "run was interrupted",
+        "Ctrl-C or a signal stopped the run. Measurements up to then are kept in the run folder "
+        "and marked as incomplete.",
     ),
     error_page(
+        "run-killed",
         "R2B671",
-        "the run was killed",
-        "Its controller ended without a chance to say why. The run folder has what had been "
-        "written until then.",
+        "run was killed",
+        "The controller was killed and could not record the reason. The run folder has what had "
+        "been written until then.",
     ),
 )

@@ -1,1 +1,1 @@
-"""The rules, one per file. `r2bspec.check.rule_registry` finds them; nothing else lists them."""
+"""The rules, one per file; `r2bspec.check.rule_registry` finds them."""

@@ -1,52 +1,52 @@
-"""Monitors that answer inputs which are none, or of which they need not speak."""
+"""Inputs in `answers` that do not exist, and `answers` without effect."""
 
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
-    Severity,
     did_you_mean,
     example,
     quote,
+    quoted_list,
 )
-from r2bspec.wiring.build_wiring import harness_topic
 
 
-def _find(context: Context) -> Iterator[Finding]:
-    spec, namespace = context.spec, context.wiring.namespace
-    inputs = {harness_topic(name, namespace): name for name in spec.playback.inputs}
+def _find(context: Context) -> Findings:
+    spec = context.spec
+    inputs = {context.harness_topic(name): name for name in spec.playback.inputs}
     for name, monitor in spec.monitors.items():
         path = ("monitors", name, "answers")
         if monitor.answers and spec.playback.mode != "timeline":
             yield Finding(
-                message=f"'answers' has no use with 'mode: {spec.playback.mode}'",
+                message=f"'answers' has no effect with 'mode: {spec.playback.mode}'",
                 path=path,
                 key=True,
                 help="remove it: each step has messages of all inputs",
-                severity=Severity.WARNING,
+                severity="warning",
             )
             continue
         for index, answered in enumerate(monitor.answers):
-            if harness_topic(answered, namespace) not in inputs:
+            if context.harness_topic(answered) not in inputs:
                 close = did_you_mean(answered, tuple(inputs.values()))
                 yield Finding(
-                    message=f"monitor {name} answers {quote(answered)}, which is no playback input",
+                    message=f"'answers' of monitor {name} lists {quote(answered)}, which is not a "
+                    "playback input",
                     path=(*path, index),
                     help=f"did you mean {quote(close)}?"
                     if close
-                    else f"inputs are {', '.join(inputs.values())}",
+                    else f"playback inputs: {quoted_list(inputs.values())}",
                 )
 
 
 RULE = Rule(
     code="R2B414",
-    title="a monitor that answers what is no input",
-    severity=Severity.ERROR,
-    why="In a timeline only those steps count for a monitor that have messages of all inputs which "
-    "it answers.",
+    title="unknown playback input in 'answers'",
+    severity="error",
+    why="In a timeline, a monitor counts only the steps that have a message of every input in "
+    "'answers'.",
     failing=example(
         playback="""
             mode: timeline

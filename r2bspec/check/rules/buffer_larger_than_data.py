@@ -1,26 +1,24 @@
-"""Buffers for more messages than there are."""
+"""Buffers for more messages than the window has."""
 
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
-    Severity,
     example,
     pluralize,
     quote,
-    suppression_keys,
+    value_key,
 )
 from r2bspec.check.window_counts import MessageCount, window_message_counts
-from r2bspec.wiring.build_wiring import harness_topic
 
 _ESTIMATE_TOLERANCE = 1.5
-"""How far an estimate must be exceeded before it is worth a word."""
+"""Findings from an estimated count must exceed it by this factor."""
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     buffer = context.spec.playback.buffer
     if not buffer:
         return
@@ -37,29 +35,27 @@ def _find(context: Context) -> Iterator[Finding]:
         name, message_count = smallest
         about = "" if message_count.exact else "about "
         yield Finding(
-            message=f"a buffer of {pluralize(buffer, 'message')} is larger than the "
-            f"{about}{message_count.messages:,} of {quote(name)} in the window",
+            message=f"the buffer has {pluralize(buffer, 'message')}, but the window has "
+            f"{about}{message_count.messages:,} of {quote(name)}",
             path=("playback", "buffer"),
-            help="all of them are played, in turn; 0 says that",
-            suppressed_by=frozenset({suppression_keys.value(("data_loader", "window"))}),
+            help="set 'buffer: 0' to play all messages of the window",
+            suppressed_by={value_key(("data_loader", "window"))},
         )
 
 
 def _counts_by_input(context: Context) -> dict[str, MessageCount]:
-    """The most messages that each playback input can have.
+    """The maximum number of messages of each playback input.
 
-    What preprocessors make of the loaded messages is taken to be at most one for each.
+    Preprocessors are assumed to publish at most one message for each loaded one.
     """
     loaded = {
-        harness_topic(
-            context.spec.data_loader.topics[name], context.wiring.namespace
-        ): message_count
+        context.harness_topic(context.spec.data_loader.topics[name]): message_count
         for name, message_count in window_message_counts(context).items()
     }
     reached = {topic: context.wiring.preprocess.downstream_of([topic]) for topic in loaded}
     found = {}
     for name, each in context.spec.playback.inputs.items():
-        source = harness_topic(each.source, context.wiring.namespace)
+        source = context.harness_topic(each.source)
         feeding = [loaded[topic] for topic, below in reached.items() if source in below]
         if feeding:
             found[name] = max(feeding, key=lambda message_count: message_count.messages)
@@ -68,9 +64,9 @@ def _counts_by_input(context: Context) -> dict[str, MessageCount]:
 
 RULE = Rule(
     code="R2B322",
-    title="a buffer larger than the data",
-    severity=Severity.WARNING,
-    why="Fewer different messages are played than the spec says.",
+    title="buffer larger than the data",
+    severity="warning",
+    why="Fewer distinct messages are played than the spec states.",
     failing=example(
         data_loader="""
             bag: r2b_storage

@@ -1,27 +1,26 @@
-"""Buffers that hold a single message."""
+"""Buffers of one message."""
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     playback = context.spec.playback
     if playback.buffer == 1 and playback.mode in {"looping", "sweeping"}:
         yield Finding(
-            message="a buffer of one message plays the same one again and again",
+            message="a buffer of one message repeats the same message",
             path=("playback", "buffer"),
-            help="a node that remembers what it has seen is faster than it would be; 10 or more "
-            "messages show more",
+            help="set 'buffer' to 10 or more, unless every message costs the same",
         )
 
 
 RULE = Rule(
     code="R2B323",
-    title="a buffer of a single message",
-    severity=Severity.INFO,
-    why="Caches, trackers and branch predictors get used to one message. That may be meant, where "
-    "every message costs the same.",
+    title="buffer of one message",
+    severity="info",
+    why="Caches, trackers and branch predictors adapt to a repeated message, so nodes appear "
+    "faster than they are. It may be intended where every message costs the same.",
     failing=example(
         playback="""
             buffer: 1

@@ -1,14 +1,13 @@
-"""Containers that are named but not declared."""
+"""References to containers that are not declared."""
 
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
-    Severity,
     did_you_mean,
     example,
     quote,
@@ -16,31 +15,31 @@ from r2bspec.check.rule_api import (
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     containers = context.spec.containers
     for _, node in context.nodes:
         name = node.node.container
         if name and name not in containers:
             close = did_you_mean(name, containers)
             yield Finding(
-                message=f"there is no container {quote(name)}",
+                message=f"unknown container {quote(name)}",
                 path=(*node.path, "container"),
-                help=suggestion(name, containers, "declared are")
+                help=suggestion(name, containers, "declared containers")
                 or f"declare it: {quote(f'containers: {{{name}: {{}}}}')}",
                 related=(
                     Pointer(f"{quote(close)} is declared here", ("containers", close), key=True),
                 )
                 if close
                 else (),
-                suppresses=frozenset({"containers"}),
+                suppresses={"containers"},
             )
 
 
 RULE = Rule(
     code="R2B217",
-    title="a container that is not declared",
-    severity=Severity.ERROR,
-    why="A node runs in a process that the plan starts; nobody starts this one.",
+    title="unknown container",
+    severity="error",
+    why="Only declared containers are started, so the node would have no process to run in.",
     failing=example(
         containers="{perception: {executable: python}}",
         graph="""

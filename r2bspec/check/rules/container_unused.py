@@ -1,28 +1,28 @@
-"""Containers in which no node runs."""
+"""Containers without nodes."""
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     used = {node.node.container for _, node in context.nodes}
     for name in context.spec.containers:
         if name not in used:
             yield Finding(
-                message=f"no node runs in the container {quote(name)}",
+                message=f"container {quote(name)} has no nodes",
                 path=("containers", name),
                 key=True,
-                help=f"write {quote(f'container: {name}')} in a node, or remove it",
-                suppressed_by=frozenset({"containers"}),
+                help=f"set {quote(f'container: {name}')} for a node, or remove the container",
+                suppressed_by={"containers"},
             )
 
 
 RULE = Rule(
     code="R2B218",
-    title="a container that no node uses",
-    severity=Severity.WARNING,
-    why="It is not started; what is set for it has no effect.",
+    title="unused container",
+    severity="warning",
+    why="The container is not started, and its settings have no effect.",
     failing=example(containers="{perception: {executable: python}}"),
     passing=example(
         containers="{perception: {executable: python}}",

@@ -1,40 +1,31 @@
-"""Iterations so short that hardly anything is played in them."""
+"""Iterations that play fewer than two messages."""
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Iterator,
-    Pointer,
-    Rule,
-    Severity,
-    example,
-    pluralize,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, pluralize
 from r2bspec.language.quantities import Duration
 
 _MIN_MESSAGES = 2
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     duration = context.spec.benchmark.duration
     for index, rate in enumerate(context.spec.benchmark.rates):
         steps = round(rate.hz * duration.seconds)
         if steps < _MIN_MESSAGES:
             needed = Duration(round(_MIN_MESSAGES / rate.hz * 1e9))
             yield Finding(
-                message=f"an iteration of {duration} at {rate} has {pluralize(steps, 'message')}",
+                message=f"an iteration of {duration} at {rate} plays {pluralize(steps, 'message')}",
                 path=("benchmark", "rates", index),
-                help=f"a rate is seen between two messages; make 'duration' {needed} or longer",
-                related=(Pointer("the duration", ("benchmark", "duration")),),
+                help=f"set 'duration' to {needed} or longer, for at least two messages",
+                related=(Pointer(f"an iteration takes {duration}", ("benchmark", "duration")),),
             )
 
 
 RULE = Rule(
     code="R2B513",
-    title="an iteration with fewer than two messages",
-    severity=Severity.ERROR,
+    title="iteration plays fewer than two messages",
+    severity="error",
     why="Throughput is measured from the first to the last message of an iteration.",
     failing=example(benchmark="{duration: 1 s, rates: [1 Hz]}"),
     passing=example(benchmark="{duration: 5 s, rates: [1 Hz]}"),

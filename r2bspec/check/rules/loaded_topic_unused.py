@@ -1,21 +1,21 @@
-"""Topics that are loaded although nobody uses them."""
+"""Loaded topics without a subscription."""
 
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
+    PREPROCESS_FLOW,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
-    Severity,
     example,
     quote,
     suggestion,
-    suppression_keys,
+    topic_key,
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     phase = context.wiring.preprocess
     if phase.possible_subscribers:
         return
@@ -26,24 +26,18 @@ def _find(context: Context) -> Iterator[Finding]:
         if not phase.subscriptions(each.topic):
             shown = context.relative_name(each.topic)
             yield Finding(
-                message=f"{quote(shown)} is loaded, but neither a preprocessor nor a playback "
-                "input reads it",
+                message=f"{quote(shown)} is loaded, but no preprocessor or playback input uses it",
                 path=each.path,
-                help=suggestion(shown, subscribed, "topics that are read"),
-                suppressed_by=frozenset(
-                    {
-                        suppression_keys.PREPROCESS_FLOW,
-                        suppression_keys.topic(phase.phase, each.topic),
-                    }
-                ),
+                help=suggestion(shown, subscribed, "topics in use"),
+                suppressed_by={PREPROCESS_FLOW, topic_key(phase.phase, each.topic)},
             )
 
 
 RULE = Rule(
     code="R2B403",
-    title="a loaded topic that nobody uses",
-    severity=Severity.WARNING,
-    why="Loading it costs time and memory, and often its name is a misspelt one.",
+    title="unused loaded topic",
+    severity="warning",
+    why="Loading it takes time and memory. Often the name is misspelled.",
     failing=example(
         data_loader="""
             bag: r2b_storage

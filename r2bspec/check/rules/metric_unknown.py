@@ -1,4 +1,4 @@
-"""Requirements on metrics that do not exist."""
+"""Requirements on unknown metrics or monitors."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ from r2bspec.check.requirement_metrics import unknown_metrics
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     quote,
     quoted_list,
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for each in unknown_metrics(context):
         error = each.error
         yield Finding(
@@ -25,13 +24,13 @@ def _find(context: Context) -> Iterator[Finding]:
             part=each.located.metric_part,
             help=f"did you mean {quote(error.suggestion)}?"
             if error.suggestion
-            else f"there are {quoted_list(error.known)}",
+            else f"known are {quoted_list(error.known)}",
             related=_declaration(error.suggestion, each.located.requirement.text, context),
         )
 
 
 def _declaration(suggestion: str, written: str, context: Context) -> tuple[Pointer, ...]:
-    """Where the monitor is declared that was probably meant."""
+    """The declaration of the suggested monitor."""
     monitor = suggestion.partition(".")[0]
     if monitor not in context.spec.monitors or written.lstrip().startswith(f"{monitor}."):
         return ()
@@ -40,9 +39,9 @@ def _declaration(suggestion: str, written: str, context: Context) -> tuple[Point
 
 RULE = Rule(
     code="R2B501",
-    title="a requirement on a metric or a monitor that does not exist",
-    severity=Severity.ERROR,
-    why="What is not measured cannot be judged.",
+    title="unknown metric or monitor in a requirement",
+    severity="error",
+    why="A requirement can only be judged by a metric that is measured.",
     failing=example(slos="{fast: {at: 30 Hz, require: [latncy.p90 < 50 ms]}}"),
     passing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}"),
     find=_find,

@@ -1,38 +1,40 @@
-"""Monitors that nothing of what is played can reach."""
+"""Monitors that no playback input reaches."""
 
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
+    MEASURE_FLOW,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     quote,
-    suppression_keys,
+    topic_key,
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     phase = context.wiring.measure
     if context.spec.live or phase.possible_subscribers or phase.possible_publishers:
         return
     reached = phase.downstream_of(each.topic for each in phase.endpoints_of("player"))
     for monitor in phase.endpoints_of("monitor"):
-        writers = phase.publishers(monitor.topic)
-        if writers and monitor.topic not in reached:
+        publishers = phase.publishers(monitor.topic)
+        if publishers and monitor.topic not in reached:
             yield Finding(
-                message="no playback input leads to "
-                f"{quote(context.relative_name(monitor.topic))}, which "
-                f"monitor {monitor.monitor} watches",
+                message="no path from a playback input to "
+                f"{quote(context.relative_name(monitor.topic))}, the topic of monitor "
+                f"{monitor.monitor}",
                 path=monitor.path,
-                related=(Pointer("who publishes it", writers[0].path, writers[0].topic_is_key),),
+                related=(
+                    Pointer("published here", publishers[0].path, publishers[0].topic_is_key),
+                ),
                 suppressed_by=frozenset(
                     {
-                        suppression_keys.MEASURE_FLOW,
-                        suppression_keys.topic(phase.phase, monitor.topic),
+                        MEASURE_FLOW,
+                        topic_key(phase.phase, monitor.topic),
                     },
                 ),
             )
@@ -40,9 +42,9 @@ def _find(context: Context) -> Iterator[Finding]:
 
 RULE = Rule(
     code="R2B405",
-    title="a monitor that nothing played can reach",
-    severity=Severity.ERROR,
-    why="None of its messages answers an input, so nothing of what it sees says anything about the "
+    title="no path from a playback input to a monitor",
+    severity="error",
+    why="None of the monitored messages results from an input, so they say nothing about the "
     "graph under test.",
     failing=example(
         graph="""

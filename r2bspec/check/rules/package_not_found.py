@@ -1,45 +1,45 @@
-"""ROS packages that this machine does not have."""
+"""ROS packages that are not installed on this machine."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from r2bspec.check.installed_packages import ament_packages, ament_prefixes
 from r2bspec.check.rule_api import (
-    Certainty,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Path,
     Rule,
-    Severity,
     did_you_mean,
     example,
     pluralize,
     quote,
-    suppression_keys,
+    value_key,
 )
 from r2bspec.wiring.known_packages import catalogue_packages
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     requested = list(_packages(context))
     installed = ament_packages() if requested else set()
     for path, package in requested:
         if package not in installed:
             close = did_you_mean(package, installed | catalogue_packages())
             yield Finding(
-                message=f"there is no ROS package {quote(package)} on this machine",
+                message=f"ROS package {quote(package)} not found on this machine",
                 path=path,
                 help=f"did you mean {quote(close)}?"
                 if close
-                else f"source the workspace that has it; AMENT_PREFIX_PATH names "
-                f"{pluralize(len(ament_prefixes()), 'folder')}",
-                certainty=Certainty.ENVIRONMENT,
-                suppresses=frozenset({suppression_keys.value(path)}),
+                else "source the workspace that contains it (AMENT_PREFIX_PATH has "
+                f"{pluralize(len(ament_prefixes()), 'folder')})",
+                machine_dependent=True,
+                suppresses={value_key(path)},
             )
 
 
 def _packages(context: Context) -> Iterator[tuple[Path, str]]:
-    """Every ROS package that the spec names, with its place."""
+    """Every ROS package of the spec: its location and its name."""
     for _, node in context.nodes:
         if node.node.package:
             yield (*node.path, "package"), node.node.package
@@ -56,10 +56,10 @@ def _packages(context: Context) -> Iterator[tuple[Path, str]]:
 
 RULE = Rule(
     code="R2B622",
-    title="a ROS package that is not installed",
-    severity=Severity.WARNING,
-    why="A run on this machine would fail as it starts. It is a warning, because the run may well "
-    "happen on another one.",
+    title="ROS package not found",
+    severity="warning",
+    why="A run on this machine would fail at startup. This is a warning, because another machine "
+    "may have it.",
     failing=example(
         graph="""
             nodes:

@@ -1,43 +1,34 @@
-"""Parameter files that are not there, or that ROS could not read."""
+"""Parameter files that do not exist or that ROS cannot load."""
 
 from __future__ import annotations
 
 from r2bspec.check.parameter_types import parameter_file_paths
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Iterator,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         for path, name in parameter_file_paths(context, node):
             file = context.companion_files.parameter_files.get(name)
             if file is None or not file.problem:
                 continue
             yield Finding(
-                message=f"there is no parameter file {quote(name)}"
+                message=f"parameter file {quote(name)} not found"
                 if file.missing
-                else f"the parameter file {quote(name)} {file.problem}",
+                else f"parameter file {quote(name)} {file.problem}",
                 path=path,
-                help=f"it is looked for in the folder of the spec, {context.loaded.base_dir}"
+                help=f"paths are relative to the folder of the spec ({context.loaded.base_dir})"
                 if file.missing
-                else "parameters stand below the name of their node and 'ros__parameters'",
-                suppresses=frozenset({suppression_keys.value(path)}),
+                else "the layout is the node name, 'ros__parameters', then the parameters",
+                suppresses={value_key(path)},
             )
 
 
 RULE = Rule(
     code="R2B614",
-    title="a parameter file that cannot be used",
-    severity=Severity.ERROR,
-    why="The node would not start, or start with its defaults.",
+    title="unusable parameter file",
+    severity="error",
+    why="The node would not start, or would start with default parameters.",
     failing=example(
         graph="""
             nodes:

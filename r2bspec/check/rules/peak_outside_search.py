@@ -1,14 +1,13 @@
-"""Requirements on the peak that its search can neither meet nor miss."""
+"""Requirements on the peak outside the range of the search."""
 
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     known_metrics,
     quote,
@@ -17,7 +16,7 @@ from r2bspec.check.rule_api import (
 _SEARCH = ("benchmark", "search")
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     search = context.spec.benchmark.search
     if search is None or search.min.hz >= search.max.hz:
         return
@@ -30,24 +29,27 @@ def _find(context: Context) -> Iterator[Finding]:
         end = "max" if bound.value > search.max.hz else "min"
         limit = search.max if end == "max" else search.min
         yield Finding(
-            message=f"the search goes from {search.min} to {search.max} and cannot tell whether "
+            message=f"a search from {search.min} to {search.max} cannot decide "
             f"{quote(each.located.requirement.text)}",
             path=each.located.path,
             part=each.located.bound_part,
-            help=f"search {'beyond' if end == 'max' else 'below'} {bound.value:g} Hz",
+            help=f"set {quote(end)} of the search {'above' if end == 'max' else 'below'} "
+            f"{bound.value:g} Hz",
             related=(
-                Pointer(f"it {'ends' if end == 'max' else 'begins'} at {limit}", (*_SEARCH, end)),
+                Pointer(
+                    f"the search {'ends' if end == 'max' else 'begins'} at {limit}", (*_SEARCH, end)
+                ),
             ),
-            suppressed_by=frozenset({each.located.subject}),
+            suppressed_by={each.located.subject},
         )
 
 
 RULE = Rule(
     code="R2B507",
-    title="a required peak outside of the search",
-    severity=Severity.ERROR,
-    why="A search finds no peak beyond its range, so such a requirement would be decided by the "
-    "range alone.",
+    title="required peak is outside the search range",
+    severity="error",
+    why="A search finds no peak outside its range, so the range alone would decide the "
+    "requirement.",
     failing=example(
         benchmark="{search: {min: 5 Hz, max: 40 Hz}}",
         slos="{headroom: {require: [peak.rate >= 45 Hz]}}",

@@ -1,49 +1,42 @@
-"""Commands that this machine does not have."""
+"""Commands whose program does not exist on this machine."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path as FilePath
 
-from r2bspec.check.rule_api import (
-    Certainty,
-    Context,
-    Finding,
-    Iterator,
-    Path,
-    Rule,
-    Severity,
-    example,
-    quote,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for path, program, folder in _programs(context):
         if "/" in program:
             exists = (folder / program).is_file()
-            message = f"there is no file {quote(program)}"
-            advice = f"it is looked for in {folder}; build it before running"
+            message = f"program {quote(program)} not found"
+            advice = (
+                f"the path is relative to its working folder ({folder}); build it before the run"
+            )
         else:
             exists = shutil.which(program) is not None
-            message = f"there is no program {quote(program)} on this machine's PATH"
+            message = f"program {quote(program)} not found on the PATH of this machine"
             advice = "install it, or correct the command"
         if not exists:
             yield Finding(
                 message=message,
                 path=path,
                 help=advice,
-                certainty=Certainty.ENVIRONMENT,
+                machine_dependent=True,
             )
 
 
 def _programs(context: Context) -> Iterator[tuple[Path, str, FilePath]]:
-    """Every program that the spec names, with its place, and the folder in which it is run."""
+    """Every program of the spec: its location, its name, and its working directory."""
     spec, base_dir = context.spec, context.loaded.base_dir
     for _, node in context.nodes:
-        for key, words in (("command", node.node.command), ("prefix", node.node.prefix)):
-            if words:
-                yield (*node.path, key, 0), words[0], base_dir
+        for key, command in (("command", node.node.command), ("prefix", node.node.prefix)):
+            if command:
+                yield (*node.path, key, 0), command[0], base_dir
     for name, container in spec.containers.items():
         if container.prefix:
             yield ("containers", name, "prefix", 0), container.prefix[0], base_dir
@@ -56,10 +49,10 @@ def _programs(context: Context) -> Iterator[tuple[Path, str, FilePath]]:
 
 RULE = Rule(
     code="R2B621",
-    title="a program that is not installed",
-    severity=Severity.WARNING,
-    why="A run on this machine would fail as it starts. It is a warning, because the run may well "
-    "happen on another one.",
+    title="program not found",
+    severity="warning",
+    why="A run on this machine would fail at startup. This is a warning, because another machine "
+    "may have it.",
     failing=example(
         graph="""
             nodes:

@@ -1,4 +1,4 @@
-"""Python nodes whose file or module is not there."""
+"""Python nodes whose file or module does not exist."""
 
 from __future__ import annotations
 
@@ -6,21 +6,10 @@ from dataclasses import replace
 
 from r2bspec.check.installed_packages import find_module, top_level_names
 from r2bspec.check.python_target import PythonTarget, python_target
-from r2bspec.check.rule_api import (
-    Certainty,
-    Context,
-    Finding,
-    Iterator,
-    Path,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote, value_key
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         if node.node.python:
             target = python_target(node.node.python, context.loaded.base_dir)
@@ -29,9 +18,7 @@ def _find(context: Context) -> Iterator[Finding]:
             if finding is not None:
                 yield replace(
                     finding,
-                    suppresses=frozenset(
-                        {suppression_keys.value(path), suppression_keys.value(node.path)}
-                    ),
+                    suppresses={value_key(path), value_key(node.path)},
                 )
 
 
@@ -39,12 +26,12 @@ def _module(path: Path, target: PythonTarget) -> Finding | None:
     if find_module(target.module) is not None:
         return None
     return Finding(
-        message=f"there is no Python module {quote(target.module)} on this machine",
+        message=f"Python module {quote(target.module)} not found on this machine",
         path=path,
         part=(0, len(target.module)),
-        help="install it, or source the workspace that has it; a file is written ./file.py:Class",
-        severity=Severity.WARNING,
-        certainty=Certainty.ENVIRONMENT,
+        help="install it, or source its workspace; for a file, write ./file.py:Class",
+        severity="warning",
+        machine_dependent=True,
     )
 
 
@@ -52,17 +39,17 @@ def _file(context: Context, path: Path, target: PythonTarget) -> Finding | None:
     written = target.text.rpartition(":")[0]
     if not target.file.is_file():
         return Finding(
-            message=f"there is no file {quote(written)}",
+            message=f"Python file {quote(written)} not found",
             path=path,
             part=(0, len(written)),
-            help=f"it is looked for in the folder of the spec, {context.loaded.base_dir}",
+            help=f"paths are relative to the folder of the spec ({context.loaded.base_dir})",
         )
     try:
         if target.readable:
             top_level_names(target.file)
     except SyntaxError as error:
         return Finding(
-            message=f"{quote(written)} is not Python: {error.msg}"
+            message=f"{quote(written)} is not valid Python: {error.msg}"
             + (f" in line {error.lineno}" if error.lineno else ""),
             path=path,
             part=(0, len(written)),
@@ -72,10 +59,10 @@ def _file(context: Context, path: Path, target: PythonTarget) -> Finding | None:
 
 RULE = Rule(
     code="R2B624",
-    title="a Python node whose file or module is not there",
-    severity=Severity.ERROR,
-    why="A run would fail as it starts. A file belongs to the spec, so its absence is an error; an "
-    "installed module may be missing on this machine only, which is a warning.",
+    title="file or module of a Python node not found",
+    severity="error",
+    why="A run would fail at startup. A file is part of the spec, so this is an error. For a "
+    "module it is a warning, because another machine may have it.",
     failing=example(
         graph="""
             nodes:

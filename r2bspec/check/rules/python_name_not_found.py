@@ -1,4 +1,4 @@
-"""Python nodes whose file or module has no such class or function."""
+"""Python nodes whose class or function is not in their file or module."""
 
 from __future__ import annotations
 
@@ -7,23 +7,21 @@ from pathlib import Path
 from r2bspec.check.installed_packages import find_module, top_level_names
 from r2bspec.check.python_target import PythonTarget, python_target
 from r2bspec.check.rule_api import (
-    Certainty,
     Context,
     Finding,
-    Iterator,
+    Findings,
     Rule,
-    Severity,
     example,
     quote,
     suggestion,
-    suppression_keys,
+    value_key,
 )
 from r2bspec.wiring.node_interface import reference_node_interfaces
 
 _REFERENCE_NODES = "r2bspec.nodes"
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         if not node.node.python:
             continue
@@ -32,23 +30,24 @@ def _find(context: Context) -> Iterator[Finding]:
         if names is None or target.name in names:
             continue
         path = (*node.path, "python")
-        # An installed module may have the name in another version; these two go with the spec.
+        # Another version of an installed module may have the name; files and the reference nodes
+        # are the same on every machine.
         certain = not target.module or target.module == _REFERENCE_NODES
         yield Finding(
-            message=f"{quote(target.module or target.text.rpartition(':')[0])} has no "
-            f"{quote(target.name)}",
+            message=f"{quote(target.module or target.text.rpartition(':')[0])} has no class or "
+            f"function {quote(target.name)}",
             path=path,
             part=(len(target.text) - len(target.name), len(target.name)),
-            help=suggestion(target.name, _public(names), "it has"),
-            severity=None if certain else Severity.WARNING,
-            certainty=Certainty.CERTAIN if certain else Certainty.ENVIRONMENT,
-            suppressed_by=frozenset({suppression_keys.value(path)}),
-            suppresses=frozenset({suppression_keys.value(node.path)}),
+            help=suggestion(target.name, _public(names), "its classes and functions"),
+            severity=None if certain else "warning",
+            machine_dependent=not certain,
+            suppressed_by={value_key(path)},
+            suppresses={value_key(node.path)},
         )
 
 
 def _names(target: PythonTarget) -> frozenset[str] | None:
-    """The names that there are, or None if that cannot be told."""
+    """The names of a file or module; None if they cannot be determined."""
     if target.module == _REFERENCE_NODES:
         return frozenset(name.rpartition(".")[2] for name in reference_node_interfaces())
     source = target.file if target.readable else None
@@ -65,7 +64,7 @@ def _names(target: PythonTarget) -> frozenset[str] | None:
 
 
 def _public(names: frozenset[str]) -> list[str]:
-    """The names that may well be nodes."""
+    """The names that are likely to be nodes."""
     return [name for name in names if name[:1].isupper()] or [
         name for name in names if not name.startswith("_")
     ]
@@ -73,10 +72,10 @@ def _public(names: frozenset[str]) -> list[str]:
 
 RULE = Rule(
     code="R2B625",
-    title="a Python node that its file or module does not have",
-    severity=Severity.ERROR,
-    why="A run would fail as it starts. The file is read, not executed; where a name might come "
-    "from elsewhere (from x import *), nothing is said.",
+    title="class or function of a Python node not found",
+    severity="error",
+    why="A run would fail at startup. The file is parsed, not executed; if the name may be "
+    "imported (from x import *), nothing is reported.",
     failing=example(
         graph="""
             nodes:

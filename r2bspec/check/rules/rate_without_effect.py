@@ -1,43 +1,41 @@
-"""Rates and searches where the messages have times of their own."""
+"""Rates and searches in playback modes without a selectable rate."""
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example, quote
-from r2bspec.plan.compile_plan import has_own_rate
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 
 
-def _find(context: Context) -> Iterator[Finding]:
-    if not has_own_rate(context.spec):
+def _find(context: Context) -> Findings:
+    if not context.has_own_rate:
         return
     mode = context.spec.playback.mode
-    whose = "the recording" if mode == "timeline" else "the graph's own source"
+    source = "the recording" if mode == "timeline" else "the source in the graph"
     benchmark = context.spec.benchmark
-    for key, given in (("rates", benchmark.rates), ("search", benchmark.search)):
-        if given:
+    for key, value in (("rates", benchmark.rates), ("search", benchmark.search)):
+        if value:
             yield Finding(
-                message=f"{quote(key)} has no effect with 'mode: {mode}': {whose} says how fast "
-                "messages come",
+                message=f"{quote(key)} has no effect with 'mode: {mode}': {source} sets the rate",
                 path=("benchmark", key),
                 key=True,
-                help="remove it, or write 'mode: looping'",
-                suppresses=frozenset({"rates"}),
+                help="remove it, or use 'mode: looping'",
+                suppresses={"rates"},
             )
     for name, objective in context.spec.slos.items():
         if objective.at is not None or objective.at_peak:
             yield Finding(
-                message=f"nothing is played at a chosen rate with 'mode: {mode}'",
+                message=f"'at' has no effect with 'mode: {mode}': {source} sets the rate",
                 path=("slos", name, "at"),
                 help="remove 'at'",
-                suppressed_by=frozenset({"rates"}),
+                suppressed_by={"rates"},
             )
 
 
 RULE = Rule(
     code="R2B408",
-    title="a rate where messages have times of their own",
-    severity=Severity.ERROR,
-    why="A timeline is played at the times of its recording, and a live graph has its own source. "
-    "Neither can be offered at another rate.",
+    title="rate without effect in this playback mode",
+    severity="error",
+    why="A timeline is played at its recorded times, and a live graph has its own source. Neither "
+    "can be played at another rate.",
     failing=example(
         playback="""
             mode: timeline

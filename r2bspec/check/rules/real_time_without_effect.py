@@ -1,26 +1,26 @@
-"""Loading in real time where nobody would notice."""
+"""Real-time loading without preprocessors."""
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     if context.spec.data_loader.real_time and not context.spec.preprocessors:
         yield Finding(
-            message="'real_time' has no effect: there are no preprocessors",
+            message="'real_time' has no effect without preprocessors",
             path=("data_loader", "real_time"),
             key=True,
-            help="for recorded times while measuring, write 'mode: timeline' under 'playback'",
+            help="to play at the recorded times, set 'mode: timeline' under 'playback'",
         )
 
 
 RULE = Rule(
     code="R2B326",
-    title="loading in real time without preprocessors",
-    severity=Severity.WARNING,
-    why="It says how fast preprocessors are fed. Without any, messages go straight from the bag "
-    "into the buffer.",
+    title="real-time loading without preprocessors",
+    severity="warning",
+    why="'real_time' sets the speed at which preprocessors receive messages. Without "
+    "preprocessors, messages go directly from the bag into the buffer.",
     failing=example(
         data_loader="""
             bag: r2b_storage

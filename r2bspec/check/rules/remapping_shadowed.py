@@ -1,22 +1,21 @@
-"""Remappings that an earlier one of the same topic keeps from ever being applied."""
+"""Remappings that have no effect because an earlier one matches the same topic."""
 
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     quote,
-    suppression_keys,
+    topic_key,
 )
 from r2bspec.wiring.name_resolution import expand
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for phase, node in context.nodes:
         first: dict[str, str] = {}
         for left, right in node.node.remappings.items():
@@ -26,23 +25,20 @@ def _find(context: Context) -> Iterator[Finding]:
                 continue
             place = (*node.path, "remappings")
             yield Finding(
-                message=f"{quote(left)} and {quote(first[full])} are the same topic, {full}, "
-                "remapped twice",
+                message=f"{quote(left)} and {quote(first[full])} remap the same topic, {full}",
                 path=(*place, left),
                 key=True,
-                help="ROS applies the first of them; remove one",
-                related=(Pointer("remapped here already", (*place, first[full]), key=True),),
-                suppresses=frozenset(
-                    {suppression_keys.topic(phase, expand(right, node.key, node.namespace))}
-                ),
+                help="remove one of them; ROS applies only the first",
+                related=(Pointer("first remapping of the topic", (*place, first[full]), key=True),),
+                suppresses={topic_key(phase, expand(right, node.key, node.namespace))},
             )
 
 
 RULE = Rule(
     code="R2B205",
-    title="a remapping that another one shadows",
-    severity=Severity.ERROR,
-    why="ROS applies the first remapping that matches a topic and never looks at the second.",
+    title="remapping shadowed by an earlier one",
+    severity="error",
+    why="ROS applies the first remapping that matches a topic and ignores the others.",
     failing=example(
         graph="""
             nodes:

@@ -1,27 +1,28 @@
-"""Searches whose range is empty."""
+"""Searches with an empty range."""
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Pointer, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example
 
 _SEARCH = ("benchmark", "search")
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     search = context.spec.benchmark.search
     if search is not None and search.min.hz >= search.max.hz:
         yield Finding(
-            message=f"the search ends at {search.max}, not above its beginning at {search.min}",
+            message=f"search range is empty: 'max' ({search.max}) is not above 'min' "
+            f"({search.min})",
             path=(*_SEARCH, "max"),
-            help="'max' is the highest rate that is tried; it must lie above 'min'",
-            related=(Pointer("it begins here", (*_SEARCH, "min")),),
+            help="set 'max', the highest rate that is tried, above 'min'",
+            related=(Pointer("the search begins here", (*_SEARCH, "min")),),
         )
 
 
 RULE = Rule(
     code="R2B508",
-    title="a search without a range",
-    severity=Severity.ERROR,
+    title="empty search range",
+    severity="error",
     why="There is no rate to try.",
     failing=example(benchmark="{rates: [30 Hz], search: {min: 200 Hz, max: 5 Hz}}"),
     passing=example(benchmark="{rates: [30 Hz], search: {min: 5 Hz, max: 200 Hz}}"),

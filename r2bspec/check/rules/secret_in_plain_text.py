@@ -1,10 +1,10 @@
-"""Secrets that are written out."""
+"""Secrets in plain text."""
 
 from __future__ import annotations
 
 import re
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Path, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 
 _SECRET_NAME = re.compile(
@@ -16,34 +16,33 @@ _SECTIONS = frozenset({"env", "parameters", "arguments", "variables", "request",
 _PLACEHOLDERS = frozenset({"", "none", "null", "true", "false", "changeme", "xxx", "***"})
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     if context.loaded.tree is not None:
         yield from _secrets_below(context.loaded.tree, ())
 
 
-def _secrets_below(node: TreeNode, path: Path) -> Iterator[Finding]:
+def _secrets_below(node: TreeNode, path: Path) -> Findings:
     if isinstance(node, ListNode):
         for index, item in enumerate(node.items):
             yield from _secrets_below(item, (*path, index))
     if not isinstance(node, MapNode):
         return
     for key, entry in node.entries.items():
-        place = (*path, key)
+        entry_path = (*path, key)
         if _SECTIONS.isdisjoint(path) or not _SECRET_NAME.search(key):
-            yield from _secrets_below(entry.value, place)
+            yield from _secrets_below(entry.value, entry_path)
         elif _is_secret(entry.value):
             name = re.sub(r"\W", "_", key).upper()
             yield Finding(
-                message=f"{quote(key)} looks like a secret, and everybody who reads this file can "
-                "read it",
-                path=place,
-                help=f"write $(env {name}), list {name} under 'environment', and set it where the "
-                "run is started",
+                message=f"{quote(key)} looks like a secret in plain text",
+                path=entry_path,
+                help=f"write $(env {name}), list {name} under 'environment', and set it in the "
+                "environment of the run",
             )
 
 
 def _is_secret(node: TreeNode) -> bool:
-    """Whether a text was written out, rather than brought here from the environment."""
+    """Whether a string is written in the file, rather than taken from the environment."""
     if isinstance(node, MapNode):
         return any(_is_secret(each.value) for key, each in node.entries.items() if key == "value")
     return (
@@ -56,10 +55,10 @@ def _is_secret(node: TreeNode) -> bool:
 
 RULE = Rule(
     code="R2B604",
-    title="a secret in plain text",
-    severity=Severity.WARNING,
-    why="Specs are kept in repositories and copied into run folders and reports. What comes from "
-    "the environment is not.",
+    title="secret in plain text",
+    severity="warning",
+    why="Specs are committed to repositories and copied into run folders and reports. Values from "
+    "the environment are not.",
     failing=example(
         graph="""
             nodes:

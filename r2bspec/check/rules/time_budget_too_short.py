@@ -1,32 +1,33 @@
-"""Budgets that end before the first iterations do."""
+"""Time budgets that are shorter than the iterations."""
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Pointer, Rule, Severity, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example
 from r2bspec.language.quantities import Duration
-from r2bspec.plan.compile_plan import has_own_rate
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     benchmark = context.spec.benchmark
     budget = benchmark.gate.time_budget
-    rates = 1 if has_own_rate(context.spec) else len(set(benchmark.rates))
+    rates = 1 if context.has_own_rate else len(set(benchmark.rates))
     needed = benchmark.duration.ns * benchmark.iterations * rates
     if budget is not None and needed > budget.ns:
         yield Finding(
-            message=f"a budget of {budget} ends before all is played, which takes "
-            f"{Duration(needed)}",
+            message=f"time budget of {budget} is too short: the iterations take {Duration(needed)}",
             path=("benchmark", "gate", "time_budget"),
-            help="allow more time, or play less",
-            related=(Pointer("played this often", ("benchmark", "iterations")),),
+            help=f"set 'time_budget' to {Duration(needed)} or more, or play fewer or shorter "
+            "iterations",
+            related=(
+                Pointer(f"'iterations' is {benchmark.iterations}", ("benchmark", "iterations")),
+            ),
         )
 
 
 RULE = Rule(
     code="R2B521",
-    title="a time budget that is too short",
-    severity=Severity.ERROR,
-    why="A run that ends before its iterations do decides nothing.",
+    title="time budget is shorter than the iterations",
+    severity="error",
+    why="A run that ends before its iterations are complete decides nothing.",
     failing=example(
         benchmark="{duration: 10 s, iterations: 5, rates: [30 Hz], gate: {time_budget: 20 s}}"
     ),

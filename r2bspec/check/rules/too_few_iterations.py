@@ -5,18 +5,17 @@ from __future__ import annotations
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     known_metrics,
     quote,
-    suppression_keys,
+    value_key,
 )
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     benchmark = context.spec.benchmark
     if max(benchmark.iterations, benchmark.max_iterations) > 1:
         return
@@ -25,22 +24,20 @@ def _find(context: Context) -> Iterator[Finding]:
         compared = located.requirement.op in {"<", "<=", ">", ">="}
         if each.info.statistic == "mean" and compared and located.role == "objective":
             yield Finding(
-                message=f"one iteration can never show that {quote(located.requirement.text)}",
+                message=f"one iteration cannot confirm {quote(located.requirement.text)}",
                 path=located.path,
-                help="set 'benchmark.iterations' to 2 at least; 5 or more make a useful interval",
-                related=(Pointer("one iteration", ("benchmark", "iterations")),),
-                suppressed_by=frozenset(
-                    {located.subject, suppression_keys.value(("slos", located.objective, "at"))}
-                ),
+                help="set 'benchmark.iterations' to 2 or more; 5 or more give a useful interval",
+                related=(Pointer("'iterations' is 1", ("benchmark", "iterations")),),
+                suppressed_by={located.subject, value_key(("slos", located.objective, "at"))},
             )
 
 
 RULE = Rule(
     code="R2B511",
-    title="a bound on a mean with a single iteration",
-    severity=Severity.ERROR,
-    why="How much a mean scatters is seen in how much iterations differ, and one differs from "
-    "nothing: such a requirement stays inconclusive for ever.",
+    title="too few iterations to confirm a bound on a mean",
+    severity="error",
+    why="The confidence interval of a mean is computed from the spread between iterations. One "
+    "iteration has no spread, so the requirement stays inconclusive.",
     failing=example(
         benchmark="{duration: 20 s, iterations: 1, rates: [30 Hz]}",
         slos="{fast: {at: 30 Hz, require: [throughput.mean >= 97 % of offered]}}",

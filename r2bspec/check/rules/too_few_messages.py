@@ -1,4 +1,4 @@
-"""Requirements that no run of the declared length can show to hold."""
+"""Requirements that a run of the declared length cannot confirm."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ import math
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     KnownMetric,
     Rule,
-    Severity,
     example,
     known_metrics,
     quote,
-    suppression_keys,
+    value_key,
 )
-from r2bspec.check.sample_size import min_sample_size
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.quantities import Rate
 
-# Values that an iteration has fewer than messages: what lies between them, and between those.
+# An iteration of n messages has n - 1 intervals, and n - 2 differences between intervals.
 _LOST_SAMPLES = {"interval": 1, "jitter": 2}
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for each in known_metrics(context):
         located = each.located
         max_share = _max_wrong_share(each)
@@ -39,7 +38,7 @@ def _find(context: Context) -> Iterator[Finding]:
 
 
 def _max_wrong_share(each: KnownMetric) -> float | None:
-    """The share of messages that may be on the wrong side; None if no share decides."""
+    """The share of messages that may violate the bound; None if no share decides."""
     requirement, info = each.located.requirement, each.info
     if requirement.bound is None or requirement.windows_share is not None:
         return None
@@ -55,10 +54,10 @@ def _max_wrong_share(each: KnownMetric) -> float | None:
 
 def _unprovable(each: KnownMetric) -> Finding:
     return Finding(
-        message=f"no number of messages can show that {quote(each.located.requirement.text)}",
+        message=f"no number of messages can confirm {quote(each.located.requirement.text)}",
         path=each.located.path,
-        help="require 'missed == 0' of what is observed, or allow a small share",
-        suppressed_by=frozenset({each.located.subject}),
+        help="require 'missed == 0', which is about the observed messages, or allow a small share",
+        suppressed_by={each.located.subject},
     )
 
 
@@ -73,27 +72,26 @@ def _too_few(context: Context, each: KnownMetric, at: Rate, needed: int) -> Find
         return None
     enough = math.ceil(needed / per_iteration) if per_iteration > 0 else 0
     return Finding(
-        message=f"{played:,} messages at {at} can never show that "
-        f"{quote(each.located.requirement.text)}; that takes {needed:,} at least",
+        message=f"{played:,} messages at {at} cannot confirm "
+        f"{quote(each.located.requirement.text)}: at least {needed:,} are needed",
         path=each.located.path,
         help=(
-            f"set 'benchmark.iterations' to {enough} or more, or play longer ones"
+            f"set 'benchmark.iterations' to {enough} or more, or increase 'benchmark.duration'"
             if enough
-            else "make 'benchmark.duration' longer"
+            else "increase 'benchmark.duration'"
         )
-        + "; with some messages over the bound it takes several times as many",
-        suppressed_by=frozenset(
-            {each.located.subject, suppression_keys.value(("slos", each.located.objective, "at"))}
-        ),
+        + "; if some messages violate the bound, several times as many are needed",
+        suppressed_by={each.located.subject, value_key(("slos", each.located.objective, "at"))},
     )
 
 
 RULE = Rule(
     code="R2B510",
-    title="a requirement that a run of this length can never settle",
-    severity=Severity.ERROR,
-    why="A verdict needs 95 % confidence. To show that at most 1 % of all messages are late takes "
-    "299 messages of which none is late; with fewer, the best possible run is inconclusive.",
+    title="too few messages to confirm a requirement",
+    severity="error",
+    why="A verdict needs 95 % confidence. Confirming that at most 1 % of all messages are late "
+    "takes 299 messages, none of them late; with fewer, even the best possible run is "
+    "inconclusive.",
     failing=example(
         benchmark="{duration: 5 s, iterations: 1, rates: [30 Hz]}",
         slos="{fast: {at: 30 Hz, require: [latency.p99 < 50 ms]}}",

@@ -1,24 +1,23 @@
-"""Shares of windows that too few windows can show."""
+"""Shares of windows that the declared number of windows cannot confirm."""
 
 from __future__ import annotations
 
 from r2bspec.check.rule_api import (
     Context,
     Finding,
-    Iterator,
+    Findings,
     Pointer,
     Rule,
-    Severity,
     example,
     known_metrics,
     pluralize,
     quote,
 )
-from r2bspec.check.sample_size import min_sample_size
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.quantities import Duration
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     benchmark = context.spec.benchmark
     iterations = max(benchmark.iterations, benchmark.max_iterations)
     for each in known_metrics(context):
@@ -32,24 +31,27 @@ def _find(context: Context) -> Iterator[Finding]:
             continue
         length = Duration(requirement.window_ns)
         yield Finding(
-            message=f"{pluralize(windows, 'window')} of {length} can never show that "
+            message=f"{pluralize(windows, 'window')} of {length} cannot confirm "
             f"{quote(requirement.text)}"
-            + (f"; that takes {needed:,} at least" if needed is not None else ""),
+            + (f": at least {needed:,} are needed" if needed is not None else ""),
             path=located.path,
-            help="allow a small share of windows to miss the bound"
+            help="allow a small share of windows to violate the bound"
             if needed is None
-            else "play longer or more often, take shorter windows, or ask for a smaller share",
-            related=(Pointer("an iteration is this long", ("benchmark", "duration")),),
-            suppressed_by=frozenset({located.subject}),
+            else "increase 'duration' or 'iterations', use shorter windows, or require a smaller "
+            "share",
+            related=(
+                Pointer(f"an iteration takes {benchmark.duration}", ("benchmark", "duration")),
+            ),
+            suppressed_by={located.subject},
         )
 
 
 RULE = Rule(
     code="R2B520",
-    title="a share of windows that too few windows can show",
-    severity=Severity.ERROR,
-    why="By the exact binomial test a share p of windows is shown at confidence c by no fewer than "
-    "ln(1 - c) / ln(p) windows, even if every one of them is within the bound.",
+    title="too few windows to confirm a requirement",
+    severity="error",
+    why="By the exact binomial test, confirming a share p of windows at confidence c takes at "
+    "least ln(1 - c) / ln(p) windows, even if all of them are within the bound.",
     failing=example(
         slos="{steady: {at: 30 Hz, require: [latency.max < 50 ms in 99 % of 1 s windows]}}"
     ),

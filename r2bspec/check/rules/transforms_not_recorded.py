@@ -1,28 +1,32 @@
-"""Transforms that are to be played but were not recorded."""
+"""Transforms to publish that the bag does not contain."""
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Iterator, Rule, Severity, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     loader, bag = context.spec.data_loader, context.bag
     if bag is None:
         return
-    for name, asked in (("/tf", loader.publish_tf), ("/tf_static", loader.publish_tf_static)):
-        if asked and bag.find(name) is None:
+    for name, is_published in (
+        ("/tf", loader.publish_tf),
+        ("/tf_static", loader.publish_tf_static),
+    ):
+        key = f"publish_{name[1:]}"
+        if is_published and bag.find(name) is None:
             yield Finding(
-                message=f"the bag {quote(bag.name)} holds no {quote(name)}",
-                path=("data_loader", f"publish_{name[1:]}"),
-                help="remove it, or publish the transforms by a node of the graph",
+                message=f"bag {quote(bag.name)} has no topic {quote(name)}",
+                path=("data_loader", key),
+                help=f"remove {quote(key)}, or publish the transforms from a node of the graph",
             )
 
 
 RULE = Rule(
     code="R2B325",
-    title="transforms that the bag does not hold",
-    severity=Severity.ERROR,
-    why="Nothing would be published, and whoever looks transforms up waits for ever.",
+    title="transforms not in the bag",
+    severity="error",
+    why="No transforms would be published, and nodes that look them up would wait forever.",
     failing=example(
         data_loader="""
             bag: r2b_storage

@@ -1,36 +1,27 @@
-"""Variables that nothing refers to."""
+"""Variables that are not used."""
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Iterator,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     for name in context.spec.variables:
         if name not in context.loaded.used_variables:
             yield Finding(
-                message=f"nothing uses the variable {quote(name)}",
+                message=f"variable {quote(name)} is not used",
                 path=("variables", name),
                 key=True,
-                help=f"write {quote(f'$(var {name})')} where its value belongs, or remove it",
-                suppressed_by=frozenset({suppression_keys.value(("variables", name))}),
+                help=f"use it with {quote(f'$(var {name})')}, or remove it",
+                suppressed_by={value_key(("variables", name))},
             )
 
 
 RULE = Rule(
     code="R2B616",
-    title="a variable that nothing uses",
-    severity=Severity.WARNING,
-    why="Whoever sets it with --var expects that something changes.",
+    title="unused variable",
+    severity="warning",
+    why="Setting it with --var has no effect.",
     failing=example(variables="{rate: 30 Hz}"),
     passing=example(variables="{rate: 30 Hz}", benchmark="{rates: [$(var rate)]}"),
     find=_find,

@@ -1,35 +1,26 @@
-"""Windows that leave the bag."""
+"""Windows that extend beyond the bag."""
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Iterator,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 from r2bspec.language.quantities import Duration
 
 _WINDOW = ("data_loader", "window")
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     bag, window = context.bag, context.spec.data_loader.window
     if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
         return
     lasts_ns = _duration_ns(context)
-    lasts = f"the bag {quote(bag.name)} lasts {lasts_ns / 1e9:g} s"
+    lasts = f"bag {quote(bag.name)} lasts {lasts_ns / 1e9:g} s"
     rendered = context.bag_location is not None and context.bag_location.path is None
     if window.start.ns > lasts_ns:
         yield Finding(
             message=f"the window starts at {window.start}, but {lasts}",
             path=(*_WINDOW, "start"),
-            help="a window counts from the beginning of the bag",
-            suppresses=frozenset({suppression_keys.value(_WINDOW)}),
+            help="window times count from the beginning of the bag",
+            suppresses={value_key(_WINDOW)},
         )
     elif window.end is not None and window.end.ns > lasts_ns:
         yield Finding(
@@ -37,14 +28,14 @@ def _find(context: Context) -> Iterator[Finding]:
             path=(*_WINDOW, "end"),
             help=f"write {Duration(lasts_ns)}"
             if rendered
-            else "what is there is used; leave 'end' out to say so",
-            severity=None if rendered else Severity.WARNING,
-            suppresses=frozenset({suppression_keys.value(_WINDOW)}) if rendered else frozenset(),
+            else "remove 'end' to use the bag to its end",
+            severity=None if rendered else "warning",
+            suppresses={value_key(_WINDOW)} if rendered else set(),
         )
 
 
 def _duration_ns(context: Context) -> int:
-    """Up to where a window may reach: a rendered sequence goes on a little after its messages."""
+    """The latest end of a window: a rendered sequence lasts longer than its last message."""
     from r2bspec.datasets.sequences import DURATION_NS
 
     if context.bag_location is not None and context.bag_location.path is None:
@@ -54,10 +45,10 @@ def _duration_ns(context: Context) -> int:
 
 RULE = Rule(
     code="R2B309",
-    title="a window outside of the bag",
-    severity=Severity.ERROR,
-    why="The part of the window outside of the recording holds no messages. A recorded bag that "
-    "merely ends before its window does is a warning.",
+    title="window outside of the bag",
+    severity="error",
+    why="The part of the window outside of the bag has no messages. If a recorded bag only ends "
+    "before the window does, this is a warning.",
     failing=example(
         data_loader="""
             bag: r2b_storage

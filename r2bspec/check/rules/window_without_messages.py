@@ -1,23 +1,14 @@
-"""Loaded topics without a message in the window."""
+"""Loaded topics without messages in the window."""
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import (
-    Context,
-    Finding,
-    Iterator,
-    Rule,
-    Severity,
-    example,
-    quote,
-    suppression_keys,
-)
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 from r2bspec.check.window_counts import window_message_counts
 
 _WINDOW = ("data_loader", "window")
 
 
-def _find(context: Context) -> Iterator[Finding]:
+def _find(context: Context) -> Findings:
     bag = context.bag
     window = context.spec.data_loader.window
     if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
@@ -28,24 +19,24 @@ def _find(context: Context) -> Iterator[Finding]:
             continue
         empty = info.count == 0
         yield Finding(
-            message=f"the bag has no message of {quote(name)}"
+            message=f"no messages of {quote(name)} in the bag"
             if empty
-            else f"no message of {quote(name)} lies in the window",
+            else f"no messages of {quote(name)} in the window",
             path=("data_loader", "topics", name) if empty else _WINDOW,
             key=empty,
             help=""
             if empty
-            else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} in each second",
-            suppressed_by=frozenset({suppression_keys.value(_WINDOW)}),
-            suppresses=frozenset({suppression_keys.value(("data_loader", "topics", name))}),
+            else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} per second",
+            suppressed_by={value_key(_WINDOW)},
+            suppresses={value_key(("data_loader", "topics", name))},
         )
 
 
 RULE = Rule(
     code="R2B321",
-    title="a window without a message",
-    severity=Severity.ERROR,
-    why="Without a message there is nothing to play.",
+    title="window without messages",
+    severity="error",
+    why="Without messages there is nothing to play.",
     failing=example(
         data_loader="""
             bag: r2b_storage

@@ -1,7 +1,7 @@
-"""Keeping secrets that a run's processes are given out of what the run reports.
+"""Redaction of secrets in the output of processes.
 
-A spec can name environment variables that its processes inherit. What a dying process printed last
-becomes part of the error, the record and the reports, and may show the value of one.
+A spec can name environment variables that its processes inherit. The last output of a failed
+process is part of the error, the record and the reports, and may contain the value of one.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 
 _SECRET = re.compile(r"AUTH|COOKIE|CREDENTIAL|KEY|PASS|PRIVATE|SECRET|TOKEN", re.IGNORECASE)
-"""Names of variables that hold secrets. Others, such as a path, are worth more than hiding them."""
+"""Names of variables with secrets. Other values, such as paths, are useful in errors."""
 
 _MIN_SECRET_LENGTH = 4
-"""What is shorter occurs everywhere, and is no secret."""
+"""Shorter values occur everywhere in ordinary text."""
 
 _REDACTED = "***"
 

@@ -8,7 +8,7 @@ leave the bracket wide, and decide nothing within it.
 
 from __future__ import annotations
 
-from r2bspec.judge.decision import Answer, Question, decide
+from r2bspec.judge.decision import Answer, Decider, Question, decide
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
 
@@ -97,3 +97,10 @@ def _settle(search: SearchRecord) -> str:
             return "Run again and let the search finish."
         case _:
             return "Make benchmark.search.precision finer, or change the limit."
+
+
+DECIDER = Decider(
+    takes=lambda question: question.info.statistic == "search",
+    decide=lambda question, record: judge_peak(question, record.search),
+    needs_iterations=False,
+)

@@ -28,12 +28,13 @@ CASES = sorted(file for file in HERE.glob("*.yaml") if file.stem not in CODES)
 
 @pytest.fixture(autouse=True)
 def somewhere_without_ros(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """An empty folder, no ROS packages, no datasets, and shell as the only program."""
+    """An empty folder, two CPUs, no ROS packages, no datasets, and shell as the only program."""
     shell = tmp_path / "bin" / "sh"
     shell.parent.mkdir()
     shell.touch(mode=0o755)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", str(shell.parent))
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     monkeypatch.delenv("R2B_DATASETS", raising=False)
 

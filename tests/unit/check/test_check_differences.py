@@ -91,4 +91,4 @@ def test_taps_of_messages_without_a_stamp_find_nothing() -> None:
     text = text.replace("topic: last, format: sensor_msgs/msg/Image", "topic: last, taps: true, "
                         "format: std_msgs/msg/String, match: order")  # fmt: skip
     said = [each.message for each in findings(text, offline=True) if each.code == "R2B412"]
-    assert said == ["taps find messages by their stamp, which no playback input carries"]
+    assert said == ["taps match messages by stamp, but no playback input has one"]

@@ -116,7 +116,7 @@ def test_a_margin_below_the_noise_is_warned_of(spec: Path, pairs: PairedComparis
     (warning,) = found_in(spec)
     assert (warning.code, warning.severity) == ("R2B523", "warning")
     assert (warning.span.line, warning.edit) == (14, None)
-    assert "10 pairs tell no less than" in warning.message
+    assert "10 pairs detect no change below" in warning.message
     assert "a simulated processor" in warning.message
 
 

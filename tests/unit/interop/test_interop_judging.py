@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from r2bspec.cli.main import main
-from r2bspec.interop.judging import judge_report
+from r2bspec.interop.imported_verdicts import judge_report
 from r2bspec.interop.ros2_benchmark import parse_report
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.quantities import Rate

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.nodes.pairing import StampPairs
+from r2bspec.nodes.stamp_pairs import StampPairs
 
 
 def test_either_side_may_come_first() -> None:

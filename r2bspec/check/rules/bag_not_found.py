@@ -1,0 +1,23 @@
+"""Bags that do not exist or cannot be read; each finding has the code of its error."""
+
+from __future__ import annotations
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
+
+
+def _find(context: Context) -> Findings:
+    for recording in context.recordings:
+        error = recording.error
+        if error is not None:
+            yield Finding(message=str(error), path=recording.path, help=error.hint, code=error.code)
+
+
+RULE = Rule(
+    code="R2B301",
+    title="bag does not exist",
+    severity="error",
+    why="There are no messages to play.",
+    failing=example(data_loader="{bag: ./bags/kitchen, topics: {/camera/image_raw: image_raw}}"),
+    passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
+    find=_find,
+)

@@ -1,0 +1,49 @@
+"""Bounds whose unit does not fit the metric."""
+
+from __future__ import annotations
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, known_metrics, quote
+
+_EXAMPLES = {
+    "time": "a time, such as 50 ms",
+    "rate": "a rate, such as 30 Hz, or a share of the offered one, such as 97 % of offered",
+    "size": "a size, such as 64 MiB",
+    "share": "a share, such as 2 %",
+    "count": "a whole number",
+}
+
+
+def _find(context: Context) -> Findings:
+    for each in known_metrics(context):
+        bound = each.located.requirement.bound
+        if bound is not None and not each.info.accepts(bound):
+            written = (
+                "relative to the baseline"
+                if bound.of_baseline
+                else "a share of the offered rate"
+                if bound.of_offered
+                else _noun(bound.dimension)
+            )
+            yield Finding(
+                message=f"{quote(each.info.name)} is {_noun(each.info.dimension)}, but its bound "
+                f"is {written}",
+                path=each.located.path,
+                part=each.located.bound_part,
+                help=f"use {_EXAMPLES[each.info.dimension]}",
+                suppresses={each.located.subject},
+            )
+
+
+def _noun(dimension: str) -> str:
+    return _EXAMPLES[dimension].partition(",")[0]
+
+
+RULE = Rule(
+    code="R2B502",
+    title="unit of a bound does not fit the metric",
+    severity="error",
+    why="Values of different dimensions, such as a time and a rate, cannot be compared.",
+    failing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 2 %]}}"),
+    passing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}"),
+    find=_find,
+)

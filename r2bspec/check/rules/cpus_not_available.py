@@ -1,0 +1,55 @@
+"""CPUs that this machine does not have."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example
+
+
+def _find(context: Context) -> Findings:
+    available = os.cpu_count() or 1
+    for path, cpus in _pinned_cpus(context):
+        for index, cpu in enumerate(cpus):
+            if cpu >= available:
+                yield Finding(
+                    message=f"this machine has no CPU {cpu}",
+                    path=(*path, index),
+                    help=f"its CPUs are numbered from 0 to {available - 1}",
+                    machine_dependent=True,
+                )
+
+
+def _pinned_cpus(context: Context) -> Iterator[tuple[Path, tuple[int, ...]]]:
+    for name, container in context.spec.containers.items():
+        yield ("containers", name, "cpus"), container.cpus
+    for _, node in context.nodes:
+        yield (*node.path, "cpus"), node.node.cpus
+
+
+RULE = Rule(
+    code="R2B638",
+    title="requested CPU is not available",
+    severity="warning",
+    why="A run on this machine would fail at startup.",
+    failing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                cpus: [0, 9999]
+                remappings: {input: image}
+        """
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                cpus: [0]
+                remappings: {input: image}
+        """
+    ),
+    find=_find,
+)

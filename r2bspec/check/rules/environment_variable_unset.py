@@ -1,0 +1,30 @@
+"""Listed environment variables that are not set."""
+
+from __future__ import annotations
+
+import os
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
+
+
+def _find(context: Context) -> Findings:
+    for index, name in enumerate(context.spec.environment):
+        if name not in os.environ:
+            yield Finding(
+                message=f"environment variable {name} is not set",
+                path=("environment", index),
+                help=f"set it, for example: export {name}=...",
+                machine_dependent=True,
+            )
+
+
+RULE = Rule(
+    code="R2B617",
+    title="unset environment variable",
+    severity="info",
+    why="The processes of a run get the variables that 'environment' lists. A variable that is "
+    "not set may be optional.",
+    failing=example(environment="[R2BSPEC_EXAMPLE_MODELS]"),
+    passing=example(environment="[PATH]"),
+    find=_find,
+)

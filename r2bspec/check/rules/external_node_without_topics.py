@@ -1,0 +1,48 @@
+"""External nodes without declared topics."""
+
+from __future__ import annotations
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+
+
+def _find(context: Context) -> Findings:
+    for _, node in context.nodes:
+        interface = node.interface
+        if (
+            node.node.kind.role is None
+            and interface.publishes is None
+            and interface.subscribes is None
+        ):
+            yield Finding(
+                message=f"the topics of external node {quote(node.name)} are unknown",
+                path=node.path,
+                key=True,
+                help="list its topics under 'publishes:' or 'subscribes:'",
+            )
+
+
+RULE = Rule(
+    code="R2B220",
+    title="external node without declared topics",
+    severity="info",
+    why="A run does not start an external node; it can only check that the node's topics exist "
+    "and have the right types.",
+    failing=example(
+        graph="""
+            nodes:
+              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
+              localisation: {external: true}
+        """
+    ),
+    passing=example(
+        graph="""
+            nodes:
+              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
+              localisation:
+                external: true
+                subscribes: {output: sensor_msgs/msg/Image}
+                publishes: {pose: geometry_msgs/msg/PoseStamped}
+        """
+    ),
+    find=_find,
+)

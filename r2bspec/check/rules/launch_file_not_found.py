@@ -1,0 +1,61 @@
+"""Launch files that do not exist."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+
+from r2bspec.check.installed_packages import package_share
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
+
+
+def _find(context: Context) -> Findings:
+    for _, node in context.nodes:
+        launch = node.node.launch
+        if launch is None:
+            continue
+        if launch.path and not (context.loaded.base_dir / launch.path).is_file():
+            yield Finding(
+                message=f"launch file {quote(launch.path)} not found",
+                path=(*node.path, "launch", "path"),
+                help=f"paths are relative to the folder of the spec ({context.loaded.base_dir}); "
+                "for a launch file of a package use 'package' and 'file'",
+            )
+        elif launch.package:
+            share = package_share(launch.package)
+            if share is not None and not _has_launch_file(share, launch.file):
+                yield Finding(
+                    message=f"ROS package {quote(launch.package)} has no launch file "
+                    f"{quote(launch.file)} on this machine",
+                    path=(*node.path, "launch", "file"),
+                    help=suggestion(launch.file, _launch_files(share), "its launch files"),
+                    severity="warning",
+                    machine_dependent=True,
+                )
+
+
+def _has_launch_file(share: FilePath, file: str) -> bool:
+    return (share / file).is_file() or file in _launch_files(share)
+
+
+def _launch_files(share: FilePath) -> list[str]:
+    return sorted(each.name for each in (share / "launch").glob("*") if each.is_file())
+
+
+RULE = Rule(
+    code="R2B613",
+    title="launch file not found",
+    severity="error",
+    why="A run would fail at startup. A file next to the spec is part of it, so this is an error. "
+    "For a file of a package it is a warning, because another machine may have it.",
+    failing=example(
+        graph="""
+            nodes:
+              camera:
+                launch: {path: ./camera.launch.py}
+                subscribes: {image: sensor_msgs/msg/Image}
+                publishes: {output: sensor_msgs/msg/Image}
+        """
+    ),
+    passing=example(),
+    find=_find,
+)

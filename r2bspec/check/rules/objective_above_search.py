@@ -1,0 +1,37 @@
+"""Objectives at rates above the range of the search."""
+
+from __future__ import annotations
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, quote
+
+
+def _find(context: Context) -> Findings:
+    search = context.spec.benchmark.search
+    if search is None or search.min.hz >= search.max.hz:
+        return
+    for name, objective in context.spec.slos.items():
+        if objective.at is not None and objective.at.hz > search.max.hz:
+            yield Finding(
+                message=f"objective {quote(name)} applies at {objective.at}, but the search ends "
+                f"at {search.max}",
+                path=("slos", name, "at"),
+                help=f"set 'max' of the search to {objective.at} or more",
+                related=(Pointer("the search ends here", ("benchmark", "search", "max")),),
+            )
+
+
+RULE = Rule(
+    code="R2B517",
+    title="objective above the search range",
+    severity="warning",
+    why="The search stops below the required rate, so it cannot show how far the peak is from it.",
+    failing=example(
+        benchmark="{rates: [60 Hz], search: {min: 5 Hz, max: 40 Hz}}",
+        slos="{fast: {at: 60 Hz, require: [latency.p90 < 50 ms]}}",
+    ),
+    passing=example(
+        benchmark="{rates: [60 Hz], search: {min: 5 Hz, max: 200 Hz}}",
+        slos="{fast: {at: 60 Hz, require: [latency.p90 < 50 ms]}}",
+    ),
+    find=_find,
+)

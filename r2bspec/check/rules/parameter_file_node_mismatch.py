@@ -1,0 +1,42 @@
+"""Parameter files without parameters of the node."""
+
+from __future__ import annotations
+
+from r2bspec.check.parameter_types import parameter_file_paths
+from r2bspec.check.rule_api import Context, Finding, Findings, NodeWiring, Rule, quote, quoted_list
+from r2bspec.wiring.parameter_files import node_key_matches
+
+
+def _find(context: Context) -> Findings:
+    for _, node in context.nodes:
+        if node.node.kind.any_program:
+            # It may contain several nodes with any names.
+            continue
+        for path, name in parameter_file_paths(context, node):
+            file = context.companion_files.parameter_files.get(name)
+            keys = [] if file is None or file.problem else [key for key, _ in file.nodes]
+            if keys and not any(node_key_matches(key, node.name) for key in keys):
+                yield Finding(
+                    message=f"parameter file {quote(name)} has no parameters of {quote(node.name)}",
+                    path=path,
+                    help=_advice(keys, node),
+                )
+
+
+def _advice(keys: list[str], node: NodeWiring) -> str:
+    if any(key.rpartition("/")[2] == node.key for key in keys):
+        return (
+            f"ROS reads {quote(node.key)} as a node without a namespace: write {quote(node.name)}, "
+            "or '/**' for any node"
+        )
+    return f"it has parameters of {quoted_list(keys)}; '/**' matches any node"
+
+
+RULE = Rule(
+    code="R2B618",
+    title="parameter file has no parameters of the node",
+    severity="error",
+    why="ROS matches the full name of the node against the keys of the file, and ignores other "
+    "keys without a warning.",
+    find=_find,
+)

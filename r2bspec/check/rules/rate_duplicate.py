@@ -1,0 +1,30 @@
+"""Duplicate rates."""
+
+from __future__ import annotations
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example
+from r2bspec.language.quantities import Rate
+
+
+def _find(context: Context) -> Findings:
+    first: dict[Rate, int] = {}
+    for index, rate in enumerate(context.spec.benchmark.rates):
+        if rate in first:
+            yield Finding(
+                message=f"duplicate rate {rate}",
+                path=("benchmark", "rates", index),
+                help="remove it; to repeat every rate, increase 'iterations'",
+                related=(Pointer("first listed here", ("benchmark", "rates", first[rate])),),
+            )
+        first.setdefault(rate, index)
+
+
+RULE = Rule(
+    code="R2B512",
+    title="duplicate rate",
+    severity="warning",
+    why="Results are stored by rate, so each rate is played once.",
+    failing=example(benchmark="{rates: [30 Hz, 0.03 kHz]}"),
+    passing=example(benchmark="{rates: [30 Hz, 60 Hz]}"),
+    find=_find,
+)

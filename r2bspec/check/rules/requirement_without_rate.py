@@ -1,0 +1,34 @@
+"""Requirements that need a rate but have none."""
+
+from __future__ import annotations
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, known_metrics, quote
+
+
+def _find(context: Context) -> Findings:
+    if context.has_own_rate:
+        return
+    rates = ", ".join(str(rate) for rate in context.spec.benchmark.rates)
+    for each in known_metrics(context):
+        located = each.located
+        if located.needs_rate and each.info.statistic != "search":
+            yield Finding(
+                message=f"requirement on {quote(each.info.name)} has no rate",
+                path=located.path,
+                part=located.metric_part,
+                help=f"add 'at:' to the objective {quote(located.objective)}"
+                + (f"; played rates: {rates}" if rates else ""),
+                suppresses={located.subject},
+            )
+
+
+RULE = Rule(
+    code="R2B505",
+    title="requirement has no rate",
+    severity="error",
+    why="A latency at 10 Hz says little about the latency at 60 Hz. Only the result of the search "
+    "(peak.rate) has no rate.",
+    failing=example(slos="{fast: {require: [latency.p90 < 50 ms]}}"),
+    passing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}"),
+    find=_find,
+)

@@ -1,0 +1,40 @@
+"""Segments that need more shared memory than this machine has."""
+
+from __future__ import annotations
+
+import shutil
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule
+from r2bspec.language.quantities import Size
+
+_FOLDER = "/dev/shm"  # noqa: S108 -- only its size is read
+
+
+def _find(context: Context) -> Findings:
+    segment = context.spec.segment
+    if segment is None or context.spec.transport != "shared_memory":
+        return
+    try:
+        available_bytes = shutil.disk_usage(_FOLDER).total
+    except OSError:
+        return
+    processes = len(context.processes)
+    wanted = segment.bytes * processes
+    if wanted > available_bytes:
+        yield Finding(
+            message=f"{processes} processes with a segment of {segment} each need {Size(wanted)}, "
+            f"but {_FOLDER} has {Size(available_bytes // 2**20 * 2**20)}",
+            path=("transport", "segment"),
+            help=f"reduce 'segment', or enlarge {_FOLDER} (docker run --shm-size)",
+            machine_dependent=True,
+        )
+
+
+RULE = Rule(
+    code="R2B629",
+    title="not enough shared memory on this machine",
+    severity="warning",
+    why="Every process that uses the transport creates a segment of this size. A process for "
+    "which no space is left sends its messages over UDP.",
+    find=_find,
+)

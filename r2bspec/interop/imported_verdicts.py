@@ -1,0 +1,259 @@
+"""Judges a report of ros2_benchmark by the objectives of a spec.
+
+A report has one value for each metric and rate: the mean over the iterations, after the best
+and the worst of them were dropped. It proves less than a run of r2bspec:
+
+    metric                       what a report can show
+    mean (throughput, latency)   an observation: one value with unknown variation, compared as it is
+    maximum, minimum             that the limit was broken; not that it was met, because the worst
+                                 iteration is not included
+    counts (missed)              likewise
+    drop_rate                    the exact binomial test on one iteration's messages
+    peak.rate                    that the peak is too low; not that it is high enough, because
+                                 that search accepts rates at which a backlog grows
+    percentiles, sustained       nothing
+
+What a report cannot show is inconclusive, with a hint what would decide it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator, Mapping
+from typing import Final, Literal
+
+import msgspec
+
+from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
+from r2bspec.judge.decision import Answer, Question, decide, requirement_verdict
+from r2bspec.judge.judge_requirement import limit_of
+from r2bspec.judge.methods.share_bound import share_test
+from r2bspec.judge.outcome import outcome_of
+from r2bspec.judge.statistics.effective_sample_size import EffectiveSample
+from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
+from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.spec import Objective
+from r2bspec.measure.errors import MetricError
+from r2bspec.measure.metric_catalogue import MetricInfo, resolve
+from r2bspec.measure.units import show
+
+_Extreme = Literal["", "largest", "smallest"]
+
+_FIGURES: Final[dict[str, tuple[str, _Extreme]]] = {
+    "throughput.mean": ("throughput_hz", ""),
+    "playback.rate": ("playback_hz", ""),
+    "latency.mean": ("latency_mean", ""),
+    "latency.min": ("latency_min", "smallest"),
+    "latency.max": ("latency_max", "largest"),
+    "jitter.mean": ("jitter_mean", ""),
+    "jitter.min": ("jitter_min", "smallest"),
+    "jitter.max": ("jitter_max", "largest"),
+    "sent": ("sent", ""),
+    "missed": ("missed", "largest"),
+}
+"""The value of each metric, and for extremes which one the report excludes."""
+
+_SETTLE_HINT = "Run the benchmark with r2bspec, which records every message of every iteration."
+_SINGLE_VALUE_NOTE = (
+    "A single value without its variation: an observation, not a prediction of the next run."
+)
+_BURSTS_UNKNOWN_NOTE = (
+    "The report does not state whether losses come in bursts; they are taken as independent."
+)
+
+
+def judge_report(report: ReferenceReport, objectives: Mapping[str, Objective]) -> Verdict:
+    """Judge a report of the reference tool.
+
+    Args:
+        report: as `r2bspec.interop.ros2_benchmark.read_report` returns it.
+        objectives: of a spec, by name. If the report has one monitor, requirements on any
+            monitor of the spec apply to that one: the report may lack its name.
+
+    Returns:
+        A verdict like that of a run; a pure function of its arguments.
+    """
+    requirements = tuple(
+        msgspec.structs.replace(found, level=objective.level)
+        for name, objective in objectives.items()
+        if objective.level != "off"
+        for requirement in objective.require
+        for found in _judge_requirement(report, name, objective, requirement)
+    )
+    outcome, reason = outcome_of(requirements)
+    return Verdict(
+        outcome=outcome,
+        exit_code=EXIT_CODES[outcome],
+        reason=reason,
+        requirements=requirements,
+        unusable=(),
+    )
+
+
+def _judge_requirement(
+    report: ReferenceReport, name: str, objective: Objective, requirement: Requirement
+) -> Iterator[RequirementVerdict]:
+    """The verdicts on one requirement: one, or one for each monitor of the report."""
+    at_hz = _rate_of(report, objective)
+    figures = _figures_at(report, at_hz, at_peak=objective.at_peak)
+    named_monitor, info = _resolve_metric(requirement, figures)
+    confidence = objective.confidence.fraction if objective.confidence else CONFIDENCE
+    monitors: list[str | None] = [*figures] if info.scope == "monitor" else []
+    if named_monitor is not None:
+        monitors = [named_monitor] if named_monitor in figures or len(figures) != 1 else [*figures]
+    for monitor in monitors or [None]:
+        question = Question(
+            objective=name,
+            requirement=requirement,
+            at_hz=at_hz,
+            info=info,
+            monitor=monitor or None,
+            limit=limit_of(requirement, at_hz, info),
+            confidence=confidence,
+        )
+        # The playback is the same for all monitors.
+        found = next(iter(figures.values()), None) if monitor is None else figures.get(monitor)
+        answer = _answer(question, report, found)
+        notes: tuple[str, ...] = ()
+        if answer.method == "exact binomial":
+            notes = (_BURSTS_UNKNOWN_NOTE,)
+        elif answer.method == "observation" and answer.outcome == "pass":
+            notes = (_SINGLE_VALUE_NOTE,)
+        yield msgspec.structs.replace(requirement_verdict(question, answer), notes=notes)
+
+
+def _resolve_metric(
+    requirement: Requirement, figures: Mapping[str, MonitorFigures]
+) -> tuple[str | None, MetricInfo]:
+    """The monitor and the metric of a requirement."""
+    with contextlib.suppress(MetricError):
+        return resolve(requirement.metric, figures)
+    first, _, rest = requirement.metric.partition(".")
+    with contextlib.suppress(MetricError):
+        return first, resolve(rest, ())[1]
+    return None, MetricInfo(requirement.metric, "probe", "none", "", "observation", "")
+
+
+def _rate_of(report: ReferenceReport, objective: Objective) -> float | None:
+    if objective.at is not None:
+        return objective.at.hz
+    return report.peak_hz if objective.at_peak else None
+
+
+def _figures_at(
+    report: ReferenceReport, at_hz: float | None, *, at_peak: bool
+) -> Mapping[str, MonitorFigures]:
+    if at_peak:
+        return report.peak
+    if at_hz is None:
+        return {}
+    rates = report.rates.items()
+    return next((found for rate, found in rates if math.isclose(float(rate), at_hz)), {})
+
+
+def _answer(question: Question, report: ReferenceReport, figures: MonitorFigures | None) -> Answer:
+    requirement, info = question.requirement, question.info
+    if info.statistic == "search":
+        return _judge_peak(question, report.peak_hz)
+    if requirement.bound is None:
+        return _inconclusive(f"The report has no {requirement.metric}.")
+    if info.quantile is not None or requirement.windows_share is not None:
+        return _inconclusive("The report has summaries only, not single messages.")
+    if math.isnan(question.limit):
+        return _inconclusive("A report is not compared with a baseline.")
+    if figures is None:
+        where = f" at {show(question.at_hz, 'Hz')}" if question.at_hz is not None else ""
+        return _inconclusive(f"The report has no values{where}.")
+    if info.name == "drop_rate":
+        return _judge_drop_rate(question, figures)
+    if info.scope == "machine":
+        return _inconclusive("The report measures shares of all cores, but not their number.")
+    field, extreme = _FIGURES.get(info.name, ("", ""))
+    value = getattr(figures, field, None) if field else None
+    if value is None:
+        return _inconclusive(f"The report has no {info.name}.")
+    return _judge_observation(question, value, extreme)
+
+
+def _judge_observation(question: Question, value: float, extreme: _Extreme) -> Answer:
+    """Compare a value with the limit, as far as it shows anything."""
+    is_met = question.is_met(value)
+    text = show(value, question.info.unit)
+    lost = (extreme == "largest" and question.is_upper_bound) or (
+        extreme == "smallest" and not question.is_upper_bound
+    )
+    equal = question.requirement.op in {"==", "!="} and bool(extreme)
+    if is_met and (lost or equal):
+        return Answer(
+            outcome="inconclusive",
+            method="none",
+            reason=f"The report has {text}, but excludes the worst iteration.",
+            settle=_SETTLE_HINT,
+            estimate=value,
+        )
+    return Answer(
+        outcome="pass" if is_met else "fail",
+        method="observation",
+        reason=f"The report has {text}; the limit is {question.limit_text}.",
+        estimate=value,
+        n=1,
+    )
+
+
+def _judge_drop_rate(question: Question, figures: MonitorFigures) -> Answer:
+    """The binomial test on the messages of one iteration, which the values refer to."""
+    if figures.sent is None or figures.missed is None or figures.sent < 1:
+        return _inconclusive("The report has no message counts.")
+    sent, missed = round(figures.sent), math.ceil(figures.missed)
+    counts = EffectiveSample(n=sent, bad=missed, bursts=missed, inflation=1.0, cause="")
+    test = share_test(
+        counts, question.limit, question.confidence, lost=missed, ceiling=question.is_upper_bound
+    )
+    towards, against = (
+        (test.upper, test.lower) if question.is_upper_bound else (test.lower, test.upper)
+    )
+    outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
+    return Answer(
+        outcome=outcome,
+        method="exact binomial",
+        reason=f"{missed} of {sent} messages were missed; at {question.confidence_text} the true "
+        f"share is {show(test.lower, 'share')} to {show(test.upper, 'share')}, and the limit is "
+        f"{question.limit_text}.",
+        settle=_SETTLE_HINT if outcome == "inconclusive" else "",
+        estimate=test.share,
+        lower=test.lower,
+        upper=test.upper,
+        n=sent,
+        over=missed,
+        share=test,
+    )
+
+
+def _judge_peak(question: Question, peak_hz: float | None) -> Answer:
+    if peak_hz is None:
+        return _inconclusive("The report has no peak.")
+    is_met = question.is_met(peak_hz)
+    text = show(peak_hz, "Hz")
+    if is_met == question.is_upper_bound:
+        # That search overestimates: a value below the limit is a proof.
+        return Answer(
+            outcome="pass" if is_met else "fail",
+            method="observation",
+            reason=f"The search of the report found {text}; the limit is {question.limit_text}.",
+            estimate=peak_hz,
+            n=1,
+        )
+    return Answer(
+        outcome="inconclusive",
+        method="none",
+        reason=f"The search of the report found {text}, but it accepts rates that the graph "
+        "does not sustain.",
+        settle=_SETTLE_HINT,
+        estimate=peak_hz,
+    )
+
+
+def _inconclusive(reason: str) -> Answer:
+    return Answer(outcome="inconclusive", method="none", reason=reason, settle=_SETTLE_HINT)

@@ -1,0 +1,274 @@
+"""The first fault on the path of the messages, for given facts."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from r2bspec.execute.diagnosis.find_fault import (
+    Fault,
+    find_input_fault,
+    first_fault,
+    full_path,
+    path_lines,
+    path_to,
+)
+from r2bspec.execute.diagnosis.graph_facts import GraphFacts, TopicFacts, gather_facts
+from r2bspec.ipc.protocol import Endpoint, QosMismatch
+from r2bspec.plan.plan import TopicPlan
+from run_simulation import Simulation
+
+IMAGE, TEXT = "sensor_msgs/msg/Image", "std_msgs/msg/String"
+
+
+def end(node: str, kind: str = IMAGE) -> Endpoint:
+    return Endpoint(node=node, type=kind, reliability="reliable", durability="volatile")
+
+
+def topic(
+    name: str,
+    publishers: str = "",
+    subscriptions: str = "",
+    *,
+    planned: tuple[str, str] | None = None,
+    passed: int | None = 10,
+    kinds: tuple[str, str] = (IMAGE, IMAGE),
+    qos_mismatches: tuple[QosMismatch, ...] = (),
+) -> TopicFacts:
+    """A topic with these endpoints; by default, the same ones are planned."""
+    planned_publishers, planned_subscribers = planned or (publishers, subscriptions)
+    return TopicFacts(
+        name=name,
+        type=IMAGE,
+        planned_publishers=tuple(planned_publishers.split()),
+        planned_subscribers=tuple(planned_subscribers.split()),
+        publishers=tuple(end(node, kinds[0]) for node in publishers.split()),
+        subscriptions=tuple(end(node, kinds[1]) for node in subscriptions.split()),
+        qos_mismatches=qos_mismatches,
+        passed=passed,
+    )
+
+
+def graph(*topics: TopicFacts, played: int | None = 10) -> GraphFacts:
+    return GraphFacts(
+        topics={each.name: each for each in topics},
+        inputs=tuple(each.name for each in topics if "player" in each.planned_publishers),
+        played=played,
+        nodes=frozenset({"/a", "/b", "/c"}),
+    )
+
+
+IN = topic("/in", "player", "/a")
+MID = topic("/mid", "/a", "/b")
+OUT = topic("/out", "/b", "monitor", passed=0)
+
+
+def found(*topics: TopicFacts, silent: str = "/out", played: int | None = 10) -> Fault:
+    one = first_fault(graph(*topics, played=played), silent)
+    assert one is not None
+    return one
+
+
+def test_a_node_that_publishes_nothing_although_messages_reach_it() -> None:
+    one = found(IN, MID, OUT)
+    assert (one.kind, one.topic, one.owner, one.code) == ("no output", "/out", "/b", "R2B641")
+    assert one.sentence == (
+        "/b publishes nothing on /out, although it subscribes to /mid (10 messages)"
+    )
+
+
+def test_the_first_of_several_topics_without_messages_decides() -> None:
+    one = found(IN, topic("/mid", "/a", "/b", passed=0), OUT)
+    assert one.sentence == (
+        "/a publishes nothing on /mid, although it subscribes to /in (10 messages)"
+    )
+
+
+def test_several_inputs_and_publishers_are_all_named() -> None:
+    mask = topic("/mask", "/a", "/b", passed=1)
+    both = topic("/out", "/b /c", "monitor", passed=0)
+    assert found(IN, MID, mask, both).sentence == (
+        "/b and /c publish nothing on /out, although they subscribe to /mask (1 message) and "
+        "/mid (10 messages)"
+    )
+
+
+def test_an_input_without_publisher_is_named_with_its_subscriber() -> None:
+    mask = topic("/mask", "", "/b", passed=None)
+    # It may be an optional input of the node, so it is no fault by itself.
+    assert found(IN, MID, OUT, mask).sentence == (
+        "/b publishes nothing on /out, although it subscribes to /mid (10 messages); "
+        "it also subscribes to /mask, which has no publisher"
+    )
+
+
+def test_played_messages_that_do_not_arrive() -> None:
+    one = found(topic("/in", "player", "/a", passed=0), MID, OUT)
+    assert one.sentence == "10 messages were played on /in, but none arrived"
+
+
+def test_a_topic_without_publisher_and_the_closest_name() -> None:
+    wrong = topic("/middle", "/a", "", planned=("", ""))
+    one = found(IN, topic("/mid", "", "/b", planned=("/a", "/b"), passed=None), OUT, wrong)
+    assert (one.kind, one.code) == ("no publisher", "R2B207")
+    assert one.sentence == (
+        "no publisher on /mid, to which /b subscribes; the closest name is /middle, published by /a"
+    )
+
+
+@pytest.mark.parametrize(
+    ("elsewhere", "nodes", "words"),
+    [
+        (topic("/x", "/a", "", planned=("", "")), {"/a"}, "/a publishes on /x"),
+        (topic("/x", "/c", "", planned=("", "")), {"/c"}, "/a is not running"),
+        (topic("/x", "/c", "", planned=("", "")), {"/a"}, "/a publishes nothing"),
+    ],
+)
+def test_a_topic_without_publisher_and_without_a_close_name(
+    elsewhere: TopicFacts, nodes: set[str], words: str
+) -> None:
+    missing = topic("/mid", "", "/b", planned=("/a", "/b"), passed=None)
+    facts = graph(IN, missing, OUT, elsewhere)
+    facts = GraphFacts(facts.topics, facts.inputs, facts.played, frozenset(nodes))
+    one = first_fault(facts, "/out")
+    assert one is not None
+    assert one.sentence == (
+        f"no publisher on /mid, to which /b subscribes; its planned publisher {words}"
+    )
+
+
+def test_a_topic_of_an_unknown_publisher_and_a_topic_without_subscription() -> None:
+    one = found(
+        IN,
+        topic("/x", "/a", "", planned=("", "")),
+        topic("/out", "", "monitor", passed=None),
+        played=None,
+    )
+    assert one.sentence == (
+        "no publisher on /out, to which monitor subscribes; /x, published by /a, "
+        "has no subscription"
+    )
+
+
+def test_a_topic_without_subscription_and_the_closest_name() -> None:
+    wrong = topic("/mdi", "", "/b", planned=("", ""), passed=None)
+    one = found(IN, topic("/mid", "/a", "", planned=("/a", "/b")), OUT, wrong)
+    assert (one.kind, one.owner, one.code) == ("no subscription", "/b", "R2B208")
+    assert one.sentence == (
+        "no subscription to /mid, on which 10 messages were published; "
+        "the closest name is /mdi, to which /b subscribes"
+    )
+
+
+def test_types_that_differ_never_match() -> None:
+    one = found(IN, topic("/mid", "/a", "/b", kinds=(TEXT, IMAGE)), OUT)
+    assert (one.kind, one.owner, one.code) == ("types", "/b", "R2B210")
+    assert one.sentence.startswith(
+        f"/b subscribes to /mid as {IMAGE}, but /a publishes /mid as {TEXT}"
+    )
+
+
+def test_a_monitor_that_waits_for_a_publisher_of_its_type() -> None:
+    one = found(IN, MID, topic("/out", "/b", "", planned=("/b", "monitor"), kinds=(TEXT, IMAGE)))
+    assert one.sentence == f"/b publishes /out as {TEXT}, but its type in the spec is {IMAGE}"
+
+
+def test_qos_that_never_matches() -> None:
+    pair = QosMismatch("/a", "/b", "/mid", "best effort publisher and reliable subscription")
+    one = found(IN, topic("/mid", "/a", "/b", qos_mismatches=(pair,)), OUT)
+    assert (one.kind, one.code) == ("qos", "R2B216")
+    assert one.sentence.startswith(
+        "/b requests a QoS on /mid that /a does not offer (best effort publisher"
+    )
+
+
+def test_a_pair_that_never_matches_off_the_path_is_no_fault() -> None:
+    pair = QosMismatch("/a", "/c", "/mid", "best effort publisher and reliable subscription")
+    one = found(IN, topic("/mid", "/a", "/b /c", qos_mismatches=(pair,)), OUT)
+    assert one.kind == "no output"
+
+
+def test_a_path_with_messages_on_every_topic_has_no_fault() -> None:
+    assert first_fault(graph(IN, MID, topic("/out", "/b", "monitor")), "/out") is None
+
+
+def test_a_topic_without_messages_is_no_fault_if_nothing_is_played() -> None:
+    unobserved = (
+        topic("/in", "player", "/a", passed=None),
+        topic("/out", "/a", "monitor", passed=None),
+    )
+    assert first_fault(graph(*unobserved, played=None), "/out") is None
+
+
+def test_a_topic_that_is_neither_planned_nor_discovered() -> None:
+    assert found(IN, silent="/nowhere").sentence == "no publisher on /nowhere"
+
+
+def test_a_loop_is_followed_once() -> None:
+    back = topic("/back", "/b", "/a")
+    facts = graph(topic("/in", "player", "/a"), MID, back, OUT)
+    assert path_to(facts, "/out") == ("/in", "/mid", "/back", "/out")
+
+
+def test_the_path_of_a_graph_that_joins() -> None:
+    facts = graph(
+        topic("/left", "player", "/a"),
+        topic("/right", "player", "/c"),
+        topic("/l", "/a", "/b"),
+        topic("/r", "/c", "/b", passed=0),
+        topic("/else", "/a", ""),
+        OUT,
+    )
+    assert path_to(facts, "/out") == ("/left", "/right", "/l", "/r", "/out")
+    one = first_fault(facts, "/out")
+    assert one is not None
+    assert one.sentence == (
+        "/c publishes nothing on /r, although it subscribes to /right (10 messages)"
+    )
+
+
+def test_without_a_known_path_all_topics_that_inputs_reach_are_shown() -> None:
+    facts = graph(IN, topic("/x", "/a", ""), topic("/out", "", "monitor"))
+    assert path_to(facts, "/out") == ("/out",)
+    assert full_path(facts, "/out") == ("/in", "/x", "/out")
+
+
+def test_an_input_without_subscription() -> None:
+    facts = graph(
+        topic("/inptu", "player", "", passed=None), topic("/input", "", "/a", passed=None)
+    )
+    one = find_input_fault(facts, "/inptu")
+    assert one is not None
+    assert one.sentence == (
+        "no subscription to /inptu, which is played; "
+        "the closest name is /input, to which /a subscribes"
+    )
+    assert find_input_fault(graph(IN), "/in") is None
+
+
+def test_the_path_as_lines() -> None:
+    soft = Endpoint(node="/b", type=TEXT, reliability="best_effort", durability="transient_local")
+    facts = graph(TopicFacts("/out", IMAGE, publishers=(soft,), passed=3))
+    publisher = f"/b ({TEXT}, best_effort, transient_local)"
+    assert path_lines(facts, ["/out", "/gone"]) == [
+        f"  /out ({IMAGE}): publishers: {publisher}; subscriptions: none; 3 messages",
+        "  /gone (type unknown): publishers: none; subscriptions: none",
+    ]
+
+
+def test_the_harness_has_its_names_in_plans_and_its_tracing_subscriptions_are_left_out() -> None:
+    planned = TopicPlan(
+        name="/in", type=IMAGE, phase="measure", writers=("player",), readers=("/a",)
+    )
+    facts = gather_facts(
+        msgspec.structs.replace(Simulation().plan(), topics=(planned,)),
+        "measure",
+        {"/in": ((end("/r2bspec/player"),), (end("/a"), end("/r2bspec/monitor")))},
+        passed={"/in": 4},
+        played=10,
+    )
+    topic_facts = facts.topics["/in"]
+    assert facts.inputs == ("/in",)
+    assert [each.node for each in topic_facts.publishers] == ["player"]
+    assert [each.node for each in topic_facts.subscriptions] == ["/a"]
+    assert topic_facts.passed == 4

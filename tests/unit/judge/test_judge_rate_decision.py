@@ -1,0 +1,190 @@
+"""Whether a rate holds, on simulated servers with queues of any depth.
+
+Promise: a rate at which the backlog grows is not sustained, however deep the queues are.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from r2bspec.judge.rate_decision import (
+    Criterion,
+    ProbeJudgement,
+    plan_interim_looks,
+    worst_judgement,
+)
+from simulated_queues import DEEP, SHALLOW, Server, probe
+
+DEPTHS = pytest.mark.parametrize("depth", [DEEP, SHALLOW, 1], ids=["deep", "shallow", "one"])
+CAPACITIES = pytest.mark.parametrize("capacity_hz", [20.0, 100.0, 400.0])
+
+
+@DEPTHS
+@CAPACITIES
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.98])
+def test_below_its_capacity_a_server_holds(depth: int, capacity_hz: float, share: float) -> None:
+    found = probe(Server(capacity_hz, depth), share * capacity_hz)
+    assert found.judgement.holds is True
+    assert found.judgement.reason == "delivered as offered"
+
+
+@DEPTHS
+@CAPACITIES
+@pytest.mark.parametrize("share", [1.02, 1.1, 1.5, 4.0])
+def test_above_its_capacity_no_server_holds(depth: int, capacity_hz: float, share: float) -> None:
+    found = probe(Server(capacity_hz, depth), share * capacity_hz)
+    assert found.judgement.holds is False
+    assert not found.judgement.limited_by_player
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 1.02, 1.1])
+def test_depth_decides_nothing(share: float) -> None:
+    verdicts = {
+        probe(Server(100.0, depth), share * 100.0).judgement.holds
+        for depth in (1, 2, 5, 10, 50, 1_000, DEEP)
+    }
+    assert verdicts == {share < 1}
+
+
+def test_what_is_far_from_the_capacity_is_clear_before_the_probe_is_over() -> None:
+    assert probe(Server(100.0), 50.0).stopped_s < 2.0
+    assert probe(Server(100.0), 400.0).stopped_s < 2.0
+    assert probe(Server(100.0, SHALLOW), 400.0).stopped_s < 2.0
+
+
+def test_an_overload_betrays_the_capacity() -> None:
+    # The search takes its next rates from there.
+    for depth in (DEEP, SHALLOW):
+        found = probe(Server(100.0, depth), 400.0)
+        assert found.delivery.delivered_hz == pytest.approx(100.0, rel=0.03)
+
+
+@pytest.mark.parametrize("depth", [DEEP, 100])
+@pytest.mark.parametrize(
+    ("share", "wrong"), [(0.6, False), (0.95, False), (1.1, True), (1.5, True)]
+)
+def test_random_service_times_never_pass_for_the_opposite(
+    depth: int, share: float, wrong: bool
+) -> None:
+    # Each is wrong with a probability of at most 1.25 %: three of 40 would be once in 170 runs.
+    answers = [
+        probe(Server(100.0, depth, spread=1.0, seed=seed), share * 100.0).judgement.holds
+        for seed in range(40)
+    ]
+    assert answers.count(wrong) <= 2
+
+
+def test_what_random_times_do_not_settle_stays_open_and_says_between_what() -> None:
+    found = [probe(Server(100.0, spread=1.0, seed=seed), 100.0) for seed in range(20)]
+    still_open = [each for each in found if each.judgement.holds is None]
+    assert len(still_open) >= 10
+    assert all(each.stopped_s >= 9.9 for each in still_open)
+    assert all("undecided: the backlog grows by" in each.judgement.reason for each in still_open)
+
+
+def test_a_longer_probe_settles_more() -> None:
+    def settled(seconds: float) -> int:
+        servers = (Server(100.0, spread=1.0, seed=seed) for seed in range(20))
+        found = [probe(each, 90.0, seconds=seconds).judgement.holds for each in servers]
+        assert False not in found
+        return found.count(True)
+
+    assert settled(3.0) < settled(30.0)
+    assert settled(30.0) >= 18
+
+
+@pytest.mark.parametrize(
+    ("allowed", "loses", "holds"),
+    [(0.0, 0.0, True), (0.0, 0.1, False), (0.05, 0.02, True), (0.05, 0.15, False)],
+)
+def test_losses_count_only_beyond_what_the_spec_admits(
+    allowed: float, loses: float, holds: bool
+) -> None:
+    criterion = Criterion(precision=0.02, loss=allowed)
+    answers = [
+        probe(Server(200.0, loses=loses, seed=seed), 100.0, criterion=criterion).judgement
+        for seed in range(20)
+    ]
+    assert sum(each.holds is holds for each in answers) >= 19
+    if not holds:
+        assert any("dropped" in each.reason for each in answers)
+
+
+def test_admitted_losses_do_not_excuse_a_backlog() -> None:
+    criterion = Criterion(precision=0.02, loss=0.5)
+    found = probe(Server(80.0, DEEP), 100.0, criterion=criterion)
+    assert found.judgement.holds is False
+    assert "backlog" in found.judgement.reason
+
+
+def test_a_graph_that_stops_answering_does_not_hold() -> None:
+    found = probe(Server(1000.0, SHALLOW, stalls=(0.7, 100.0)), 100.0)
+    assert found.judgement.holds is False
+
+
+def test_a_graph_that_answers_nothing_does_not_hold() -> None:
+    found = probe(Server(1000.0, loses=1.0), 50.0)
+    assert found.judgement.holds is False
+    assert found.delivery.delivered_hz == 0.0
+    # That is clear long before the end of the probe.
+    assert found.stopped_s < 3.0
+
+
+def test_what_the_player_cannot_offer_is_not_held_against_the_graph() -> None:
+    found = probe(Server(1000.0), 400.0, player_hz=300.0)
+    assert found.judgement.holds is False
+    assert found.judgement.limited_by_player
+    assert found.judgement.reason == "the player reached only 300 Hz"
+
+
+def test_a_player_that_is_almost_as_fast_as_asked_does_not_limit() -> None:
+    found = probe(Server(1000.0), 400.0, player_hz=396.0)
+    assert found.judgement.holds is True
+
+
+def test_a_graph_that_fails_at_the_rate_of_a_slow_player_limits_itself() -> None:
+    found = probe(Server(100.0), 400.0, player_hz=300.0)
+    assert found.judgement.holds is False
+    assert not found.judgement.limited_by_player
+
+
+def test_queues_that_fill_to_where_they_stay_are_no_backlog() -> None:
+    # Every message takes 0.4 s, and as many as that are inside from then on.
+    found = probe(Server(100.0, stages=40), 90.0)
+    assert found.judgement.holds is True
+
+
+@pytest.mark.parametrize(
+    ("depth", "named", "unnamed"),
+    [(SHALLOW, "are dropped", "backlog"), (DEEP, "backlog", "dropped")],
+)
+def test_an_overload_is_named_as_what_it_is(depth: int, named: str, unnamed: str) -> None:
+    reason = probe(Server(97.0, depth), 300.0).judgement.reason
+    assert named in reason
+    assert unnamed not in reason
+
+
+def test_an_overload_that_both_waits_and_is_dropped_is_named_as_both() -> None:
+    reason = probe(Server(60.0, 20), 100.0).judgement.reason
+    assert "backlog" in reason
+    assert "dropped" in reason
+
+
+def test_a_silent_graph_is_named_as_silent() -> None:
+    assert probe(Server(1000.0, loses=1.0), 50.0).judgement.reason == "no output"
+
+
+def test_looks_share_the_error_and_end_with_the_probe() -> None:
+    looks = plan_interim_looks(10.0)
+    assert [each.at_s for each in looks] == pytest.approx(
+        [1, 1.5, 2.25, 3.375, 5.0625, 7.59375, 10]
+    )
+    assert sum(each.share for each in looks) == pytest.approx(1.0)
+    assert [each.at_s for each in plan_interim_looks(0.5)] == [0.5]
+
+
+def test_of_several_monitors_the_one_that_does_worst_decides() -> None:
+    holds, stays, fails = (ProbeJudgement(answer, "") for answer in (True, None, False))
+    assert worst_judgement([holds, stays, fails]) is fails
+    assert worst_judgement([holds, stays]) is stays
+    assert worst_judgement([]).holds is None

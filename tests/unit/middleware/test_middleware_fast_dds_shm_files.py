@@ -1,0 +1,135 @@
+"""Promise: what dead processes leave in shared memory is removed, what living ones use is not."""
+
+from __future__ import annotations
+
+import fcntl
+import mmap
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from r2bspec.middleware.fast_dds_shm_files import dead_shm_files, remove_dead_shm_files, shm_files
+
+
+@pytest.fixture
+def memory(tmp_path: Path) -> Path:
+    """Stands for /dev/shm; locks and maps on its files are real."""
+    return tmp_path
+
+
+def make(memory: Path, name: str, *, lock: bool = True) -> None:
+    (memory / name).write_bytes(bytes(mmap.PAGESIZE))
+    (memory / f"sem.{name}_mutex").touch()
+    if lock:
+        (memory / f"{name}_el").touch()
+
+
+@contextmanager
+def owner(memory: Path, name: str) -> Iterator[None]:
+    """Hold the lock as a participant does."""
+    with (memory / f"{name}_el").open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def names(memory: Path) -> set[str]:
+    return {each.name for each in memory.iterdir()}
+
+
+def test_a_segment_whose_owner_is_dead_is_removed_with_all_that_belongs_to_it(
+    memory: Path,
+) -> None:
+    make(memory, "fastrtps_0123")
+    make(memory, "fastdds_port7001")
+    assert sorted(remove_dead_shm_files(memory)) == ["fastdds_port7001", "fastrtps_0123"]
+    assert names(memory) == set()
+
+
+def test_a_segment_in_use_stays(memory: Path) -> None:
+    make(memory, "fastrtps_0123")
+    before = names(memory)
+    with owner(memory, "fastrtps_0123"):
+        assert remove_dead_shm_files(memory) == []
+        assert names(memory) == before
+    assert remove_dead_shm_files(memory) == ["fastrtps_0123"]
+
+
+def test_a_segment_without_a_lock_is_removed_unless_it_is_mapped(memory: Path) -> None:
+    make(memory, "fastrtps_mapped", lock=False)
+    make(memory, "fastrtps_dead", lock=False)
+    with (memory / "fastrtps_mapped").open("r+b") as file, mmap.mmap(file.fileno(), 0):
+        assert remove_dead_shm_files(memory) == ["fastrtps_dead"]
+    assert names(memory) == {"fastrtps_mapped", "sem.fastrtps_mapped_mutex"}
+
+
+def test_a_mapping_of_a_segment_that_is_gone_is_none_of_a_new_one_of_its_name(
+    memory: Path,
+) -> None:
+    make(memory, "fastrtps_port7411", lock=False)
+    with (memory / "fastrtps_port7411").open("r+b") as file, mmap.mmap(file.fileno(), 0):
+        (memory / "fastrtps_port7411").unlink()
+        make(memory, "fastrtps_port7411", lock=False)
+        assert remove_dead_shm_files(memory) == ["fastrtps_port7411"]
+
+
+def test_what_is_found_dead_is_what_is_removed_and_looking_changes_nothing(memory: Path) -> None:
+    for name in ("fastrtps_a", "fastrtps_b", "fastdds_port7000"):
+        make(memory, name)
+    make(memory, "fastrtps_c", lock=False)
+    (memory / "fastrtps_d_el").touch()
+    before = names(memory)
+    with owner(memory, "fastrtps_b"):
+        found = dead_shm_files(memory)
+        assert names(memory) == before
+        assert remove_dead_shm_files(memory) == found
+    assert found == ["fastdds_port7000", "fastrtps_a", "fastrtps_c", "fastrtps_d"]
+
+
+def test_a_shared_lock_is_no_segment(memory: Path) -> None:
+    # Readers that share a port hold NAME_sl; they map NAME and never NAME_sl.
+    (memory / "fastrtps_port7000_sl").touch()
+    assert remove_dead_shm_files(memory) == []
+    assert names(memory) == {"fastrtps_port7000_sl"}
+
+
+def test_what_is_older_than_the_run_stays(memory: Path) -> None:
+    make(memory, "fastrtps_old")
+    make(memory, "fastrtps_older", lock=False)
+    for each in memory.iterdir():
+        os.utime(each, (1_000.0, 1_000.0))
+    make(memory, "fastrtps_new")
+    assert remove_dead_shm_files(memory, since_s=time.time() - 3600) == ["fastrtps_new"]
+    assert "fastrtps_old" in names(memory)
+    assert "fastrtps_older" in names(memory)
+
+
+def test_what_is_not_the_middlewares_stays(memory: Path) -> None:
+    for name in ("lttng-ust-wait-6", "sem.mine", "psm_1234", "my_fastrtps_el"):
+        (memory / name).touch()
+    before = names(memory)
+    assert remove_dead_shm_files(memory) == []
+    assert names(memory) == before
+
+
+def test_files_of_another_user_stay(memory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make(memory, "fastrtps_0123")
+    make(memory, "fastrtps_4567", lock=False)
+    before = names(memory)
+    monkeypatch.setattr(os, "getuid", lambda: os.geteuid() + 1)
+    assert remove_dead_shm_files(memory) == []
+    assert names(memory) == before
+
+
+def test_a_machine_without_shared_memory_has_no_segments(tmp_path: Path) -> None:
+    assert remove_dead_shm_files(tmp_path / "none") == []
+    assert shm_files(tmp_path / "none") == []
+
+
+def test_segments_lists_the_middlewares_files_whoever_owns_them(memory: Path) -> None:
+    make(memory, "fastrtps_0123")
+    (memory / "lttng-ust-wait-6").touch()
+    assert shm_files(memory) == ["fastrtps_0123", "fastrtps_0123_el", "sem.fastrtps_0123_mutex"]
