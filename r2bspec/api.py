@@ -1,4 +1,4 @@
-"""The importable interface: the stages, joined the way the command line joins them."""
+"""The public interface: the stages of a benchmark, combined as on the command line."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ Variables = Mapping[str, bool | int | float | str]
 
 
 class GraphMismatchError(R2bspecError):
-    """The graph that was started is not the one of the spec: to run it again would not help.
+    """The running graph differs from the spec: a permanent error, not worth retrying.
 
     Attributes:
-        diagnostics: in what it differs, at its place in the spec, sorted by place.
-        loaded: the document, with the texts that the diagnostics point into.
+        diagnostics: the differences, at their places in the spec, sorted by place.
+        loaded: the document, with the texts that the diagnostics refer to.
     """
 
     exit_code = ExitStatus.USAGE
@@ -47,11 +47,11 @@ class GraphMismatchError(R2bspecError):
 
 
 class InvalidSpecError(R2bspecError):
-    """A spec that cannot be used.
+    """A spec with errors.
 
     Attributes:
-        diagnostics: all that is wrong with it, sorted by place.
-        loaded: the document, with the texts that the diagnostics point into.
+        diagnostics: all findings, sorted by place.
+        loaded: the document, with the texts that the diagnostics refer to.
     """
 
     code = "R2B602"
@@ -67,13 +67,13 @@ class InvalidSpecError(R2bspecError):
 
 @dataclass(frozen=True)
 class PreparedBenchmark:
-    """A plan that can be run, with what running it needs.
+    """A plan that is ready to run.
 
     Attributes:
         base_dir: the folder to which paths in the plan are relative.
-        spec_text: the resolved spec; empty for a plan that came from a file.
+        spec_text: the resolved spec; empty for a plan from a file.
         diagnostics: warnings; errors have been raised.
-        loaded: the document that the plan was compiled from, if it was.
+        loaded: the document from which the plan was compiled, if any.
     """
 
     plan: Plan
@@ -84,7 +84,7 @@ class PreparedBenchmark:
 
 
 PrepareBase = Callable[["BaseReference"], PreparedBenchmark]
-"""Prepares the base of a comparison, where it is not the head in another environment."""
+"""Prepares the base of a comparison, if it differs from the head in more than the environment."""
 
 
 def load(path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None) -> Spec:
@@ -104,7 +104,7 @@ def load(path: Path | str, *, sets: Sequence[str] = (), variables: Variables | N
 def validate(
     path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None
 ) -> tuple[Diagnostic, ...]:
-    """Everything that is wrong with any case of a spec, sorted by place.
+    """All findings in any case of a spec, sorted by place.
 
     Nothing that the spec names is executed.
     """
@@ -125,16 +125,16 @@ def prepare(
     """Check a spec and compile its plan, or read a plan from a ``.json`` file.
 
     Args:
-        path: the spec, or a plan that was written before.
+        path: the spec, or a plan written before.
         sets: values to replace, each as ``path=value``.
         variables: values for declared variables.
-        case: which case of its matrix is meant, where the spec has several.
-        allow_paths: folders from which files may be extended, beside that of the spec.
+        case: the case of its matrix, where the spec has several.
+        allow_paths: folders from which files may be extended, besides that of the spec.
 
     Raises:
         InvalidSpecError: the spec has errors.
-        PlanError: the file is no plan that can be used.
-        DataError: the bag is not there or not readable.
+        PlanError: the file is not a valid plan.
+        DataError: the bag does not exist or is not readable.
     """
     path = Path(path)
     if path.suffix == ".json":
@@ -161,7 +161,7 @@ def prepare(
         wiring=context.wiring,
     )
     return PreparedBenchmark(
-        # The case is part of the name under which results are kept and compared.
+        # The case is part of the name by which results are stored and compared.
         plan=msgspec.structs.replace(plan, name=loaded.id) if loaded.case else plan,
         base_dir=loaded.base_dir.absolute(),
         spec_text=loaded.resolved_yaml(),
@@ -177,7 +177,7 @@ def compile_plan(
 
     Raises:
         InvalidSpecError: the spec has errors.
-        DataError: the bag is not there or not readable.
+        DataError: the bag does not exist or is not readable.
     """
     return prepare(path, sets=sets, variables=variables).plan
 
@@ -190,20 +190,20 @@ def run(
     history: Path | None = None,
     baseline: BaselineRecord | None = None,
 ) -> Result:
-    """Carry a plan out on real ROS 2, and judge what was measured.
+    """Run a benchmark on real ROS 2, and judge it.
 
     Args:
-        prepared: what `prepare` gave.
+        prepared: from `prepare`.
         output: the run folder, new or empty; by default one below ``runs/``.
-        progress: is told what happens; by default nobody is.
-        history: a file of earlier runs that requirements of the baseline are judged by, and that
-            the run is added to.
-        baseline: a stored run that they are compared with, as advice; see `stored_baseline`.
+        progress: is notified of progress.
+        history: a file of earlier runs by which requirements of the baseline are judged, and to
+            which the run is added.
+        baseline: a stored run to compare with, advisory; see `stored_baseline`.
 
     Raises:
-        GraphMismatchError: the graph is not the one of the spec, which was compiled just now.
+        GraphMismatchError: the graph differs from the spec, which was compiled just now.
         RunError: the run failed; its folder has what was observed until then.
-        RecordError: the run folder cannot be made.
+        RecordError: the run folder cannot be created.
         HistoryError: the history cannot be used.
     """
     from r2bspec.execute.progress import NullProgress
@@ -239,8 +239,8 @@ def _run_in_folder(folder: RunFolder, prepared: PreparedBenchmark, progress: Pro
             progress=progress,
         )
     except R2bspecError as error:
-        # What was measured before the failure is worth a result, marked as incomplete; should
-        # that fail, too, the first failure is the one to tell.
+        # Write a result of what was measured, marked as incomplete; if that fails, too, the first
+        # failure is reported.
         with contextlib.suppress(R2bspecError, OSError):
             _write_result(folder)
         loaded = prepared.loaded
@@ -252,7 +252,7 @@ def _run_in_folder(folder: RunFolder, prepared: PreparedBenchmark, progress: Pro
 
 
 def differences_to_diagnostics(result: Result, loaded: LoadedSpec) -> tuple[Diagnostic, ...]:
-    """What of the real graph was not as the spec says, and did not end the run, in its place."""
+    """Harmless differences between the running graph and the spec, at their places."""
     from r2bspec.check.runtime_mismatches import differences_to_diagnostics
 
     return differences_to_diagnostics(result.differences, loaded)
@@ -270,10 +270,10 @@ def _write_result(folder: RunFolder) -> Result:
 def stored_baseline(
     path: Path, prepared: PreparedBenchmark, *, force: bool = False
 ) -> BaselineRecord:
-    """A stored run, for `run` to compare with. It only advises.
+    """A stored run, for `run` to compare with. It is advisory.
 
     Raises:
-        IncomparableError: plan, data or machine are others, and `force` is not given.
+        IncomparableError: plan, data or machine differ, and `force` is not given.
     """
     from r2bspec.compare.history_gate import baseline_from_stored_run
     from r2bspec.execute.host.machine import describe_machine
@@ -295,21 +295,21 @@ def run_pairs(
     """Compare a graph with another one, in interleaved runs on real ROS 2.
 
     Args:
-        head: what is judged.
-        against: what the base is (`r2bspec.compare.base_reference`); nothing for a control.
+        head: to be judged.
+        against: the base (`r2bspec.compare.base_reference`); empty for a control.
         output: the folder of the comparison, new or empty; by default one below ``runs/``.
-        progress: is told what happens; by default nobody is.
-        prepare_base: prepares the base where it is another spec, or has other values.
+        progress: is notified of progress.
+        prepare_base: prepares the base if it is another spec, or has other values.
         pairs: how many; as many as the spec has iterations if None.
-        control: compare the head with itself, to see how much is noise.
-        force: compare graphs that are offered different loads, too.
+        control: compare the head with itself, to see the noise.
+        force: compare even with different loads.
 
     Raises:
-        UsageError: the base is none.
+        UsageError: the base is not valid.
         IncomparableError: the two are the same, or are offered different loads.
         InvalidSpecError: the spec of the base is not valid.
-        RunError: a run failed; the folder has the pairs that were finished until then.
-        RecordError: the folder cannot be made.
+        RunError: a run failed; the folder has the pairs finished until then.
+        RecordError: the folder cannot be created.
     """
     from r2bspec.compare.base_reference import parse_base_reference
     from r2bspec.compare.interleaved_comparison import compare, prepare_comparison
@@ -321,7 +321,7 @@ def run_pairs(
     base = head
     if reference.changes_spec:
         if prepare_base is None:
-            raise ValueError("another spec has to be prepared")
+            raise ValueError("a base with another spec needs prepare_base")
         with applied_environment(environment):
             base = prepare_base(reference)
     sides = [
@@ -337,11 +337,11 @@ def run_pairs(
 def calibrate(
     prepared: PreparedBenchmark, output: Path, progress: Progress | None = None, *, pairs: int
 ) -> Result:
-    """Run a graph against itself, to see how much is noise. What fails is not confirmed.
+    """Compare a graph with itself, to measure the noise. Failures are not confirmed.
 
     Raises:
-        RunError: a run failed; the folder has the pairs that were finished until then.
-        RecordError: the folder cannot be made.
+        RunError: a run failed; the folder has the pairs finished until then.
+        RecordError: the folder cannot be created.
     """
     import msgspec
 
@@ -362,7 +362,7 @@ def judge(run: Run) -> Result:
 
 
 def default_run_folder(name: str) -> Path:
-    """Where a run of that name goes if nothing else is said: a folder below ``runs/``."""
+    """The default run folder for a name: a folder below ``runs/``."""
     now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     plain = re.sub(r"[^A-Za-z0-9_.=-]+", "_", name).rstrip("_")
     return Path("runs") / f"{plain}-{now}-{secrets.token_hex(2)}"

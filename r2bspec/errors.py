@@ -1,4 +1,4 @@
-"""The one hierarchy of errors that reach a user as a line and a hint."""
+"""The common base of all errors that are shown to a user, as a line and a hint."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ class R2bspecError(Exception):
     message and `hint`, and exits with `exit_code`; a traceback is never shown for it.
 
     Attributes:
-        code: the diagnostic code, such as ``R2B301``; ``r2bspec explain`` knows each.
-        hint: what to do about it, in one sentence; empty where the message says it all.
-        exit_code: the exit status that this error leads to.
+        code: the diagnostic code, such as ``R2B301``; see ``r2bspec explain``.
+        hint: what to do about it, in one sentence; may be empty.
+        exit_code: the exit status for this error.
     """
 
     code: str = "R2B600"
@@ -28,7 +28,7 @@ class R2bspecError(Exception):
 
 
 class UsageError(R2bspecError):
-    """Wrong usage, or an input that the verb cannot use."""
+    """Wrong usage, or an input that the command cannot use."""
 
     code = "R2B601"
     exit_code = ExitStatus.USAGE

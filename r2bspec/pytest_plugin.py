@@ -1,6 +1,6 @@
 """A pytest plugin: with ``--r2bspec``, every ``*.r2b.yaml`` that pytest finds is a file of tests.
 
-The first test of a file proves the spec right, as ``r2bspec validate`` does. Each requirement is a
+The first test of a file validates the spec, as ``r2bspec validate`` does. Each requirement is a
 test of its own; the first of them runs the benchmark for all. ``--r2bspec-runs DIR`` judges run
 folders ``DIR/NAME``, where NAME is the name of the benchmark, instead of running, so that a machine
 without ROS can report what another one has measured.
@@ -25,7 +25,7 @@ _SUFFIX = ".r2b.yaml"
 
 
 class BenchmarkError(Exception):
-    """What went wrong, in words that need no traceback."""
+    """An error with a message that needs no traceback."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -40,25 +40,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--r2bspec-output",
         metavar="DIR",
-        help="where run folders go, each as DIR/NAME  [default: runs/NAME-TIME]",
+        help="write run folders to DIR/NAME  [default: runs/NAME-TIME]",
     )
     group.addoption(
         "--r2bspec-inconclusive",
         choices=["fail", "skip"],
         default="fail",
-        help="what an inconclusive requirement does  [default: fail]",
+        help="the result of an inconclusive requirement  [default: fail]",
     )
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
-    """Collect specs, if that was asked for."""
+    """Collect specs, with ``--r2bspec``."""
     if file_path.name.endswith(_SUFFIX) and parent.config.getoption("--r2bspec"):
         return _SpecFile.from_parent(parent, path=file_path)
     return None
 
 
 class _SpecFile(pytest.File):
-    """A spec; it is loaded when it is collected, and run when its first requirement is tested."""
+    """A spec; loaded when it is collected, and run when its first requirement is tested."""
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__(**arguments)
@@ -88,7 +88,7 @@ class _SpecFile(pytest.File):
         """The judged run, made once for all tests of the file.
 
         Raises:
-            BenchmarkError: there is none; the first failure is told to every test.
+            BenchmarkError: the run failed; every test reports the same failure.
         """
         if self._failure is not None:
             raise self._failure
@@ -116,26 +116,26 @@ class _SpecFile(pytest.File):
 
 
 class _SpecTest(pytest.Item):
-    """A test of a spec, reported by its words and not by a traceback."""
+    """A test of a spec, reported by its message instead of a traceback."""
 
     parent: _SpecFile
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
-        """The message alone, where the plugin itself says what is wrong."""
+        """The message alone, for errors of the plugin itself."""
         if isinstance(excinfo.value, BenchmarkError):
             return str(excinfo.value)
         return super().repr_failure(excinfo, style)
 
 
 class _Validation(_SpecTest):
-    """Whether the spec is right, before anything runs."""
+    """Whether the spec is valid, before anything runs."""
 
     def __init__(self, *, loaded: LoadedSpec, **arguments: Any) -> None:
         super().__init__(**arguments)
         self._loaded = loaded
 
     def runtest(self) -> None:
-        """Apply all rules; recorded data may be elsewhere if nothing is to run here."""
+        """Apply all rules; without a run, recorded data may be missing."""
         from r2bspec.check import check
         from r2bspec.report.findings import text
 
@@ -145,7 +145,7 @@ class _Validation(_SpecTest):
             raise BenchmarkError(text.render(found, self._loaded.texts))
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
-        """The spec, from its first line."""
+        """The first line of the spec."""
         return self.path, 0, f"{self.path.name}: valid"
 
 
@@ -159,7 +159,7 @@ class _Requirement(_SpecTest):
         self._line = line
 
     def runtest(self) -> None:
-        """Fail unless the requirement holds in a run that is valid."""
+        """Fail unless the requirement is met in a valid run."""
         result = self.parent.result(self._benchmark_name())
         if result.verdict.outcome in {"invalid", "incomplete"}:
             raise BenchmarkError(f"{result.verdict.outcome}: {result.verdict.reason}")
@@ -170,7 +170,7 @@ class _Requirement(_SpecTest):
         ]
         if not found:
             raise BenchmarkError(
-                "the run was not judged by this requirement: it is from another version of the spec"
+                "the run has no verdict on this requirement: it is from another version of the spec"
             )
         for one in found:
             self.add_report_section("call", "verdict", "\n".join(_verdict_lines(one)))
@@ -191,7 +191,7 @@ class _Requirement(_SpecTest):
         return spec.name if spec is not None else ""
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
-        """The line that states the requirement."""
+        """The line of the requirement."""
         return self.path, self._line - 1, f"{self.path.name}: {self.name}"
 
 

@@ -1,4 +1,4 @@
-"""``r2bspec calibrate``: how small a change of a graph can be told on this machine."""
+"""``r2bspec calibrate``: measure the noise of a graph on this machine."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
 @click.option(
     "--runs",
     type=click.IntRange(min=6),
-    help="How many runs to make; two make a pair.  [default: 20]",
+    help="The number of runs; two make a pair.  [default: 20]",
 )
 @click.option(
     "--from",
     "source",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="FOLDER",
-    help="Use the folder of an earlier calibration or 'run --control'; run nothing.",
+    help="Use the folder of an earlier calibration or 'run --control' instead of running.",
 )
 @click.option(
     "--output",
     "-o",
     type=click.Path(path_type=Path, file_okay=False),
-    help="The folder of the runs; it must be new or empty.  [default: runs/NAME-pairs-TIME]",
+    help="The folder of the runs, new or empty.  [default: runs/NAME-pairs-TIME]",
 )
-@click.option("--write", is_flag=True, help="Make the proposed changes in SPEC.")
+@click.option("--write", is_flag=True, help="Apply the proposed changes to SPEC.")
 @spec_options
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
 def command(
@@ -50,16 +50,16 @@ def command(
     values: SpecValues,
     quiet: bool,
 ) -> int:
-    """Run SPEC against itself, and say how small a change can be told.
+    """Compare SPEC with itself to find the smallest detectable change.
 
-    What is found is kept beside the spec, in NAME.noise.json, from which 'r2bspec validate' warns
-    of margins below the noise. Limits that can be held are shown as a patch of the spec; --write
+    The result is stored next to the spec, in NAME.noise.json; 'r2bspec validate' reads it and warns
+    of margins below the noise. Limits above the noise are proposed as a patch of the spec; --write
     applies it.
     """
     if spec.suffix == ".json":
-        raise click.UsageError("a plan has no limits to propose: name the spec")
+        raise click.UsageError("limits cannot be proposed for a plan: give the spec")
     if source is not None and (runs is not None or output is not None):
-        raise click.UsageError("--from runs nothing, and takes neither --runs nor --output")
+        raise click.UsageError("--from cannot be combined with --runs or --output: it runs nothing")
     from r2bspec.compare.calibration import compute_calibration, store_calibration
     from r2bspec.record.comparison_folder import open_comparison
 
@@ -71,7 +71,7 @@ def command(
     found = compute_calibration(pairs)
     path = store_calibration(spec, pairs, found)
     _show(found, prepared.plan.name, pairs)
-    click.echo(f"kept in {path}", err=True)
+    click.echo(f"stored in {path}", err=True)
     _propose(selection, prepared, found, write=write)
     return ExitStatus.OK
 
@@ -95,7 +95,7 @@ def _require_same_graph(prepared: PreparedBenchmark, pairs: PairedComparison, fo
         raise IncomparableError(
             f"the runs in {folder} are not of this spec:\n"
             + "\n".join(f"  {each}" for each in differences),
-            hint="Run them anew, without --from.",
+            hint="Run again without --from.",
         )
 
 
@@ -107,7 +107,7 @@ def _show(found: Calibration, name: str, pairs: PairedComparison) -> None:
     used = len(pairs.usable_pairs())
     click.echo(
         f"{used} pairs of the graph with itself, at {show(found.confidence, 'share')} confidence; "
-        "the smallest change that is found nine times in ten, by the number of pairs"
+        "smallest change detected with 90 % probability, by the number of pairs"
     )
     numbers = list(found.metrics[0].margins) if found.metrics else []
     rows = [("metric", "noise", "at most", *(f"{n} pairs" for n in numbers))]
@@ -129,14 +129,14 @@ def _show(found: Calibration, name: str, pairs: PairedComparison) -> None:
         click.echo("  ".join(cells).rstrip())
     if any(one.biased for one in found.metrics):
         click.echo(
-            "biased: the second side of a pair differs from the first, which noise alone does in "
+            "biased: the second run of a pair differs from the first; noise alone causes this in "
             "one of ten metrics",
             err=True,
         )
 
 
 def _change_text(margin: float) -> str:
-    """A margin, given as a logarithm; what is over 100 % is not worth its digits."""
+    """A margin, given as a logarithm; over 100 % its digits are omitted."""
     from r2bspec.measure.units import show
 
     change = math.expm1(min(margin, 1.0))
@@ -146,7 +146,7 @@ def _change_text(margin: float) -> str:
 def _propose(
     selection: SpecSelection, prepared: PreparedBenchmark, found: Calibration, *, write: bool
 ) -> None:
-    """Print the proposed change of the spec as a patch, or make it."""
+    """Print the proposed change of the spec as a patch, or apply it."""
     from r2bspec.cli.fix import read_text, write_text
     from r2bspec.compare.margin_proposals import propose_limits
     from r2bspec.diagnostics.edits import unified_diff
@@ -160,11 +160,11 @@ def _propose(
         click.echo(each, err=True)
     if after == before:
         if not notes:
-            click.echo("every margin can be held: nothing is proposed", err=True)
+            click.echo("every margin is above the noise: nothing is proposed", err=True)
     elif write:
         write_text(file, after)
         click.echo(f"{file} was changed", err=True)
     else:
         click.echo()
         click.echo(unified_diff(before, after, file), nl=False)
-        click.echo("--write makes this change", err=True)
+        click.echo("--write applies this change", err=True)

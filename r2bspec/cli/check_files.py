@@ -1,7 +1,7 @@
-"""Checking files, one or thousands: what `validate` needs to know of each, and nothing more.
+"""Checks files, one or thousands.
 
-Of a document only its findings are kept, and its text where they point into it, so that memory
-does not grow with the number of files. Many files are shared out among processes, one for each
+Of a document only its findings are kept, and its text where they refer to it, so that memory
+does not grow with the number of files. Many files are distributed among processes, one for each
 CPU; the order of the results is that of the files in either case.
 """
 
@@ -20,15 +20,15 @@ from r2bspec.language.case_findings import merge_case_findings
 from r2bspec.language.load_spec import LoadedSpec, load_cases
 
 MIN_PARALLEL_FILES = 100
-"""Files from which on several processes are faster than one. Starting them takes about as long as
-checking some ten files."""
+"""From this number of files on several processes are faster than one. Starting them takes about as
+long as checking ten files."""
 
 _CHUNK_SIZE = 16  # files that a process takes at a time
 
 
 @dataclass(frozen=True, slots=True)
 class CheckOptions:
-    """What is asked of every file."""
+    """The options for every file."""
 
     sets: tuple[str, ...] = ()
     variables: Mapping[str, str] | None = None
@@ -44,12 +44,12 @@ class FileReport:
 
     Attributes:
         file: its name for the user.
-        cases: how many cases of it were checked; 1 where it has no matrix.
-        complete: whether all rules were applied, which takes a document that is right itself.
-        findings: everything that is wrong with it, sorted by place.
-        texts: the texts that the findings point into, by file name.
-        resolved: if that was asked for, every case with all written out, by the file's name and
-            the case.
+        cases: the number of checked cases; 1 without a matrix.
+        complete: whether all rules were applied, which needs a well-formed document.
+        findings: all findings, sorted by place.
+        texts: the texts that the findings refer to, by file name.
+        resolved: if requested, every case with all substitutions done, by the file's name and the
+            case.
     """
 
     file: str
@@ -62,7 +62,7 @@ class FileReport:
 
 def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileReport]:
     """Check every file, in the order given."""
-    # Documents are trees without cycles: looking for cycles often finds nothing, and takes time.
+    # Documents are trees: frequent collection of cycles takes time and frees nothing.
     gc.set_threshold(50_000, 20, 20)
     check_one = partial(check_file, options=options)
     workers = min(len(os.sched_getaffinity(0)), len(files) // _CHUNK_SIZE)
@@ -71,7 +71,7 @@ def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileRep
         return
     import multiprocessing
 
-    # The first file brings in all modules, which the processes then have from the beginning.
+    # The first file imports all modules, which the forked processes then share.
     yield check_one(files[0])
     with multiprocessing.get_context("fork").Pool(workers) as pool:
         yield from pool.imap(check_one, files[1:], chunksize=_CHUNK_SIZE)
@@ -108,7 +108,7 @@ def _load(source: Path | str, file: str, options: CheckOptions) -> tuple[LoadedS
 
 
 def _findings(cases: tuple[LoadedSpec, ...], options: CheckOptions) -> list[Diagnostic]:
-    """Everything that is wrong; rules are imported only where there is something for them."""
+    """All findings; rules are imported only where they apply."""
     waived = any(may_contain_waiver(text) for each in cases for text in each.texts.values())
     if not waived and all(each.spec is None for each in cases):
         return merge_case_findings(cases, [each.diagnostics for each in cases])

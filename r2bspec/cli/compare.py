@@ -1,4 +1,4 @@
-"""``r2bspec compare``: what improved and what got worse between finished runs."""
+"""``r2bspec compare``: compare finished runs."""
 
 from __future__ import annotations
 
@@ -23,17 +23,25 @@ _RESULT = click.Path(path_type=Path)
     default=5.0,
     show_default=True,
     metavar="PERCENT",
-    help="Differences within this many percent count as none.",
+    help="Differences up to this percentage count as none.",
 )
-@click.option("--force", is_flag=True, help="Compare different plans, data or machines, too.")
-@click.option("--format", "output_format", type=click.Choice(FORMATS), default="text")
+@click.option("--force", is_flag=True, help="Compare even if plan, data or machine differ.")
+@click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(FORMATS),
+    default="text",
+    show_default=True,
+    help="The output format.",
+)
 def command(
     base: Path, heads: tuple[Path, ...], margin: float, force: bool, output_format: str
 ) -> int:
     """Compare each HEAD with BASE, metric by metric.
 
-    Each is a run folder, the result.json of one, or a report of ros2_benchmark. Differences do
-    not change the exit status: stored results advise, and 'r2bspec run --against' gates.
+    Each is a run folder, a result.json, or a report of ros2_benchmark. Differences do not change
+    the exit status: comparisons of stored results are advisory. To gate, use 'r2bspec run
+    --against'.
     """
     from r2bspec.compare.comparison_subject import read_compared_result
     from r2bspec.compare.result_comparison import compare

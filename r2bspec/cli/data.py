@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from r2bspec.bags.recording import BagIndex, BagLocation, Window
     from r2bspec.datasets.synthesis import Progress
 
-# Where output is no terminal, lines are kept whole for grep.
+# Without a terminal, lines are not wrapped, for grep.
 _PIPED_WIDTH = 240
 
 _format_option = click.option(
@@ -30,14 +30,14 @@ _format_option = click.option(
     type=click.Choice(["text", "json"]),
     default="text",
     show_default=True,
-    help="How to print the result.",
+    help="The output format.",
 )
 
 
 def _duration_ns(
     context: click.Context | None, parameter: click.Parameter | None, text: str | None
 ) -> int | None:
-    """Parse an option's duration to ns, or tell what would have been right."""
+    """Parse an option's duration to ns, or suggest a correction."""
     from r2bspec.language.quantities import Duration, QuantityError
 
     if text is None:
@@ -51,7 +51,7 @@ def _duration_ns(
 
 @click.group(name="data")
 def command() -> None:
-    """List, make, inspect and verify datasets and bags."""
+    """List, create, inspect and verify datasets and bags."""
 
 
 @command.command(name="list")
@@ -59,8 +59,8 @@ def command() -> None:
 def list_datasets(output: str) -> None:
     """List the datasets that a spec can name.
 
-    Synthetic ones are rendered when they are first needed. A folder of that name under
-    $R2B_DATASETS takes precedence.
+    Synthetic ones are rendered on first use. A folder of that name under $R2B_DATASETS takes
+    precedence.
     """
     from r2bspec.datasets.locate_bag import index, known_datasets, locate_dataset
     from r2bspec.datasets.sequences import SEQUENCES
@@ -89,17 +89,25 @@ def list_datasets(output: str) -> None:
         )
         for name, location in found.items()
     ]
-    _print_table(("dataset", "comes from", "shows"), rows)
+    _print_table(("dataset", "source", "content"), rows)
 
 
 @command.command()
 @click.argument("dataset")
-@click.option("--topics", multiple=True, metavar="TOPIC[,TOPIC…]", help="Only these; else all.")
-@click.option("--window", metavar="START:END", help="Such as '0 s:0.5 s'.")
-@click.option("--start", callback=_duration_ns, help="Where the window starts.")
-@click.option("--end", callback=_duration_ns, help="Where it ends; else with the dataset.")
 @click.option(
-    "--storage", type=click.Choice(get_args(WritableStorage)), default="sqlite3", show_default=True
+    "--topics", multiple=True, metavar="TOPIC[,TOPIC…]", help="Only these topics.  [default: all]"
+)
+@click.option("--window", metavar="START:END", help="The window, such as '0 s:0.5 s'.")
+@click.option("--start", callback=_duration_ns, help="The start of the window.")
+@click.option(
+    "--end", callback=_duration_ns, help="The end of the window.  [default: the end of the dataset]"
+)
+@click.option(
+    "--storage",
+    type=click.Choice(get_args(WritableStorage)),
+    default="sqlite3",
+    show_default=True,
+    help="The storage format of the bag.",
 )
 @_format_option
 def make(
@@ -111,20 +119,20 @@ def make(
     storage: Any,
     output: str,
 ) -> None:
-    """Make a synthetic DATASET in the cache and print where it is."""
+    """Create a synthetic DATASET in the cache and print its path."""
     from r2bspec.bags.bag_index import index_bag
     from r2bspec.datasets.synthesis import make as make_dataset
 
     names = [name.strip() for value in topics for name in value.split(",") if name.strip()]
     selected_window = _window(window, start, end)
-    with _progress_bar(f"making {dataset}") as progress:
+    with _progress_bar(f"creating {dataset}") as progress:
         made = make_dataset(
             dataset, names or None, selected_window, storage=storage, progress=progress
         )
     if output == "json":
         _print_json({"path": str(made.path), "sha256": made.content_sha256, "made": made.made})
         return
-    state = "just made" if made.made else "already in the cache"
+    state = "created" if made.made else "already in the cache"
     _print_index(index_bag(made.path), f"{made.path}, {state}", made.content_sha256)
 
 
@@ -132,9 +140,9 @@ def make(
 @click.argument("bag")
 @_format_option
 def info(bag: str, output: str) -> None:
-    """Print what BAG (a path, or a dataset's name) holds.
+    """Print the content of BAG (a path, or the name of a dataset).
 
-    The sha256 of a bag on disk is what a spec can pin; 'data make' shows that of a synthetic one.
+    The sha256 of a bag on disk can be pinned in a spec; 'data make' prints that of a synthetic one.
     """
     from r2bspec.bags.digest import hash_files
     from r2bspec.datasets.locate_bag import index, locate
@@ -155,13 +163,15 @@ def info(bag: str, output: str) -> None:
 @_format_option
 @click.pass_context
 def verify(context: click.Context, path: Path, output: str) -> None:
-    """Read the bag at PATH from end to end and compare it with what its files state."""
+    """Read the whole bag at PATH and check its metadata."""
     from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
     from r2bspec.bags.verification import verify as verify_bag
 
     if not os.path.exists(path):  # noqa: PTH110 - a name may be too long
         raise DataError(
-            f"{path} does not exist", code=BAG_NOT_FOUND, hint="name a bag folder or storage file"
+            f"{path} does not exist",
+            code=BAG_NOT_FOUND,
+            hint="Give a bag folder or a storage file.",
         )
     problems = verify_bag(path)
     if output == "json":
@@ -170,20 +180,22 @@ def verify(context: click.Context, path: Path, output: str) -> None:
         for problem in problems:
             click.echo(problem)
         if not problems:
-            click.echo(f"{path} is what it says")
+            click.echo(f"{path} is consistent")
     context.exit(ExitStatus.FINDINGS_OR_FAILED if problems else ExitStatus.OK)
 
 
 def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> Window | None:
-    """The stretch of time that the options ask for; None for everything."""
+    """The window of the options; None for everything."""
     from r2bspec.bags.recording import Window
 
     if text is not None:
         if start_ns is not None or end_ns is not None:
-            raise UsageError("--window says the same as --start and --end", hint="give one form")
+            raise UsageError("--window cannot be combined with --start and --end")
         first, colon, last = text.partition(":")
         if not colon:
-            raise UsageError(f"{text!r} is no window", hint="write START:END, such as '0 s:0.5 s'")
+            raise UsageError(
+                f"{text!r} is not a window", hint="Write START:END, such as '0 s:0.5 s'."
+            )
         try:
             start_ns = _duration_ns(None, None, first.strip() or "0 s")
             end_ns = _duration_ns(None, None, last.strip() or None)
@@ -195,12 +207,14 @@ def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> Windo
 
 
 def _origin(location: BagLocation) -> str:
-    return str(location.path) if location.path is not None else "not made yet: it is when needed"
+    return (
+        str(location.path) if location.path is not None else "not created yet: it is on first use"
+    )
 
 
 @contextmanager
 def _progress_bar(title: str) -> Iterator[Progress | None]:
-    """A bar on stderr where a person is watching, else None."""
+    """A bar on stderr if it is a terminal, else None."""
     if not sys.stderr.isatty() or os.environ.get("CI", "").lower() == "true":
         yield None
         return
@@ -221,7 +235,7 @@ def _console() -> Console:
 
 
 def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]], right: str = "") -> None:
-    """Columns whose titles stand in `right` are aligned to the right."""
+    """Columns with a title in `right` are right-aligned."""
     from rich.table import Table
     from rich.text import Text
 
@@ -234,7 +248,7 @@ def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]], right
     console = _console()
     with console.capture() as captured:
         console.print(table)
-    # The last column's padding would only get in the way of diffs.
+    # Without the padding of the last column, for diffs.
     for line in captured.get().splitlines():
         click.echo(line.rstrip())
 

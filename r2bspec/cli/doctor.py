@@ -1,4 +1,4 @@
-"""``r2bspec doctor``: what this machine is fit for, and what dead runs have left on it."""
+"""``r2bspec doctor``: check this machine, and remove leftovers of dead runs."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ _MARKS: dict[Status, tuple[str, str]] = {
 @click.command(
     "doctor",
     epilog=f"Exit status {ExitStatus.FINDINGS_OR_FAILED} if there is a problem; "
-    f"{ExitStatus.OK} with warnings only.",
+    f"{ExitStatus.OK} if there are only warnings.",
 )
 @click.option(
     "--clean",
     is_flag=True,
-    help="First remove what dead runs have left: processes, shared memory, scratch folders.",
+    help="First remove leftovers of dead runs: processes, shared memory, scratch folders.",
 )
 @click.option(
     "--runs",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("runs"),
     show_default=True,
-    help="Where run folders are, or one of them: looked through for what was left.",
+    help="The folder of run folders, or one run folder, searched for leftovers.",
 )
 @click.option(
     "--format",
@@ -42,13 +42,13 @@ _MARKS: dict[Status, tuple[str, str]] = {
     type=click.Choice(["text", "json"]),
     default="text",
     show_default=True,
-    help="How to print the result.",
+    help="The output format.",
 )
 def command(clean: bool, runs: Path, output_format: str) -> int:
-    """Explain this machine: what a benchmark on it needs, what is there, and what to do.
+    """Check this machine's fitness for benchmarking, with advice for each problem.
 
-    Shared memory of dead ROS programs is removed by --clean whoever started them, as long as it
-    is yours; what a living process uses is never touched.
+    --clean removes your shared memory of dead ROS programs, whichever program created it; memory in
+    use by a living process is never touched.
     """
     from r2bspec.doctor.all_checks import examine
     from r2bspec.doctor.checkup import System, worst_status
@@ -73,7 +73,7 @@ def command(clean: bool, runs: Path, output_format: str) -> int:
 
 
 def _show(checks: list[CheckResult], status: Status) -> None:
-    """Print a block for each topic, a line for each check, and advice below what needs it."""
+    """Print a block for each topic, a line for each check, and advice below it."""
     width = max(len(check.name) for check in checks)
     topic = ""
     for check in checks:
@@ -87,9 +87,9 @@ def _show(checks: list[CheckResult], status: Status) -> None:
     click.echo()
     counts = {each: sum(check.status == each for check in checks) for each in _MARKS}
     words = {
-        "ok": "Nothing stands in the way of a benchmark.",
-        "warn": f"{_pluralize(counts['warn'], 'warning')}: benchmarks run; read them with these "
-        "in mind.",
+        "ok": "This machine is fit for benchmarking.",
+        "warn": f"{_pluralize(counts['warn'], 'warning')}: benchmarks run, but results may be "
+        "affected.",
         "problem": f"{_pluralize(counts['problem'], 'problem')} and "
         f"{_pluralize(counts['warn'], 'warning')}.",
     }

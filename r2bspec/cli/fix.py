@@ -1,4 +1,4 @@
-"""`validate --fix` and `--diff`: safe edits, made in files or shown."""
+"""`validate --fix` and `--diff`: apply safe edits to files, or show them."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def repair(
     *,
     write: bool,
 ) -> int:
-    """Repair each file by the safe edits of its findings, or print what that would change.
+    """Repair each file by the safe edits of its findings, or print the changes.
 
     Args:
         files: the files to repair; no other file is touched.
-        check_text: what is wrong with a text, given with the name of its file.
+        check_text: returns the findings of a text, given with the name of its file.
         write: write the files; otherwise print a unified diff of each.
 
     Returns:
@@ -40,7 +40,7 @@ def repair(
     for file in files:
         before = read_text(file)
         if before is None:
-            continue  # that it cannot be read is a finding of its own
+            continue  # an unreadable file is a finding of its own
         bom = _BOM if before.startswith(_BOM) else ""
         fixed = _apply_fixes(before.removeprefix(bom), file, check_text)
         if not fixed.applied:
@@ -52,7 +52,7 @@ def repair(
         else:
             click.echo(unified_diff(before, bom + fixed.text, file), nl=False)
     if write or changed:
-        verb = "repaired" if write else "to repair by --fix"
+        verb = "repaired" if write else "can be repaired by --fix"
         problems = f"{fixes} problem" if fixes == 1 else f"{fixes} problems"
         click.echo(f"{problems} {verb} in {changed} of {len(files)} files", err=True)
     return changed
@@ -77,7 +77,7 @@ def read_text(file: str) -> str | None:
 
 
 def write_text(file: str, text: str) -> None:
-    """Replace a file's content whole or not at all; a link stays, and so does the mode.
+    """Replace a file's content atomically; a link and the mode are kept.
 
     Raises:
         UsageError: it cannot be written.

@@ -1,4 +1,4 @@
-"""``r2bspec history``: what earlier runs are remembered, and which of them count."""
+"""``r2bspec history``: list, accept and delete the runs of a history."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from r2bspec.compare.history import HistoryEntry
 
 USER_HISTORY = "user"
-"""The word that stands for the user's own history."""
+"""The name of the user's own history."""
 
 _file_option = click.option(
     "--file",
@@ -22,12 +22,12 @@ _file_option = click.option(
     default=USER_HISTORY,
     show_default=True,
     metavar="FILE",
-    help="The history; 'user' is a file of your own.",
+    help="The history file; 'user' is a file in your data folder.",
 )
 
 
 def history_file(text: str) -> Path:
-    """The file that a user names."""
+    """The file of a history, as the user names it."""
     from r2bspec.compare.history import user_history
 
     return user_history() if text == USER_HISTORY else Path(text)
@@ -35,13 +35,20 @@ def history_file(text: str) -> Path:
 
 @click.group("history")
 def command() -> None:
-    """Show and tidy the runs that 'r2bspec run --history' remembers."""
+    """List and delete the runs stored by 'r2bspec run --history'."""
 
 
 @command.command("list")
 @_file_option
 @click.option("--name", default="", help="Only runs of this benchmark.")
-@click.option("--format", "output_format", type=click.Choice(["text", "json"]), default="text")
+@click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="The output format.",
+)
 def list_runs(file: str, name: str, output_format: str) -> int:
     """List the runs, oldest first."""
     from r2bspec.compare.history import open_history
@@ -84,33 +91,37 @@ def _table(runs: tuple[HistoryEntry, ...]) -> list[str]:
 @click.argument("run_id", metavar="RUN_ID")
 @_file_option
 def accept(run_id: str, file: str) -> int:
-    """Let a run count as a baseline although it failed: the change is meant."""
+    """Let a failed run count as a baseline: the change is intended."""
     from r2bspec.compare.history import HistoryError, open_history
 
     with open_history(history_file(file)) as history:
         if not history.accept(run_id):
             raise HistoryError(
-                f"the history holds no run {run_id!r}", hint="'r2bspec history list' shows them."
+                f"the history has no run {run_id!r}", hint="'r2bspec history list' lists the runs."
             )
-    click.echo(f"run {run_id} counts from now on", err=True)
+    click.echo(f"run {run_id} now counts as a baseline", err=True)
     return ExitStatus.OK
 
 
 @command.command("prune")
 @_file_option
-@click.option("--keep", type=click.IntRange(min=0), help="Keep so many of the latest runs.")
-@click.option("--before", metavar="DATE", help="Forget runs that started before, as 2026-01-31.")
-@click.option("--run", "run_ids", multiple=True, metavar="RUN_ID", help="Forget this run.")
+@click.option("--keep", type=click.IntRange(min=0), help="Keep this number of the latest runs.")
+@click.option(
+    "--before", metavar="DATE", help="Delete runs started before this date, such as 2026-01-31."
+)
+@click.option(
+    "--run", "run_ids", multiple=True, metavar="RUN_ID", help="Delete this run; may be repeated."
+)
 @click.option("--name", default="", help="Only runs of this benchmark.")
 def prune(
     file: str, keep: int | None, before: str | None, run_ids: tuple[str, ...], name: str
 ) -> int:
-    """Forget runs: by their number, their age, or one by one.
+    """Delete runs: all but the latest, older ones, or single ones.
 
-    --keep counts the runs of each plan on each kind of machine by themselves.
+    --keep counts the runs of each plan on each kind of machine separately.
     """
     if keep is None and before is None and not run_ids:
-        raise click.UsageError("say what to forget: --keep N, --before DATE or --run RUN_ID")
+        raise click.UsageError("name the runs to delete: --keep N, --before DATE or --run RUN_ID")
     from r2bspec.compare.history import open_history
 
     since = parse_time(before) if before is not None else None
@@ -126,12 +137,12 @@ def prune(
             if keep is not None:
                 removed_ids |= {one.run_id for one in kept[: max(len(kept) - keep, 0)]}
         number = history.remove(sorted(removed_ids))
-    click.echo(f"{number} run{'' if number == 1 else 's'} forgotten", err=True)
+    click.echo(f"{number} run{'' if number == 1 else 's'} deleted", err=True)
     return ExitStatus.OK
 
 
 def parse_time(text: str) -> datetime.datetime:
-    """A date or a time as ISO 8601; without a zone, the local one.
+    """A date or a time in ISO 8601; without a zone, in local time.
 
     Raises:
         click.UsageError: it is neither.
@@ -139,5 +150,5 @@ def parse_time(text: str) -> datetime.datetime:
     try:
         found = datetime.datetime.fromisoformat(text)
     except ValueError as error:
-        raise click.UsageError(f"{text!r} is no date such as 2026-01-31") from error
+        raise click.UsageError(f"{text!r} is not a date; write it like 2026-01-31") from error
     return found.astimezone() if found.tzinfo is None else found

@@ -26,7 +26,14 @@ _COLUMNS = (
 
 @click.command("import")
 @click.argument("report", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--format", "output_format", type=click.Choice(["text", "json"]), default="text")
+@click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="The output format.",
+)
 @click.option(
     "--output",
     "-o",
@@ -34,9 +41,9 @@ _COLUMNS = (
     help="Write JSON to this file, for 'r2bspec compare', instead of printing.",
 )
 def command(report: Path, output_format: str, output: Path | None) -> int:
-    """Read REPORT, the JSON that ros2_benchmark wrote, in SI units and by r2bspec's names.
+    """Read REPORT, the JSON file of ros2_benchmark, and print it in SI units and r2bspec's names.
 
-    What the report does not tell, such as percentiles, is left out and never guessed.
+    Values that the report lacks, such as percentiles, are left out and never estimated.
     """
     from r2bspec.interop.ros2_benchmark import read_report, to_json
 
@@ -57,7 +64,7 @@ def _text(report: ReferenceReport) -> str:
 
     lines = [report.name or "a report of ros2_benchmark"]
     if report.peak_hz is not None:
-        lines.append(f"peak as its search found it: {show(report.peak_hz, 'Hz')}")
+        lines.append(f"peak found by its search: {show(report.peak_hz, 'Hz')}")
     rows = [["offered", "monitor", *(name for name, _, _ in _COLUMNS)]]
     rows += [_row("at the peak", name, each) for name, each in report.peak.items()]
     for rate, monitors in sorted(report.rates.items(), key=lambda item: float(item[0])):

@@ -1,4 +1,4 @@
-"""``r2bspec init``: a spec to begin with, valid as it is."""
+"""``r2bspec init``: create a spec to start from, valid as it is."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _DEFAULT_NAME = "my_benchmark"
 
 
 class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """The name of a template; an unknown one is answered with the known ones."""
+    """The name of a template; an unknown name is reported with the known ones."""
 
     name = "template"
 
@@ -25,9 +25,9 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
         if value not in templates():
             close = did_you_mean(value, templates())
-            known = f"known are {', '.join(templates())}"
+            known = f"templates: {', '.join(templates())}"
             hint = f"did you mean {close!r}? {known}" if close else known
-            self.fail(f"there is no template {value!r}; {hint}", param, ctx)
+            self.fail(f"unknown template {value!r}; {hint}", param, ctx)
         return value
 
 
@@ -39,14 +39,14 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     default="minimal",
     show_default=True,
     metavar="TEMPLATE",
-    help="What to begin with; see --list.",
+    help="The template; see --list.",
 )
 @click.option("--list", "show_list", is_flag=True, help="List the templates.")
 def command(name: str, template: str, show_list: bool) -> int:
-    """Write a commented spec NAME.r2b.yaml that is valid as it is.
+    """Create a commented spec NAME.r2b.yaml that is valid as it is.
 
-    NAME may begin with a folder that exists, as in benchmarks/camera. The JSON Schema, by which
-    editors complete and explain every key, is written beside the spec. Nothing is overwritten.
+    NAME may start with an existing folder, as in benchmarks/camera. The JSON Schema, which editors
+    use for completion and help, is written next to the spec. No file is overwritten.
     """
     from r2bspec.language.schema.derive_strict import published_schema_text
     from r2bspec.language.templates import filled, purpose, templates
@@ -62,17 +62,17 @@ def command(name: str, template: str, show_list: bool) -> int:
     _write_new(spec_file, text)
     if not schema.exists():
         _write_new(schema, schema_text)
-    click.echo(f"wrote {spec_file}, and {schema} for editors; now:")
-    click.echo(f"  r2bspec validate {spec_file}    says what is wrong with it: nothing, yet")
-    click.echo(f"  r2bspec run {spec_file}         runs it, and judges it by its 'slos:'")
+    click.echo(f"created {spec_file}, and {schema} for editors. Next:")
+    click.echo(f"  r2bspec validate {spec_file}    checks it")
+    click.echo(f"  r2bspec run {spec_file}         runs it and judges it by its 'slos:'")
     return ExitStatus.OK
 
 
 def _benchmark_name(name: str) -> str:
-    """The name, if it can be that of a benchmark.
+    """The name, if it is valid for a benchmark.
 
     Raises:
-        UsageError: it cannot.
+        UsageError: it is not.
     """
     from r2bspec.language.schema.name_patterns import NAME
 
@@ -83,21 +83,21 @@ def _benchmark_name(name: str) -> str:
             if re.search(NAME.pattern, better)
             else NAME.message
         )
-        raise UsageError(f"{name!r} cannot name a benchmark", hint=hint)
+        raise UsageError(f"{name!r} is not a valid name of a benchmark", hint=hint)
     return name
 
 
 def _write_new(file: Path, text: str) -> None:
-    """Write a file that is not there yet.
+    """Write a file that does not exist yet.
 
     Raises:
-        UsageError: it is there, or cannot be written.
+        UsageError: it exists, or cannot be written.
     """
     try:
         with file.open("x", encoding="utf-8") as stream:
             stream.write(text)
     except FileExistsError as error:
-        hint = "give another name, or remove it first; nothing was written"
-        raise UsageError(f"{file} exists already", hint=hint) from error
+        hint = "Choose another name, or remove it first; nothing was written."
+        raise UsageError(f"{file} already exists", hint=hint) from error
     except OSError as error:
         raise UsageError(f"{file} cannot be written: {error.strerror or error}") from error

@@ -1,4 +1,4 @@
-"""``r2bspec interfaces``: start each node once and record what it reads, writes and takes."""
+"""``r2bspec interfaces``: start each node once and record its topics, services and parameters."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from r2bspec.cli.shared_options import parse_variables, sets_option, variables_o
 from r2bspec.exit_status import ExitStatus
 
 _HEAD = (
-    "# What the node {name} has, recorded by 'r2bspec interfaces'. 'validate' and 'plan' read it;\n"
-    "# record it anew when the node changes.\n"
+    "# Interface of the node {name}, recorded by 'r2bspec interfaces' for 'validate' and 'plan'.\n"
+    "# Record it again when the node changes.\n"
 )
 
 
 @click.command(
-    "interfaces", epilog=f"Exit status {ExitStatus.RUN_FAILED} if a node could not be looked at."
+    "interfaces", epilog=f"Exit status {ExitStatus.RUN_FAILED} if a node could not be inspected."
 )
 @click.argument("spec", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--node", "only", multiple=True, metavar="KEY", help="Only this node; repeatable.")
+@click.option(
+    "--node", "only", multiple=True, metavar="KEY", help="Only this node; may be repeated."
+)
 @click.option(
     "--timeout",
     "timeout_s",
@@ -28,7 +30,7 @@ _HEAD = (
     default=20.0,
     show_default=True,
     metavar="SECONDS",
-    help="How long a node may take to appear.",
+    help="The longest time for a node to appear.",
 )
 @sets_option
 @variables_option
@@ -41,8 +43,9 @@ def command(
 ) -> int:
     """Start each node of SPEC once, on real ROS 2, and record its interface.
 
-    The topics, types, profiles, services and parameters of a node go to 'interfaces/KEY.yaml'
-    beside SPEC, where every other verb finds them. Launch files and external nodes are left out.
+    The topics, types, QoS profiles, services and parameters of a node are written to
+    'interfaces/KEY.yaml' next to SPEC, where every other verb finds them. Launch files and external
+    nodes are left out.
     """
     from r2bspec.api import load
     from r2bspec.diagnostics import did_you_mean
@@ -53,7 +56,7 @@ def command(
     for each in only:
         if each not in known:
             close = did_you_mean(each, known)
-            hint = f"; did you mean {close!r}?" if close else f"; there are {', '.join(known)}"
+            hint = f"; did you mean {close!r}?" if close else f"; nodes: {', '.join(known)}"
             raise click.UsageError(f"the spec has no node {each!r}{hint}")
     failed = 0
     for found in record_interfaces(
@@ -74,7 +77,7 @@ def command(
 
 
 def _write(folder: Path, name: str, interface: dict[str, Any]) -> str:
-    """Write a node's file, whole or not at all; returns its path as the user would write it."""
+    """Write a node's file atomically; returns its path as the user would write it."""
     from r2bspec.language.yaml_dump import to_yaml
     from r2bspec.record.atomic_files import write_atomically
     from r2bspec.wiring.companion_files import interface_file

@@ -22,7 +22,14 @@ if TYPE_CHECKING:
     metavar="SPEC",
     help="Judge by the SLOs of this spec instead of the run's own.",
 )
-@click.option("--format", "output_format", type=click.Choice(["text", "json"]), default="text")
+@click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="The output format.",
+)
 @click.option("--write", is_flag=True, help="Replace result.json in the run folder.")
 @reports_option
 @junit_option
@@ -34,10 +41,10 @@ def command(
     reports: tuple[ReportRequest, ...],
     junit: tuple[ReportRequest, ...],
 ) -> int:
-    """Judge the finished run, or comparison, in the folder RUN again; needs no ROS.
+    """Judge the finished run or comparison in the folder RUN again; needs no ROS.
 
-    The folder is left as it is unless --write is given. The same folder gives the same bytes each
-    time. RUN may also be a report of ros2_benchmark; --spec then says by what to judge it.
+    The folder is not changed without --write. The same folder gives the same bytes each time. RUN
+    may also be a report of ros2_benchmark, to be judged by the SLOs of --spec.
     """
     from r2bspec.compare.load_results import read_folder
     from r2bspec.judge.judge_run import to_json
@@ -68,7 +75,7 @@ def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain:
 
     found = read_report(report)
     if spec is None:
-        raise click.UsageError(f"{report} states no SLOs: name a spec that does with --spec")
+        raise click.UsageError(f"{report} has no SLOs: give a spec with --spec")
     if not plain:
         raise click.UsageError("--write, --report and --junit-xml need a run folder")
     verdict = judge_report(found, _load(spec).slos)
@@ -77,9 +84,9 @@ def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain:
 
 
 def _load(path: Path) -> Spec:
-    """The other spec. Of what the rules say, only that counts which is about its SLOs.
+    """The other spec, with the findings about its SLOs only.
 
-    Its bag and its nodes may not exist here: nothing is going to be run.
+    Its bag and its nodes may be missing here: nothing is run.
 
     Raises:
         InvalidSpecError: it is not valid; the findings have been shown.

@@ -1,4 +1,4 @@
-"""The `r2bspec` command: finds the verb, shows errors as a line and a hint, sets the exit status.
+"""The `r2bspec` command: dispatches to a verb, prints errors with a hint, sets the exit status.
 
 `r2bspec.exit_status` has every exit status, for every verb.
 """
@@ -21,27 +21,27 @@ from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus, exit_status_text
 
 _VERBS = {
-    "init": "Write a commented spec to begin with.",
-    "validate": "Prove specs right before anything starts.",
-    "explain": "Explain a diagnostic code, or list all.",
-    "interfaces": "Start each node once and write down what it has.",
-    "plan": "Show what a run will do, as canonical JSON or as a drawing.",
+    "init": "Create a commented spec to start from.",
+    "validate": "Check specs without running anything.",
+    "explain": "Explain a diagnostic code, or list all codes.",
+    "interfaces": "Start each node once and record its interface.",
+    "plan": "Show the plan of a run, as JSON or as a diagram.",
     "run": "Run a benchmark on real ROS 2 and judge it by its SLOs.",
-    "judge": "Judge a finished run again, also by other SLOs.",
+    "judge": "Judge a finished run again, optionally by other SLOs.",
     "report": "Write reports of a finished run: HTML, JUnit, Markdown and others.",
-    "compare": "Compare runs: improved, worse, the same, or can't tell.",
-    "calibrate": "Run a graph against itself: how small a change can be told.",
-    "history": "Show and tidy the runs that 'run --history' remembers.",
-    "import": "Read a report of ros2_benchmark, to compare with.",
-    "data": "List, make, inspect and verify datasets.",
-    "doctor": "Explain this machine: what helps and what hinders a benchmark.",
+    "compare": "Compare finished runs: improved, worse, same, or can't tell.",
+    "calibrate": "Measure the noise of a graph: the smallest detectable change.",
+    "history": "List and delete the runs stored by 'run --history'.",
+    "import": "Read a report of ros2_benchmark, for comparisons.",
+    "data": "List, create, inspect and verify datasets.",
+    "doctor": "Check this machine's fitness for benchmarking.",
     "schema": "Print a JSON Schema.",
 }
-"""Each verb and its line in the help, so that listing them imports none."""
+"""Each verb and its line in the help, so that listing them needs no import."""
 
 
 class _Verbs(click.Group):
-    """Imports a verb's module when it is asked for: start-up pays for one verb only."""
+    """Imports a verb's module on demand, so that start-up pays for one verb only."""
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         return list(_VERBS)
@@ -49,7 +49,7 @@ class _Verbs(click.Group):
     def get_command(self, _ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _VERBS:
             return None
-        # A module cannot be called like a keyword: `import` is in `import_`.
+        # A keyword cannot be the name of a module: `import` is in `import_`.
         name = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
         module = importlib.import_module(f"r2bspec.cli.{name}")
         found: click.Command = module.command
@@ -63,8 +63,8 @@ class _Verbs(click.Group):
 
             close = did_you_mean(args[0], _VERBS)
             ctx.fail(
-                f"there is no verb {args[0]!r}"
-                + (f"; did you mean {close!r}?" if close else f"; known are {', '.join(_VERBS)}")
+                f"unknown verb {args[0]!r}"
+                + (f"; did you mean {close!r}?" if close else f"; verbs: {', '.join(_VERBS)}")
             )
         return super().resolve_command(ctx, args)
 
@@ -80,7 +80,7 @@ class _Verbs(click.Group):
 )
 @click.version_option(__version__, "-V", "--version", message="r2bspec %(version)s")
 def command() -> None:
-    """State, run and gate performance benchmarks of ROS 2 graphs."""
+    """Specify, run and gate performance benchmarks of ROS 2 graphs."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -100,8 +100,8 @@ def main(argv: list[str] | None = None) -> int:
     except click.exceptions.Exit as error:
         return error.exit_code
     except BrokenPipeError:
-        # The reader of our output has gone, as `head` does: nothing is left to say, and the
-        # interpreter must not try to flush at exit.
+        # The reader of our output has closed the pipe, as `head` does; the interpreter must not
+        # try to flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitStatus.OUTPUT_CLOSED
     return status if isinstance(status, int) else ExitStatus.OK

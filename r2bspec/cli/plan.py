@@ -1,4 +1,4 @@
-"""``r2bspec plan``: what a run will do, as canonical JSON, as a drawing, or as a difference."""
+"""``r2bspec plan``: the plan of a run, as canonical JSON, a diagram, or a difference."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ _SPEC = click.Path(path_type=Path, dir_okay=False)
 @click.option(
     "--graph",
     type=click.Choice(["mermaid", "dot"]),
-    help="Draw the plan instead, for Markdown (mermaid) or Graphviz (dot).",
+    help="Print a diagram instead, for Markdown (mermaid) or Graphviz (dot).",
 )
 @click.option(
     "--diff",
     "other",
     type=_SPEC,
     metavar="OTHER",
-    help="Show instead how SPEC differs from OTHER, a spec or a plan; exit status "
-    f"{ExitStatus.FINDINGS_OR_FAILED} if it does.",
+    help="Print the differences from OTHER, a spec or a plan, instead; exit status "
+    f"{ExitStatus.FINDINGS_OR_FAILED} if any.",
 )
 @click.option(
     "--explain",
     "explain_path",
     metavar="PATH",
-    help="Show instead where a value came from, such as benchmark.rates[0]: every file, line and "
-    "option on its way.",
+    help="Print the origin of a value, such as benchmark.rates[0], instead: every file, line and "
+    "option that set it.",
 )
 @spec_options
 @click.option(
     "--output",
     "-o",
     type=click.Path(path_type=Path, dir_okay=False, writable=True),
-    help="Write to this file, whole or not at all, instead of standard output.",
+    help="Write to this file instead of standard output.",
 )
 def command(
     spec: Path,
@@ -57,11 +57,11 @@ def command(
 ) -> int:
     """Compile SPEC and print its plan.
 
-    SPEC is a spec, or a plan that this command wrote. The same spec and the same data give the
-    same bytes on every machine. Nothing is started.
+    SPEC is a spec, or a plan written by this command. The same spec and the same data give the same
+    bytes on every machine. Nothing is started.
     """
     if sum(each is not None for each in (graph, other, explain_path)) > 1:
-        raise click.UsageError("--graph, --diff and --explain exclude each other")
+        raise click.UsageError("--graph, --diff and --explain cannot be combined")
     if explain_path is not None:
         from r2bspec.language.load_spec import load_spec
 
@@ -82,10 +82,10 @@ def command(
 
 
 def _provenance(loaded: LoadedSpec, path: str) -> str:
-    """Where a value came from.
+    """The origin of a value.
 
     Raises:
-        UsageError: the path leads to nothing, or the file is no document.
+        UsageError: there is no value at the path, or the file is not a document.
     """
     from r2bspec.errors import UsageError
     from r2bspec.language.value_trace import UnknownPathError, provenance

@@ -1,4 +1,4 @@
-"""``r2bspec report``: make reports of a finished run."""
+"""``r2bspec report``: write reports of a finished run."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
     "--spec",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="SPEC",
-    help="The spec that was run, so that annotations can point at its lines.",
+    help="The spec of the run, so that annotations can refer to its lines.",
 )
 @click.option(
     "--against",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="BASE",
-    help="Another run folder, shown beside RUN where a report can (html).",
+    help="Another run folder, shown next to RUN where a report supports it (html).",
 )
 @click.option(
     "--formats",
@@ -56,21 +56,21 @@ def command(
     spec: Path | None,
     against: Path | None,
 ) -> int:
-    """Make reports of RUN, the folder of a run or of a comparison, or the result.json of one.
+    """Write reports of RUN: the folder of a run or a comparison, or a result.json.
 
-    A result alone makes fewer charts than the folder, which has every message. The exit status
-    tells whether the reports were made; 'r2bspec judge' tells the verdict.
+    A result.json gives fewer charts than the folder, which has every message. The exit status says
+    whether the reports were written; for the verdict, use 'r2bspec judge'.
     """
     from r2bspec.compare.load_results import read_report_input
     from r2bspec.record.run_folder import open_run
     from r2bspec.report.errors import ReportUsageError
     from r2bspec.report.write_reports import write_reports
 
-    asked = reports + junit
-    if not asked:
+    requests = reports + junit
+    if not requests:
         raise ReportUsageError(
-            "no report was asked for", hint="Say which and where: --report html=report.html"
+            "no report was requested", hint="Name a format and a file: --report html=report.html"
         )
     baseline = open_run(against) if against is not None else None
-    write_reports(asked, read_report_input(run, spec_file=spec, baseline=baseline))
+    write_reports(requests, read_report_input(run, spec_file=spec, baseline=baseline))
     return ExitStatus.OK

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     "--output",
     "-o",
     type=click.Path(path_type=Path, file_okay=False),
-    help="The run folder; it must be new or empty.  [default: runs/NAME-TIME]",
+    help="The run folder, new or empty.  [default: runs/NAME-TIME]",
 )
 @spec_options
 @click.option(
@@ -30,28 +30,35 @@ if TYPE_CHECKING:
     "against",
     multiple=True,
     metavar="REF",
-    help="Compare with a base, in interleaved runs: another spec, var:NAME=VALUE, set:PATH=VALUE, "
+    help="Compare with a base in interleaved runs: another spec, var:NAME=VALUE, set:PATH=VALUE, "
     "or env: with a setup file, an installed workspace or NAME=VALUE; may be repeated.",
 )
-@click.option("--control", is_flag=True, help="Compare SPEC with itself: how much is noise.")
+@click.option("--control", is_flag=True, help="Compare SPEC with itself to see the noise.")
 @click.option(
     "--pairs",
     type=click.IntRange(min=1),
-    help="How many pairs of runs to compare.  [default: benchmark.iterations]",
+    help="The number of pairs of runs to compare.  [default: benchmark.iterations]",
 )
 @click.option(
     "--history",
     metavar="FILE",
-    help="Gate by earlier runs and remember this one; 'user' is a file of your own.",
+    help="Gate by the earlier runs in FILE and add this one; 'user' is a file in your data folder.",
 )
 @click.option(
     "--baseline",
     type=click.Path(path_type=Path),
     metavar="RUN",
-    help="Compare with a stored run or result, as advice that never gates.",
+    help="Compare with a stored run or result; advisory, never gates.",
 )
-@click.option("--force", is_flag=True, help="Compare other loads, plans, data or machines, too.")
-@click.option("--format", "output_format", type=click.Choice(["text", "json"]), default="text")
+@click.option("--force", is_flag=True, help="Compare even if load, plan, data or machine differ.")
+@click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="The output format.",
+)
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
 @reports_option
 @junit_option
@@ -72,11 +79,11 @@ def command(
 ) -> int:
     """Run SPEC and judge it by its SLOs.
 
-    SPEC is a spec, or a plan that 'r2bspec plan' wrote. Progress goes to standard error, the
-    report to standard output. Everything observed is kept in the run folder.
+    SPEC is a spec, or a plan written by 'r2bspec plan'. Progress is printed to standard error, the
+    report to standard output. All samples and logs are stored in the run folder.
 
     Requirements 'of baseline' are judged by interleaved runs of a base and of SPEC (--against), or
-    by earlier runs (--history). Without either they stay open.
+    by earlier runs (--history). Without either they are inconclusive.
     """
     from r2bspec import api
     from r2bspec.cli.history import history_file
@@ -115,12 +122,12 @@ def command(
     except R2bspecError as error:
         if isinstance(error, api.GraphMismatchError):
             show(error.diagnostics, error.loaded.texts)
-        # What was observed until then is worth its reports; the failure is the one to tell.
+        # Reports are written of what was observed; the failure of the run is reported.
         with contextlib.suppress(R2bspecError):
             write_folder_reports(reports + junit, folder, spec)
         raise
     if prepared.loaded is not None:
-        # What ended no run is worth a look all the same.
+        # Harmless differences did not end the run, and are shown.
         show(api.differences_to_diagnostics(result, prepared.loaded), prepared.loaded.texts)
     if not takes_stdout(reports + junit):
         show_result(result, output_format, folder)
@@ -137,13 +144,15 @@ def _check_option_conflicts(
     *,
     force: bool,
 ) -> None:
-    """Say which options exclude each other, or mean nothing without another.
+    """Report options that exclude each other, or need another one.
 
     Raises:
-        click.UsageError: some do.
+        click.UsageError: there are some.
     """
     if against and control:
-        raise click.UsageError("--control compares SPEC with itself, and takes no --against")
+        raise click.UsageError(
+            "--control cannot be combined with --against: it compares SPEC with itself"
+        )
     comparisons = {
         "--against": bool(against),
         "--control": control,
@@ -153,7 +162,7 @@ def _check_option_conflicts(
     used_options = [name for name, given in comparisons.items() if given]
     if len(used_options) > 1:
         raise click.UsageError(
-            f"{' and '.join(used_options)} are different ways to compare: choose one"
+            f"{' and '.join(used_options)} cannot be combined: choose one comparison"
         )
     if pairs is not None and not (against or control):
         raise click.UsageError("--pairs needs --against or --control")

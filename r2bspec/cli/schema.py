@@ -13,7 +13,7 @@ _SCHEMAS = {
     "plan": "r2bspec.plan.plan_schema:plan_schema_text",
     "result": "r2bspec.report.result_schema:result_schema_text",
 }
-"""Each schema and the function that writes it, so that printing one imports no other."""
+"""Each schema and the function that generates it; printing one imports no other."""
 
 
 @click.command("schema")

@@ -25,14 +25,14 @@ variables_option = click.option(
     "variables",
     multiple=True,
     metavar="NAME=VALUE",
-    help="Give a declared variable another value; may be repeated.",
+    help="Set a declared variable; may be repeated.",
 )
 
 _case_option = click.option(
     "--case",
     default="",
     metavar="CASE",
-    help="The case of the matrix that is meant, such as threads=2.",
+    help="The case of the matrix, such as threads=2.",
 )
 
 _allow_path_option = click.option(
@@ -41,7 +41,7 @@ _allow_path_option = click.option(
     multiple=True,
     type=click.Path(path_type=Path, file_okay=False),
     metavar="PATH",
-    help="A folder from which files may be extended, beside that of the spec; may be repeated.",
+    help="A folder, besides that of the spec, from which files may be extended; may be repeated.",
 )
 
 
@@ -61,7 +61,7 @@ def parse_variables(options: Iterable[str]) -> dict[str, str]:
 
 
 class SpecValues(NamedTuple):
-    """What the command line says of a spec; the arguments of `r2bspec.api.prepare`."""
+    """The options of a spec on the command line; the arguments of `r2bspec.api.prepare`."""
 
     sets: tuple[str, ...] = ()
     variables: Mapping[str, str] = {}
@@ -70,7 +70,7 @@ class SpecValues(NamedTuple):
 
 
 def spec_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Give a verb the options of a spec; it takes them as `values`, a `SpecValues`."""
+    """Add the options of a spec to a verb, which takes them as `values`, a `SpecValues`."""
 
     @sets_option
     @variables_option
@@ -106,7 +106,7 @@ reports_option = click.option(
     multiple=True,
     metavar="FORMAT=PATH",
     callback=_parse_reports,
-    help="Write a report, such as html=report.html or markdown=- for standard output; may be "
+    help="Write a report, such as html=report.html, or markdown=- for standard output; may be "
     "repeated. 'r2bspec report --formats' lists the formats.",
 )
 
@@ -122,5 +122,5 @@ junit_option = click.option(
     "junit",
     metavar="PATH",
     callback=_parse_junit,
-    help="The same as --report junit=PATH, under the name that ROS test runners use.",
+    help="Same as --report junit=PATH, under the name used by ROS test runners.",
 )

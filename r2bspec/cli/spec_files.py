@@ -1,4 +1,4 @@
-"""Which files a list of paths, folders and patterns means."""
+"""The spec files of a list of paths, folders and patterns."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ SUFFIX = ".r2b.yaml"
 
 
 def spec_files(paths: Iterable[str]) -> list[str]:
-    """The files meant by `paths`, each once: as given, folders and patterns sorted by name.
+    """The files of `paths`, each once: in the given order, folders and patterns sorted by name.
 
     Raises:
-        click.UsageError: a path that does not exist, or that leads to no spec.
+        click.UsageError: a path that does not exist, or without a spec.
     """
     return list(dict.fromkeys(file for path in paths for file in _expand_path(path)))
 
@@ -27,7 +27,7 @@ def _expand_path(path: str) -> list[str]:
     place = Path(path)
     if place.is_dir():
         return _require_files(
-            sorted(_find_specs(path)), f"the folder {path!r} holds no *{SUFFIX} file"
+            sorted(_find_specs(path)), f"the folder {path!r} has no *{SUFFIX} file"
         )
     if place.exists() or place.is_symlink():
         return [path]
@@ -36,7 +36,7 @@ def _expand_path(path: str) -> list[str]:
         matches = glob.glob(path, recursive=True)  # noqa: PTH207
         files = sorted(each for each in matches if Path(each).is_file())
         return _require_files(files, f"no file matches {path!r}")
-    raise click.UsageError(f"there is no file {path!r}")
+    raise click.UsageError(f"{path!r} does not exist")
 
 
 def _require_files(files: list[str], message: str) -> list[str]:

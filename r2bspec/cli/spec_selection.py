@@ -1,4 +1,4 @@
-"""A spec as a user chose it on the command line, prepared, with what is said about it shown."""
+"""A spec as selected on the command line, prepared, with its findings printed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SpecSelection:
-    """A spec with the values that the command line gives it; see `r2bspec.api.prepare`."""
+    """A spec with the values given on the command line; see `r2bspec.api.prepare`."""
 
     spec: Path
     sets: tuple[str, ...]
@@ -24,12 +24,12 @@ class SpecSelection:
 
 
 def prepare_and_report(selection: SpecSelection) -> PreparedBenchmark:
-    """Prepare a spec; findings about it go to standard error.
+    """Prepare a spec; findings are printed to standard error.
 
     Raises:
         InvalidSpecError: it has errors.
-        PlanError: the file is no plan that can be used.
-        DataError: the bag is not there or not readable.
+        PlanError: the file is not a valid plan.
+        DataError: the bag does not exist or is not readable.
     """
     from r2bspec import api
     from r2bspec.report.findings.print_findings import show
@@ -51,10 +51,10 @@ def prepare_and_report(selection: SpecSelection) -> PreparedBenchmark:
 
 
 def base_selection(head: SpecSelection, reference: BaseReference) -> SpecSelection:
-    """The base that a reference names.
+    """The base of a reference.
 
-    With the head's own spec it has all that the command line says of the head, but for what the
-    reference says. Another spec stands for itself.
+    With the head's own spec it has the head's options of the command line, changed by the
+    reference. Another spec has only the options of the reference.
     """
     if reference.spec is not None:
         return replace(

@@ -1,7 +1,7 @@
 """``r2bspec validate``: check specs before anything starts.
 
-Nothing that a spec names is executed or imported. Findings are printed to standard output. The exit
-status is 1 if one of them is an error, and 0 otherwise.
+Nothing that a spec names is executed or imported. Findings are printed to standard output;
+the exit status says whether one of them is an error.
 """
 
 from __future__ import annotations

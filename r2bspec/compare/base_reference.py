@@ -1,13 +1,13 @@
-"""What ``--against`` names: the base of a comparison.
+"""The argument of ``--against``: the base of a comparison.
 
-    SPEC                another spec, or a plan that 'r2bspec plan' wrote
+    SPEC                another spec, or a plan written by 'r2bspec plan'
     var:NAME=VALUE      the same spec with another value of a declared variable
     set:PATH=VALUE      the same spec with another value anywhere
     env:FILE            another workspace: its setup file, the folder of its installation,
     env:FOLDER          or a single variable of the environment
     env:NAME=VALUE
 
-Several are taken together: a spec and its variables, in an environment.
+Several are combined: a spec and its variables, in an environment.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from pathlib import Path
 from r2bspec.errors import UsageError
 
 _HINT = (
-    "Name a spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup file, an installed "
+    "Give a spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup file, an installed "
     "workspace or NAME=VALUE."
 )
 
 
 class BadReferenceError(UsageError):
-    """What is named as the base of a comparison is none."""
+    """The argument of ``--against`` is not a base."""
 
     code = "R2B656"
 
 
 @dataclass(frozen=True)
 class BaseReference:
-    """The base of a comparison, as it was named.
+    """The base of a comparison, as given on the command line.
 
     Attributes:
-        text: all of it, for a reader.
+        text: the arguments, joined.
         spec: another spec or plan; None for that of the head.
         variables: values of variables that differ from the head's.
         sets: values that differ from the head's, each as ``path=value``.
-        environments: what `r2bspec.execute.processes.workspaces.workspace` reads, in order.
+        environments: read by `r2bspec.execute.processes.workspaces.workspace`, in order.
     """
 
     text: str
@@ -55,10 +55,10 @@ class BaseReference:
 
 
 def parse_base_reference(texts: Sequence[str]) -> BaseReference:
-    """Read what ``--against`` names.
+    """Parse the arguments of ``--against``.
 
     Raises:
-        BadReferenceError: it names nothing, two specs, or a spec that is not there.
+        BadReferenceError: an argument is malformed, or a second spec, or does not exist.
     """
     specs: list[Path] = []
     variables: dict[str, str] = {}
@@ -80,8 +80,8 @@ def parse_base_reference(texts: Sequence[str]) -> BaseReference:
             specs.append(_existing_spec(text))
     if len(specs) > 1:
         raise BadReferenceError(
-            f"there is one base, not two: {specs[0]} and {specs[1]}",
-            hint="Compare them one after the other.",
+            f"only one base is possible: {specs[0]} or {specs[1]}",
+            hint="Compare with each of them in a run of its own.",
         )
     return BaseReference(
         text=", ".join(texts),
@@ -95,9 +95,9 @@ def parse_base_reference(texts: Sequence[str]) -> BaseReference:
 def _existing_spec(text: str) -> Path:
     path = Path(text)
     if not path.is_file():
-        what = "is a folder" if path.is_dir() else "is not there"
+        what = "is a folder" if path.is_dir() else "does not exist"
         hint = _HINT
         if (path / "record.json").exists() or (path / "pairs.json").exists():
-            hint = "A stored run cannot be played again; --baseline compares with one, as advice."
-        raise BadReferenceError(f"{text!r} {what}, so that nothing can be compared", hint=hint)
+            hint = "A stored run cannot be played again; use --baseline for an advisory comparison."
+        raise BadReferenceError(f"{text!r} {what}: it cannot be a base", hint=hint)
     return path

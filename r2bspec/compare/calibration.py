@@ -1,4 +1,4 @@
-"""From the runs of a graph against itself to its noise, and to margins that can be held."""
+"""The noise of a graph, from runs of it compared with itself, and the margins above it."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from r2bspec.record.comparison_folder import PairedComparison
 from r2bspec.record.machine_fingerprint import describe_machine, fingerprint
 
 MIN_PAIRS = 3
-"""Fewer do not show how much pairs differ: the bound on the noise is five times the estimate."""
+"""With fewer, the bound on the noise is more than five times the estimate."""
 
 _PAIR_COUNTS = (3, 5, 10, 20, 40)
-"""Pairs for which margins are worked out, beside the number that the spec asks for."""
+"""Numbers of pairs for which margins are computed, besides that of the spec."""
 
 
 def compute_calibration(pairs: PairedComparison) -> Calibration:
@@ -35,19 +35,19 @@ def compute_calibration(pairs: PairedComparison) -> Calibration:
         pairs: a control: base and head are the same.
 
     Raises:
-        IncomparableError: it is no control, or has too few pairs.
+        IncomparableError: it is not a control, or has too few pairs.
         RecordError: a file of one of its runs is missing or damaged.
     """
     played = pairs.usable_pairs()
     if not pairs.record.control:
         raise IncomparableError(
-            f"{pairs.folder} compares two graphs, and noise is what one differs from itself by",
-            hint="'r2bspec calibrate SPEC' runs it against itself.",
+            f"{pairs.folder} compares two graphs; a calibration compares a graph with itself",
+            hint="Use 'r2bspec calibrate SPEC'.",
         )
     if len(played) < MIN_PAIRS:
         raise IncomparableError(
-            f"{len(played)} pairs do not show how much runs differ; {MIN_PAIRS} are needed",
-            hint="Ask for more with --runs.",
+            f"{len(played)} pairs are too few for a calibration; {MIN_PAIRS} are needed",
+            hint="Increase --runs.",
         )
     base = [read_samples(pairs.run(each, "base")) for each in played]
     head = [read_samples(pairs.run(each, "head")) for each in played]
@@ -101,10 +101,10 @@ def _noise(
 
 
 def store_calibration(spec_file: Path, pairs: PairedComparison, found: Calibration) -> Path:
-    """Keep a calibration beside its spec; where it is kept.
+    """Store a calibration in the companion file of its spec; returns the file.
 
     Raises:
-        RecordError: the file there is damaged, or cannot be written.
+        RecordError: the existing file is damaged, or cannot be written.
     """
     path = calibration_path(spec_file)
     machine = pairs.merged(pairs.usable_pairs(), "head").record.machine

@@ -9,21 +9,21 @@ import msgspec
 Outcome = Literal["improved", "worse", "same", "can't tell"]
 
 ADVICE = (
-    "Stored results advise and do not gate: two runs of the same thing on a shared machine differ "
-    "by more than their iterations show."
+    "Comparisons of stored results are advisory: two runs of the same graph on a shared machine "
+    "differ by more than their iterations show."
 )
-"""Said below every comparison, because its intervals do not know of the spread between runs."""
+"""Printed below every comparison, because its intervals exclude the variation between runs."""
 
 
 class ComparisonLine(msgspec.Struct, frozen=True, kw_only=True):
     """One metric at one rate.
 
     Attributes:
-        offered_hz: None for the run as a whole.
-        base: the metric in the base, in `unit`: the mean of its iterations, or the one value known.
-        ratio: head / base; for a drop rate, of the shares that did arrive.
+        offered_hz: None for the whole run.
+        base: the metric in the base, in `unit`: the mean of its iterations, or the only value.
+        ratio: head / base; for a drop rate, of the shares that arrived.
         lower: bound on the true ratio, one-sided, at `confidence` of the comparison; None where
-            no spread is known.
+            the variation is unknown.
         upper: likewise.
         margin: how far from 1 a ratio may be and still count as the same.
     """
@@ -43,7 +43,7 @@ class ComparisonLine(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ComparedSource(msgspec.Struct, frozen=True, kw_only=True):
-    """A result that took part: where it was read from, and what it is."""
+    """A result of a comparison: its file or folder, and the run."""
 
     source: str
     name: str
@@ -52,10 +52,10 @@ class ComparedSource(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Comparison(msgspec.Struct, frozen=True, kw_only=True):
-    """One result against the base.
+    """One result compared with the base.
 
     Attributes:
-        differences: in what else the two differ; not empty only if that was allowed.
+        differences: in plan, data or machine; not empty only with ``--force``.
     """
 
     r2bspec_comparison: Literal[1] = 1

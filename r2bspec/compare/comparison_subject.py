@@ -1,4 +1,4 @@
-"""What can be compared: run folders, results, and reports of the reference tool."""
+"""The subjects of a comparison: run folders, results, and reports of the reference tool."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class MetricSeries:
     """A metric in the iterations of one run.
 
     Attributes:
-        values: None where an iteration has none, or where it is a message that never came.
-        single: whether it is one value that summarises an unknown number of iterations.
-        bracket: for the peak, what held and what did not.
+        values: None where an iteration has none, or where it is a lost message.
+        single: whether it is one value for an unknown number of iterations.
+        bracket: for the peak, the highest sustained rate and the lowest that was not.
     """
 
     values: tuple[float | None, ...]
@@ -43,7 +43,7 @@ class MetricSeries:
 
 @dataclass(frozen=True)
 class ComparedResult:
-    """One side of a comparison; what is None is not known."""
+    """One side of a comparison; None is unknown."""
 
     side: ComparedSource
     series: dict[SeriesKey, MetricSeries]
@@ -129,7 +129,7 @@ def _of_monitor(
 
 
 def _latency(seen: MonitorMetrics, part: str) -> float | None:
-    """A part of the latency; None if the percentile is a message that never came."""
+    """A part of the latency; None if the percentile is a lost message."""
     q = quantile(part)
     if q is not None and seen.expected and rank(q, seen.expected) > (seen.answered or 0):
         return None

@@ -1,4 +1,4 @@
-"""What can be wrong with results that are to be read or compared."""
+"""Errors in results that are to be read or compared."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ RUNS_INCOMPARABLE: Final = "R2B663"
 
 
 class SamplesMissingError(R2bspecError):
-    """Only the result of a run is known, and what was asked for needs its samples."""
+    """Only the result of a run is known, and its samples are needed."""
 
     code = SAMPLES_MISSING
     exit_code = ExitStatus.USAGE
 
 
 class UnreadableResultError(R2bspecError):
-    """A file that was to be read as a result or as a report is neither."""
+    """A file is neither a result nor a report."""
 
     code = RESULT_UNREADABLE
     exit_code = ExitStatus.USAGE

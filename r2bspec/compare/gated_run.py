@@ -1,4 +1,4 @@
-"""A run that earlier ones have a say in: made, judged, confirmed where it fails, remembered."""
+"""A run that is compared with earlier ones: run, judged, confirmed if it fails, and stored."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from r2bspec.record.baseline_file import CONFIRMATION_FOLDER, BaselineRecord
 from r2bspec.record.run_folder import RunFolder, open_run
 
 RunPlan = Callable[[RunFolder, Plan], Result]
-"""Carries a plan out, into a folder."""
+"""Runs a plan, into a folder."""
 
 
 def run_with_baseline(
@@ -28,17 +28,17 @@ def run_with_baseline(
     history: Path | None,
     stored: BaselineRecord | None,
 ) -> Result:
-    """Make a run and judge it by earlier ones.
+    """Run a benchmark and judge it by earlier runs.
 
     Args:
         run_plan: makes a run.
         plan: of the run.
-        folder: where it goes.
-        history: gates, and remembers the run.
-        stored: advises, where there is no history.
+        folder: of the run.
+        history: gates the run, and stores it.
+        stored: advisory, where there is no history.
 
     Raises:
-        HistoryError: the history cannot be used; that is found out before the run is made.
+        HistoryError: the history cannot be used; this is checked before the run.
         RunError: the run failed.
     """
     if history is not None:
@@ -51,7 +51,7 @@ def run_with_baseline(
     write_baseline(folder.path, baseline)
     result = _judge(folder)
     if fails_by_history(result.verdict) and plan.gate.confirm:
-        # Confirmed by a run of its own: it says nothing new of what failed without the history.
+        # The second run confirms the comparison with the history only.
         once = msgspec.structs.replace(plan.gate, confirm=False)
         run_plan(
             RunFolder.create(folder.path / CONFIRMATION_FOLDER),

@@ -1,4 +1,4 @@
-"""A run against earlier ones: a history that gates, or a stored run that advises."""
+"""Compares a run with earlier ones: a history gates, a stored run is advisory."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ TrackedMetric = tuple[float | None, str | None, MetricInfo]
 
 
 def tracked_metrics(run: Run, samples: RunSamples) -> Iterator[TrackedMetric]:
-    """What is remembered of a run: the usual metrics, and those that its objectives name."""
+    """The metrics of a run that a history stores: the usual ones, and those of its objectives."""
     seen: set[tuple[float | None, str | None, str]] = set()
     for at_hz, monitor, info in (
         *_default_metrics(run, samples),
@@ -82,7 +82,7 @@ def _required_metrics(plan: Plan, samples: RunSamples) -> Iterator[TrackedMetric
 
 
 def history_entry(run: Run, result: Result) -> HistoryEntry:
-    """What a history remembers of a run."""
+    """The entry of a run in a history."""
     samples = read_samples(run)
     return HistoryEntry(
         run_id=run.record.run_id,
@@ -108,7 +108,7 @@ def history_entry(run: Run, result: Result) -> HistoryEntry:
 
 
 def baseline_from_history(path: Path, run: Run) -> BaselineRecord:
-    """The earlier runs that a run may be compared with; perhaps none.
+    """The earlier runs that a run may be compared with; possibly none.
 
     Raises:
         HistoryError: the history cannot be read.
@@ -140,18 +140,18 @@ def baseline_from_history(path: Path, run: Run) -> BaselineRecord:
 def baseline_from_stored_run(
     path: Path, plan: Plan, machine: Mapping[str, Any], *, force: bool
 ) -> BaselineRecord:
-    """A stored run that a run is going to be compared with.
+    """A stored run as the baseline of a run that is about to be made.
 
     Args:
         path: a run folder, that of a comparison (its head counts), a ``result.json``, or a report
             of ros2_benchmark.
-        plan: of the run to come.
-        machine: that it is going to be made on.
-        force: compare different plans, data or machines, too.
+        plan: of the new run.
+        machine: of the new run.
+        force: compare even with differences in plan, data or machine.
 
     Raises:
-        IncomparableError: they differ in more than their numbers.
-        RecordError: a folder is no run folder.
+        IncomparableError: plan, data or machine differ.
+        RecordError: a folder is not a run folder.
         UnreadableResultError: a file is none of these.
     """
     stored = read_compared_result(path)
@@ -167,9 +167,9 @@ def baseline_from_stored_run(
     differences = tuple(differences_of(stored, coming))
     if differences and not force:
         raise IncomparableError(
-            f"{path} and this run are not of the same thing:\n"
+            f"{path} and this run are not comparable:\n"
             + "\n".join(f"  {each}" for each in differences),
-            hint="--force compares them all the same.",
+            hint="Use --force to compare them anyway.",
         )
     series = {key: values.values for key, values in stored.series.items()}
     if path.is_dir() and (run := read_folder(path).run) is not None:
@@ -187,7 +187,7 @@ def baseline_from_stored_run(
 
 
 def _required_values(run: Run, plan: Plan) -> dict[SeriesKey, tuple[float | None, ...]]:
-    """What the requirements of a plan name, in the iterations of a stored run."""
+    """The metrics that the requirements of a plan name, in the iterations of a stored run."""
     samples = read_samples(run)
     return {
         (at_hz, monitor or "", info.name): tuple(
@@ -199,16 +199,16 @@ def _required_values(run: Run, plan: Plan) -> dict[SeriesKey, tuple[float | None
 
 
 def write_baseline(folder: Path, baseline: BaselineRecord) -> None:
-    """Write the earlier runs into the folder of the run that is compared with them.
+    """Write the baseline into the folder of the run that is compared with it.
 
     Raises:
-        RecordError: the file system refuses.
+        RecordError: the file cannot be written.
     """
     write_atomically(folder / BASELINE_FILE, to_json(baseline))
 
 
 def add_to_history(path: Path, run: Run, result: Result) -> bool:
-    """Add a run to a history; one that says nothing of the graph is left out.
+    """Add a run to a history, unless it is invalid or incomplete.
 
     Returns:
         Whether it was added.

@@ -1,4 +1,4 @@
-"""A comparison from its two sides to its result: what may be compared, played, and judged."""
+"""A comparison from its two sides to its result: checked, played, and judged."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ def prepare_comparison(
     control: bool = False,
     force: bool = False,
 ) -> ComparisonSpec:
-    """What is to be compared, if it can be.
+    """Check that two sides are comparable.
 
     Args:
-        base: what is compared with.
-        head: what is judged.
+        base: to compare with.
+        head: to be judged.
         against: the base, as the user named it.
         pairs: how many; as many as the head's spec has iterations if None.
         control: whether base and head are meant to be the same.
-        force: compare graphs that are offered different loads, too.
+        force: compare even with different loads.
 
     Raises:
         IncomparableError: the two are offered different loads, or are the same.
@@ -56,14 +56,14 @@ def prepare_comparison(
     if not control and not differences and not base.environment:
         raise IncomparableError(
             f"the base, {against}, is the same as the head",
-            hint="--control compares a graph with itself, to see how much is noise.",
+            hint="Use --control to compare a graph with itself and see the noise.",
         )
     otherwise = load_differences(base.plan, head.plan)
     if otherwise and not force:
         raise IncomparableError(
-            "base and head are not offered the same, or not watched in the same way:\n"
+            "base and head differ in load or monitors:\n"
             + "\n".join(f"  {each}" for each in difference_lines(otherwise)),
-            hint="--force compares them all the same.",
+            hint="Use --force to compare them anyway.",
         )
     _check_environment_inherited(head, base.environment)
     for one in (base, head):
@@ -79,12 +79,12 @@ def prepare_comparison(
 
 
 def _check_environment_inherited(head: ComparisonSide, environment: Mapping[str, str]) -> None:
-    """Most of an environment is not inherited: what no process gets, changes nothing."""
+    """Check that processes of a run inherit the variables; most are not inherited."""
     arrives = inherited_environment(environment, head.plan.environment)
     if environment and not arrives:
         raise WorkspaceError(
-            f"no process of a run gets {', '.join(sorted(environment))}",
-            hint="Name what nodes read under 'environment' in the spec.",
+            f"no process of a run inherits {', '.join(sorted(environment))}",
+            hint="List the variables that nodes need under 'environment' in the spec.",
         )
 
 
@@ -92,13 +92,13 @@ def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None 
     """Play interleaved pairs on real ROS 2, and judge them.
 
     Args:
-        comparison: what is compared.
+        comparison: to be made.
         output: the folder of the comparison, new or empty.
-        progress: is told what happens.
+        progress: is notified of progress.
 
     Raises:
-        RunError: a run failed; the folder has the pairs that were finished until then.
-        RecordError: the folder cannot be made.
+        RunError: a run failed; the folder has the pairs finished until then.
+        RecordError: the folder cannot be created.
     """
     folder = ComparisonFolder.create(output)
     try:
@@ -109,8 +109,8 @@ def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None 
             lambda confirms: _judge(folder.path, confirms=confirms),
         )
     except R2bspecError:
-        # What was measured before the failure is worth a result, marked as incomplete; should
-        # that fail, too, the first failure is the one to tell.
+        # Write a result of what was measured, marked as incomplete; if that fails, too, the first
+        # failure is reported.
         with contextlib.suppress(R2bspecError, OSError):
             _write_result(folder)
         raise

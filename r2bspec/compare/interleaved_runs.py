@@ -1,8 +1,8 @@
-"""Interleaved runs of a base and a head: A B B A, each in fresh processes, with a folder each.
+"""Interleaved runs of a base and a head: A B B A, each in new processes and with its own folder.
 
-Every run is a whole one (`r2bspec.execute.controller`): it loads, starts, warms up, plays each rate
-once, and ends all that it started. Sharing what was loaded would save a second or two, and would
-leave the second run of a pair with warmer caches than the first.
+Every run is a complete one (`r2bspec.execute.controller`): it loads, starts, warms up, plays each
+rate once, and ends all that it started. Sharing the loaded data would save a second or two, and
+would give the second run of a pair warmer caches than the first.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class ComparisonSide:
         plan: as it was compiled, with all iterations.
         base_dir: the folder of its spec.
         spec_text: the resolved spec.
-        environment: what its runs have otherwise than this process; see
+        environment: the variables of its runs that differ from this process; see
             `workspaces.applied_environment`.
     """
 
@@ -53,7 +53,7 @@ class ComparisonSide:
 
 @dataclass(frozen=True)
 class ComparisonSpec:
-    """What a comparison is of; see `PairsRecord` for the fields."""
+    """A comparison to be made; see `PairsRecord` for the fields."""
 
     base: ComparisonSide
     head: ComparisonSide
@@ -70,19 +70,19 @@ Judge = Callable[[bool], Verdict]
 def run_pairs(
     comparison: ComparisonSpec, folder: ComparisonFolder, progress: Progress, judge: Judge
 ) -> PairsRecord:
-    """Play all pairs and, if they fail, as many fresh ones that confirm it or do not.
+    """Play all pairs and, if they fail, as many new ones to confirm it.
 
     The folder is complete when this returns or raises: it has every pair that was finished.
 
     Args:
-        comparison: what is compared.
-        folder: where all of it goes.
-        progress: is told what happens.
-        judge: is asked once pairs are played, with the folder as it then is.
+        comparison: to be made.
+        folder: of the comparison.
+        progress: is notified of progress.
+        judge: called once pairs are played, with the folder as it then is.
 
     Raises:
-        RunError: a run failed twice in its place, or cannot be made here at all.
-        InterruptedRunError: a signal asked for an end.
+        RunError: a run failed twice, or cannot be made here at all.
+        InterruptedRunError: the comparison was interrupted by a signal.
     """
     folder.write_plan(canonical_json(comparison.head.plan).decode())
     folder.write_base_plan(comparison.base.plan)
@@ -119,13 +119,13 @@ class _PairRunner:
         self._run_id = secrets.token_hex(8)
 
     def play_all(self) -> PairsRecord:
-        """Play what is wanted, and keep the record, whatever happens."""
+        """Play all pairs, and write the record in any case."""
         reason = ""
         self._write_record("R2B671: the comparison was killed")
         try:
             verdict = self._play_pairs(confirms=False)
             if self._comparison.head.plan.gate.confirm and needs_confirmation(verdict):
-                self._note("the pairs fail: fresh ones are played to confirm that")
+                self._note("the comparison failed: new pairs are played to confirm it")
                 self._play_pairs(confirms=True)
         except R2bspecError as error:
             reason = f"{error.code}: {error}"
@@ -138,7 +138,7 @@ class _PairRunner:
         return record
 
     def _play_pairs(self, *, confirms: bool) -> Verdict:
-        """Play all pairs of a batch, and again those whose disturbance a verdict hangs on."""
+        """Play all pairs of a session, and again the affected ones that a verdict depends on."""
         orders = abba(self._planned)
         disturbed: list[PairRecord] = []
         for number in range(1, self._planned + 1):
@@ -149,7 +149,7 @@ class _PairRunner:
             elif pair.disturbed:
                 disturbed.append(pair)
             if self._over_budget(number) and not confirms:
-                self._note(f"the time budget ends the comparison after {number} pairs")
+                self._note(f"the time budget ended the comparison after {number} pairs")
                 self._planned = number
                 break
         self._write_record("")
@@ -157,7 +157,7 @@ class _PairRunner:
         if not any(one.weakened for one in verdict.requirements):
             return verdict
         for pair in disturbed:
-            self._play_again(pair, f"the machine was disturbed ({pair.disturbed})")
+            self._play_again(pair, f"host interference ({pair.disturbed})")
         self._write_record("")
         return self._judge(confirms)
 
@@ -165,7 +165,7 @@ class _PairRunner:
         self._note(f"pair {pair.number} is played again: {why}")
         again = self._play(pair.number, pair.order, confirms=pair.confirms, again=True)
         if again.unusable:
-            self._note(f"pair {pair.number} could not be judged again: {again.unusable}")
+            self._note(f"pair {pair.number} again cannot be judged: {again.unusable}")
 
     def _play(
         self, number: int, order: Literal["AB", "BA"], *, confirms: bool, again: bool = False
@@ -175,13 +175,12 @@ class _PairRunner:
         sides: tuple[Side, Side] = ("base", "head") if order == "AB" else ("head", "base")
         unusable, disturbed = "", ""
         for side in sides:
-            title = f"pair {number} of {self._planned}{', to confirm' if confirms else ''}"
+            title = f"pair {number} of {self._planned}{', confirmation' if confirms else ''}"
             self._progress.note(f"{title}: {side}")
             try:
                 found = self._run(side, name)
             except RunError as error:
-                # What cannot be run here at all, and an interruption, are not tried again; a run
-                # that failed may be, once.
+                # A failed run is repeated once, unless it was interrupted or cannot work here.
                 if error.exit_code != RunError.exit_code or again:
                     raise
                 unusable = f"the {side} failed: {error}"
@@ -204,7 +203,7 @@ class _PairRunner:
         return pair
 
     def _run(self, side: Side, name: str) -> tuple[str, str]:
-        """One run: why nothing can be judged by it, and what disturbed it, or empty texts."""
+        """One run: why it cannot be judged, and which interference affected it, or empty texts."""
         self._interrupts.check()
         one = self._comparison.base if side == "base" else self._comparison.head
         folder = RunFolder.create(self._folder.path / side / name)
@@ -222,7 +221,7 @@ class _PairRunner:
         return why_unusable(samples), interference_text(samples)
 
     def _over_budget(self, played: int) -> bool:
-        """Whether one pair more would take longer than the spec allows."""
+        """Whether one more pair would exceed the time budget of the spec."""
         budget_ns = self._comparison.head.plan.gate.time_budget_ns
         if not budget_ns or played == self._comparison.pairs:
             return False

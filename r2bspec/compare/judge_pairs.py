@@ -1,4 +1,4 @@
-"""From a comparison of interleaved runs to its result."""
+"""Judges a comparison of interleaved runs."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from r2bspec.record.comparison_folder import PairedComparison, PairRecord, Side
 from r2bspec.record.merged_run import MergedRun
 
 _MAX_NAMED_PAIRS = 3
-"""Disturbed pairs that a sentence names; ``pairs`` of the result has all of them."""
+"""Affected pairs listed in a sentence; ``pairs`` of the result has all of them."""
 
 
 @dataclass(frozen=True)
 class JudgedComparison:
-    """A comparison and what it came to.
+    """A comparison and its result.
 
     Attributes:
         base: the base's runs of the pairs that count, as one.
@@ -41,23 +41,23 @@ def judge_comparison_folder(
 
     Args:
         pairs: the opened comparison.
-        objectives: what to judge it by; those of the head if None.
-        judged_by: the name of the spec that `objectives` are from, where it is another.
+        objectives: to judge by; those of the head if None.
+        judged_by: the name of the spec of `objectives`, if it is another.
 
     Raises:
         RecordError: a file of one of its runs is missing or damaged.
     """
-    asked = pairs.plan.objectives if objectives is None else objectives
+    objectives = pairs.plan.objectives if objectives is None else objectives
     counted = pairs.usable_pairs()
     head = pairs.merged(counted, "head")
     read: dict[str, RunSamples] = {}
     first = read_pair_set(pairs, read, confirms=False)
     confirms = any(each.confirms for each in pairs.record.pairs)
     again = read_pair_set(pairs, read, confirms=True) if confirms else None
-    verdict = judge_comparison(asked, first, again, decision_policy(pairs.plan))
+    verdict = judge_comparison(objectives, first, again, decision_policy(pairs.plan))
     result = build_result(
         head,
-        asked,
+        objectives,
         judged_by,
         metrics=summarise(first.played.merged),
         verdict=verdict,
@@ -69,12 +69,12 @@ def judge_comparison_folder(
 def read_pair_set(
     pairs: PairedComparison, read: dict[str, RunSamples] | None = None, *, confirms: bool = False
 ) -> PairSet:
-    """The samples of the pairs of one batch.
+    """The samples of the pairs of one session.
 
     Args:
         pairs: the comparison.
         read: the samples of runs by their folder, filled as they are read.
-        confirms: whether the fresh pairs are meant that follow a failure.
+        confirms: read the pairs of the confirmation.
 
     Raises:
         RecordError: a file of one of the runs is missing or damaged.
@@ -93,14 +93,14 @@ def read_pair_set(
 
 
 def _affected_pairs_text(disturbed: Sequence[PairRecord]) -> str:
-    """Which pairs the machine disturbed, as the beginning of a sentence; empty for none."""
+    """The pairs with host interference, as the beginning of a sentence; empty for none."""
     named = [f"{each.number} ({each.disturbed})" for each in disturbed[:_MAX_NAMED_PAIRS]]
     more = (
         f" and {len(disturbed) - _MAX_NAMED_PAIRS} more"
         if len(disturbed) > _MAX_NAMED_PAIRS
         else ""
     )
-    return f"The machine disturbed pair {', '.join(named)}{more}" if disturbed else ""
+    return f"Host interference in pair {', '.join(named)}{more}" if disturbed else ""
 
 
 def _interleaved(

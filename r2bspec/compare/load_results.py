@@ -1,4 +1,4 @@
-"""Results from wherever they are kept: a run folder, or a ``result.json`` by itself."""
+"""Loads results: from a run folder, or from a ``result.json`` by itself."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from r2bspec.record.run_folder import Run, open_run
 def read_report_input(
     path: Path, *, spec_file: Path | None = None, baseline: Run | None = None
 ) -> ReportInput:
-    """What to report: a folder is measured and judged anew, a file is taken at its word.
+    """The input of a report: a folder is measured and judged again, a file is read as it is.
 
     Raises:
         RecordError: a folder is neither that of a run nor of a comparison.
-        UnreadableResultError: a file is no result.
+        UnreadableResultError: a file is not a result.
     """
     if path.is_dir():
         return read_folder(path, spec_file=spec_file, baseline=baseline)
@@ -39,14 +39,14 @@ def read_folder(
     objectives: Mapping[str, Objective] | None = None,
     judged_by: str = "",
 ) -> ReportInput:
-    """The folder of a run, or of a comparison, measured and judged anew.
+    """The folder of a run, or of a comparison, measured and judged again.
 
     Args:
         path: the folder.
         spec_file: the spec whose objectives are judged, where it is known.
-        baseline: another run to be shown beside it; a comparison has its own.
-        objectives: what to judge by, if not by the folder's own objectives.
-        judged_by: the name of the spec that those are from.
+        baseline: another run to be shown next to it; a comparison has its own.
+        objectives: to judge by, if not the folder's own objectives.
+        judged_by: the name of the spec of `objectives`.
 
     Raises:
         RecordError: it is neither, or a file of it is missing or damaged.
@@ -68,7 +68,7 @@ def read_result(path: Path) -> Result:
     """Read a ``result.json``.
 
     Raises:
-        UnreadableResultError: it is not there, or is none.
+        UnreadableResultError: it does not exist, or is not a result.
     """
     try:
         return from_json(path.read_bytes())
@@ -76,6 +76,6 @@ def read_result(path: Path) -> Result:
         raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise UnreadableResultError(
-            f"{path} is no result of this version: {error}",
+            f"{path} is not a result of this version: {error}",
             hint="Name a run folder or the result.json in it.",
         ) from error

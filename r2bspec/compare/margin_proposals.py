@@ -1,4 +1,4 @@
-"""Limits that a calibration proposes, as an edit of the spec."""
+"""Limits proposed by a calibration, as an edit of the spec."""
 
 from __future__ import annotations
 
@@ -23,33 +23,32 @@ from r2bspec.record.calibration_file import Calibration
 
 _OBJECTIVE_NAME = "no_regression"
 _DEFAULT_LIMITS = (("throughput.mean", ">="), ("latency.p50", "<="))
-"""What is proposed where a spec asks for nothing of the baseline."""
+"""The proposal for a spec without requirements of the baseline."""
 
 
 def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[str, list[str]]:
-    """A spec with limits that can be held.
+    """A spec with limits above the noise.
 
-    Margins below the noise are widened to it; margins above it are left alone, because they say
-    what a user wants and not what a machine can tell. Where nothing is asked of the baseline, an
-    objective is added.
+    Margins below the noise are widened to it; margins above it are unchanged, because they are a
+    decision of the user. If there is no requirement of the baseline, an objective is added.
 
     Args:
-        loaded: the spec, with the calibration beside it.
+        loaded: the spec, with its calibration file.
         found: the calibration.
-        text: the spec as it is written.
+        text: the text of the spec.
 
     Returns:
-        The text, changed or not, and what could not be changed by machine, a sentence each.
+        The text, changed or not, and what has to be changed by hand, a sentence each.
     """
     if loaded.spec is None:
         return text, []
-    asked = [
+    of_baseline = [
         requirement
         for objective in loaded.spec.slos.values()
         for requirement in objective.require
         if requirement.bound is not None and requirement.bound.of_baseline
     ]
-    if not asked:
+    if not of_baseline:
         return _with_objective(loaded, loaded.spec, found, text)
     edits, left = [], []
     for each in narrow_margins(Context(loaded, loaded.spec, offline=True)):
@@ -67,18 +66,16 @@ def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[s
             edits.append(edit)
         else:
             left.append(
-                f"the limit of '{each.known_metric.located.requirement.text}' comes from "
-                "elsewhere: "
-                f"write {each.proposed} there"
+                f"the limit of '{each.known_metric.located.requirement.text}' is set in another "
+                f"file: change it to {each.proposed} there"
             )
     return apply_edits(text, edits), left
 
 
 def _too_noisy(each: NarrowMargin) -> str:
     return (
-        f"'{each.known_metric.located.requirement.text}': {each.detectable_text}; set "
-        "'benchmark.iterations' higher, "
-        "make iterations longer, or calm the machine"
+        f"'{each.known_metric.located.requirement.text}': {each.detectable_text}; increase "
+        "'benchmark.iterations', make iterations longer, or use a quieter machine"
     )
 
 
@@ -87,7 +84,7 @@ def _with_objective(
 ) -> tuple[str, list[str]]:
     requirements = list(_requirements(spec, found))
     if not requirements:
-        return text, ["no metric is steady enough here for a limit to be proposed"]
+        return text, ["the noise of every metric is too large here to propose a limit"]
     rate = spec.benchmark.rates[0]
     names = itertools.chain(
         [_OBJECTIVE_NAME], (f"{_OBJECTIVE_NAME}_{n}" for n in itertools.count(2))
@@ -96,11 +93,11 @@ def _with_objective(
     lines = [f"{name}:", f"  at: {rate}", "  require:"]
     lines += [f"    - {each}" for each in requirements]
     proposed = _insert_objective(loaded, text, lines)
-    told = [f"add an objective by hand: {'; '.join(requirements)}"]
+    by_hand = [f"add an objective by hand: {'; '.join(requirements)}"]
     if proposed is None:
-        return text, told
+        return text, by_hand
     again = load_spec(proposed, file=loaded.file)
-    return (proposed, []) if again.spec is not None else (text, told)
+    return (proposed, []) if again.spec is not None else (text, by_hand)
 
 
 def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
@@ -119,7 +116,7 @@ def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
 
 
 def _insert_objective(loaded: LoadedSpec, text: str, lines: list[str]) -> str | None:
-    """The text with an objective at the end of ``slos``; None where that takes a human."""
+    """The text with an objective at the end of ``slos``; None if it has to be added by hand."""
     slos = lookup(loaded.tree, ("slos",)) if loaded.tree is not None else None
     if slos is None:
         end = "" if text.endswith("\n") or not text else "\n"
@@ -133,7 +130,7 @@ def _insert_objective(loaded: LoadedSpec, text: str, lines: list[str]) -> str | 
     written = text.splitlines(keepends=True)
     if any(key.file != loaded.file for key in keys) or len(columns) > 1:
         return None
-    # In flow style the keys stand behind a brace.
+    # In flow style the keys follow a brace.
     if written[first.line - 1][: first.column - 1].strip():
         return None
     last = max(_last_line(entry.value) for entry in slos.entries.values())
@@ -144,7 +141,7 @@ def _insert_objective(loaded: LoadedSpec, text: str, lines: list[str]) -> str | 
 
 
 def _last_line(node: TreeNode) -> int:
-    """The last line on which a value stands."""
+    """The last line of a value."""
     if isinstance(node, MapNode) and node.entries:
         return max(_last_line(entry.value) for entry in node.entries.values())
     if isinstance(node, ListNode) and node.items:

@@ -1,4 +1,4 @@
-"""What a report is made from: the result, and the run folder where there is one."""
+"""The input of a report: the result, and the run folder if there is one."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class ReportInput:
     """A result, and what it was computed from.
 
     Attributes:
-        result: what every report shows.
+        result: shown by every report.
         run: the opened run folder, with plan and samples; None where only the result is known.
         spec_file: the spec whose objectives were judged, as the user named it, so that a report
-            can point at its lines; None where it is not known.
-        baseline: another run, shown beside this one where a report can.
-        monitor: the one monitor to report, where a format holds only one; None for all.
+            can refer to its lines; None where it is not known.
+        baseline: another run, shown next to this one where a report supports it.
+        monitor: the one monitor to report, for formats of a single one; None for all.
         rate_hz: the one offered rate to report, likewise.
     """
 
@@ -35,14 +35,14 @@ class ReportInput:
     rate_hz: float | None = None
 
     def require_run(self, what: str) -> Run:
-        """The run folder, for a format that cannot do without.
+        """The run folder, for a format that needs it.
 
         Raises:
             SamplesMissingError: only the result is known.
         """
         if self.run is None:
             raise SamplesMissingError(
-                f"{what} needs the samples of the run, and only its result is known",
+                f"{what} needs the samples of the run, but only its result was given",
                 hint="Name the run folder instead of its result.json.",
             )
         return self.run

@@ -1,4 +1,4 @@
-"""The comparison itself: which results may be compared, and what their numbers allow to say.
+"""Compares results: which ones are comparable, and what their metrics show.
 
 With m the margin and [l, u] the bounds on the true ratio head / base, each one-sided at the stated
 confidence, a metric of which more is better is
@@ -6,11 +6,11 @@ confidence, a metric of which more is better is
     improved     if l > 1 + m
     worse        if u < 1 / (1 + m)
     the same     if l >= 1 / (1 + m) and u <= 1 + m
-    open         otherwise
+    undecided    otherwise
 
 and one of which less is better the other way round. The bounds are Welch's on the logarithms of the
 iterations' values (`r2bspec.judge.statistics.welch_t`). Drop rates are compared as the shares
-that did arrive, with a margin of their own, because 0 has no ratio to anything.
+that arrived, with a margin of their own, because a ratio to 0 is undefined.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.machine_fingerprint import MACHINE_FACTS
 
 SHARE_MARGIN = 0.005
-"""Half a percent of the messages: the margin of what arrived."""
+"""Half a percent of the messages: the margin of the share that arrived."""
 
 _BIGGER_IS_BETTER = ("throughput.mean", "peak.rate")
 _MAX_DIFFERENCES = 12
@@ -41,20 +41,20 @@ def compare(
     """Compare one result with the base.
 
     Args:
-        base: what to compare with.
-        head: what to compare.
+        base: to compare with.
+        head: to be compared.
         margin: a ratio nearer to 1 than this counts as the same; 0.05 is 5 %.
-        force: compare results of different plans, data or machines, too.
+        force: compare even with differences in plan, data or machine.
 
     Raises:
-        IncomparableError: they differ in more than their numbers, or share no number at all.
+        IncomparableError: plan, data or machine differ, or they have no metric in common.
     """
     differences = tuple(differences_of(base, head))
     if differences and not force:
         raise IncomparableError(
-            f"{base.side.source} and {head.side.source} are not results of the same thing:\n"
+            f"{base.side.source} and {head.side.source} are not comparable:\n"
             + "\n".join(f"  {each}" for each in differences),
-            hint="--force compares them all the same.",
+            hint="Use --force to compare them anyway.",
         )
     lines = tuple(_lines(base, head, margin))
     if not lines:
@@ -67,30 +67,30 @@ def compare(
 
 
 def differences_of(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
-    """In what two results differ beside their numbers, a line each."""
+    """The differences of two results in tool, plan, data and machine, a line each."""
     if base.tool != head.tool:
-        yield f"tool: {base.tool} -> {head.tool}, which measure by different rules"
+        yield f"tool: {base.tool} -> {head.tool}, with different measurement rules"
     elif base.tool != "r2bspec":
-        yield f"plan and data: not known, because they are reports of {base.tool}"
+        yield f"plan and data: unknown in reports of {base.tool}"
     if base.plan is not None and head.plan is not None:
         yield from _plan_differences(base.plan, head.plan)
     elif base.plan_hash != head.plan_hash:
         yield (
-            f"plan: {base.plan_hash or 'not known'} -> {head.plan_hash or 'not known'} "
-            "(run folders would tell what differs)"
+            f"plan: {base.plan_hash or 'unknown'} -> {head.plan_hash or 'unknown'} "
+            "(compare run folders to see the differences)"
         )
     if base.dataset != head.dataset:
-        yield f"data: {base.dataset or 'not known'} -> {head.dataset or 'not known'}"
+        yield f"data: {base.dataset or 'unknown'} -> {head.dataset or 'unknown'}"
     for key in MACHINE_FACTS:
         before, after = ((side.machine or {}).get(key) or None for side in (base, head))
-        # What a report of another tool leaves open has been told already.
+        # That reports of another tool lack these facts has been stated already.
         if before != after and (base.tool == head.tool or None not in {before, after}):
-            yield f"machine, {key}: {before or 'not known'} -> {after or 'not known'}"
+            yield f"machine, {key}: {before or 'unknown'} -> {after or 'unknown'}"
 
 
 def _plan_differences(base: Plan, head: Plan) -> Iterator[str]:
     found = graph_differences(base, head)
-    # The data has a line of its own.
+    # The data have a line of their own.
     found = [each for each in found if each.path != ("dataset", "sha256")]
     yield from (f"plan, {each}" for each in found[:_MAX_DIFFERENCES])
     if len(found) > _MAX_DIFFERENCES:
@@ -105,7 +105,7 @@ def _lines(base: ComparedResult, head: ComparedResult, margin: float) -> Iterato
 
 
 def _matching_key(key: SeriesKey, head: ComparedResult) -> SeriesKey | None:
-    """The same metric of the head. A monitor without a name is any monitor, if there is one."""
+    """The same metric of the head. A monitor without a name matches the only monitor there is."""
     if key in head.series:
         return key
     rate, monitor, metric = key
@@ -122,7 +122,7 @@ def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries, margin: float)
         _delivered_share(head) if drops else head,
     )
     ratio, lower, upper = _ratio(before, after)
-    # What arrived is better the more it is, and so is the rest of a drop rate.
+    # A drop rate is compared by the share that arrived: more is better.
     bigger = metric in _BIGGER_IS_BETTER or drops
     outcome, reason = _decide(before, (ratio, lower, upper), margin, bigger=bigger)
     return ComparisonLine(
@@ -192,10 +192,10 @@ def _decide(
     ratio, lower, upper = found
     if ratio is None:
         if _usable(base.values) is None:
-            return "can't tell", "the base has no value, or one that was lost, in some iteration"
-        return "worse", "a value that the base has is missing or was lost in some iteration"
+            return "can't tell", "the base has no value, or a lost one, in some iteration"
+        return "worse", "the head has no value, or a lost one, in some iteration"
     if lower is None and upper is None:
-        return "can't tell", "a single value shows no spread"
+        return "can't tell", "a single value does not show the variation"
     high, low = 1 + margin, 1 / (1 + margin)
     if lower is not None and lower > high:
         return ("improved" if bigger else "worse"), _bounds_text(found, margin)

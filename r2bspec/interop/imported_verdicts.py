@@ -1,20 +1,19 @@
-"""A report of ros2_benchmark, judged by the objectives of a spec.
+"""Judges a report of ros2_benchmark by the objectives of a spec.
 
-A report holds one figure for each metric and rate: the mean over the iterations, after the best
-and the worst of them were dropped. It can show less than a run of r2bspec, and it is asked only
-for what it can show:
+A report has one value for each metric and rate: the mean over the iterations, after the best
+and the worst of them were dropped. It proves less than a run of r2bspec:
 
     metric                       what a report can show
-    mean (throughput, latency)   an observation: one figure, compared as it is, scatter unknown
-    largest, smallest            that the limit was broken; not that it never was, because the
-                                 iteration that did worst is not in it
+    mean (throughput, latency)   an observation: one value with unknown variation, compared as it is
+    maximum, minimum             that the limit was broken; not that it was met, because the worst
+                                 iteration is not included
     counts (missed)              likewise
     drop_rate                    the exact binomial test on one iteration's messages
     peak.rate                    that the peak is too low; not that it is high enough, because
                                  that search accepts rates at which a backlog grows
     percentiles, sustained       nothing
 
-What a report cannot show is inconclusive, and says what would settle it.
+What a report cannot show is inconclusive, with a hint what would decide it.
 """
 
 from __future__ import annotations
@@ -54,14 +53,14 @@ _FIGURES: Final[dict[str, tuple[str, _Extreme]]] = {
     "sent": ("sent", ""),
     "missed": ("missed", "largest"),
 }
-"""The figure that answers for a metric, and of which extreme the report has lost the utmost."""
+"""The value of each metric, and for extremes which one the report excludes."""
 
-_SETTLE_HINT = "Run the benchmark with r2bspec, which keeps every message of every iteration."
+_SETTLE_HINT = "Run the benchmark with r2bspec, which records every message of every iteration."
 _SINGLE_VALUE_NOTE = (
-    "One figure without its scatter: an observation of that report, no claim about the next run."
+    "A single value without its variation: an observation, not a prediction of the next run."
 )
 _BURSTS_UNKNOWN_NOTE = (
-    "The report does not say whether losses come in bursts; they were taken one by one."
+    "The report does not state whether losses come in bursts; they are taken as independent."
 )
 
 
@@ -69,9 +68,9 @@ def judge_report(report: ReferenceReport, objectives: Mapping[str, Objective]) -
     """Judge a report of the reference tool.
 
     Args:
-        report: as `r2bspec.interop.ros2_benchmark.read_report` gives it.
-        objectives: of a spec, by name. Where the report has one monitor, requirements on any
-            monitor of the spec are about that one: the report may not know its name.
+        report: as `r2bspec.interop.ros2_benchmark.read_report` returns it.
+        objectives: of a spec, by name. If the report has one monitor, requirements on any
+            monitor of the spec apply to that one: the report may lack its name.
 
     Returns:
         A verdict like that of a run; a pure function of its arguments.
@@ -114,7 +113,7 @@ def _judge_requirement(
             limit=limit_of(requirement, at_hz, info),
             confidence=confidence,
         )
-        # What is played is the same for all monitors.
+        # The playback is the same for all monitors.
         found = next(iter(figures.values()), None) if monitor is None else figures.get(monitor)
         answer = _answer(question, report, found)
         notes: tuple[str, ...] = ()
@@ -128,7 +127,7 @@ def _judge_requirement(
 def _resolve_metric(
     requirement: Requirement, figures: Mapping[str, MonitorFigures]
 ) -> tuple[str | None, MetricInfo]:
-    """The monitor that a requirement names, and its metric, known by name or not."""
+    """The monitor and the metric of a requirement."""
     with contextlib.suppress(MetricError):
         return resolve(requirement.metric, figures)
     first, _, rest = requirement.metric.partition(".")
@@ -161,16 +160,16 @@ def _answer(question: Question, report: ReferenceReport, figures: MonitorFigures
     if requirement.bound is None:
         return _inconclusive(f"The report has no {requirement.metric}.")
     if info.quantile is not None or requirement.windows_share is not None:
-        return _inconclusive("The report has summaries only, and no single messages.")
+        return _inconclusive("The report has summaries only, not single messages.")
     if math.isnan(question.limit):
-        return _inconclusive("This report has nothing to be compared with.")
+        return _inconclusive("A report is not compared with a baseline.")
     if figures is None:
         where = f" at {show(question.at_hz, 'Hz')}" if question.at_hz is not None else ""
-        return _inconclusive(f"The report has no figures{where}.")
+        return _inconclusive(f"The report has no values{where}.")
     if info.name == "drop_rate":
         return _judge_drop_rate(question, figures)
     if info.scope == "machine":
-        return _inconclusive("The report measures shares of all cores, and not how many there are.")
+        return _inconclusive("The report measures shares of all cores, but not their number.")
     field, extreme = _FIGURES.get(info.name, ("", ""))
     value = getattr(figures, field, None) if field else None
     if value is None:
@@ -179,34 +178,34 @@ def _answer(question: Question, report: ReferenceReport, figures: MonitorFigures
 
 
 def _judge_observation(question: Question, value: float, extreme: _Extreme) -> Answer:
-    """Compare a figure as it is, as far as it shows anything."""
-    holds = question.holds(value)
+    """Compare a value with the limit, as far as it shows anything."""
+    is_met = question.is_met(value)
     text = show(value, question.info.unit)
     lost = (extreme == "largest" and question.is_upper_bound) or (
         extreme == "smallest" and not question.is_upper_bound
     )
     equal = question.requirement.op in {"==", "!="} and bool(extreme)
-    if holds and (lost or equal):
+    if is_met and (lost or equal):
         return Answer(
             outcome="inconclusive",
             method="none",
-            reason=f"The report says {text}, but has dropped the iteration that did worst.",
+            reason=f"The report has {text}, but excludes the worst iteration.",
             settle=_SETTLE_HINT,
             estimate=value,
         )
     return Answer(
-        outcome="pass" if holds else "fail",
+        outcome="pass" if is_met else "fail",
         method="observation",
-        reason=f"The report says {text}; the limit is {question.limit_text}.",
+        reason=f"The report has {text}; the limit is {question.limit_text}.",
         estimate=value,
         n=1,
     )
 
 
 def _judge_drop_rate(question: Question, figures: MonitorFigures) -> Answer:
-    """The binomial test on the messages of one iteration, which is what the figures are of."""
+    """The binomial test on the messages of one iteration, which the values refer to."""
     if figures.sent is None or figures.missed is None or figures.sent < 1:
-        return _inconclusive("The report does not count messages.")
+        return _inconclusive("The report has no message counts.")
     sent, missed = round(figures.sent), math.ceil(figures.missed)
     counts = EffectiveSample(n=sent, bad=missed, bursts=missed, inflation=1.0, cause="")
     test = share_test(
@@ -215,13 +214,13 @@ def _judge_drop_rate(question: Question, figures: MonitorFigures) -> Answer:
     towards, against = (
         (test.upper, test.lower) if question.is_upper_bound else (test.lower, test.upper)
     )
-    outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
+    outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
     return Answer(
         outcome=outcome,
         method="exact binomial",
-        reason=f"{missed} of {sent} messages were missed; at {question.confidence_text} "
-        f"{show(test.lower, 'share')} to {show(test.upper, 'share')} of all are, and "
-        f"{question.limit_text} is the limit.",
+        reason=f"{missed} of {sent} messages were missed; at {question.confidence_text} the true "
+        f"share is {show(test.lower, 'share')} to {show(test.upper, 'share')}, and the limit is "
+        f"{question.limit_text}.",
         settle=_SETTLE_HINT if outcome == "inconclusive" else "",
         estimate=test.share,
         lower=test.lower,
@@ -235,22 +234,22 @@ def _judge_drop_rate(question: Question, figures: MonitorFigures) -> Answer:
 def _judge_peak(question: Question, peak_hz: float | None) -> Answer:
     if peak_hz is None:
         return _inconclusive("The report has no peak.")
-    holds = question.holds(peak_hz)
+    is_met = question.is_met(peak_hz)
     text = show(peak_hz, "Hz")
-    if holds == question.is_upper_bound:
-        # Too low, although that search errs upwards; or low enough in spite of it.
+    if is_met == question.is_upper_bound:
+        # That search overestimates: a value below the limit is a proof.
         return Answer(
-            outcome="pass" if holds else "fail",
+            outcome="pass" if is_met else "fail",
             method="observation",
-            reason=f"The report's search came to {text}; the limit is {question.limit_text}.",
+            reason=f"The search of the report found {text}; the limit is {question.limit_text}.",
             estimate=peak_hz,
             n=1,
         )
     return Answer(
         outcome="inconclusive",
         method="none",
-        reason=f"The report's search came to {text}, but it accepts rates that a graph cannot "
-        "sustain.",
+        reason=f"The search of the report found {text}, but it accepts rates that the graph "
+        "does not sustain.",
         settle=_SETTLE_HINT,
         estimate=peak_hz,
     )

@@ -1,12 +1,12 @@
 """Reports of NVIDIA's ros2_benchmark: the names of their keys, and reading one.
 
 A report is one JSON object: figures at the peak throughput, nested objects ``"30.0fps"`` with those
-of fixed rates, ``custom`` and ``metadata``. Where a monitor has a prefix of its own, its figures
-stand in an object of that name, at the top and inside each rate.
+of fixed rates, ``custom`` and ``metadata``. The figures of a monitor with a prefix are in an object
+of that name, at the top and inside each rate.
 
-What such a report cannot tell stays absent: it has no percentiles, its summary has lost the best
-and the worst iteration, and its frame rate divides n messages by n - 1 intervals. The last can be
-put right where the number of messages and the duration are there, and is.
+What a report lacks stays absent: it has no percentiles, its summary excludes the best and the worst
+iteration, and its frame rate divides n messages by n - 1 intervals. The last is corrected where the
+number of messages and the duration are given.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _KNOWN_PREFIXES = (BASIC_PREFIX, RESOURCE_PREFIX, "CPUProfilingMetrics")
 
 
 class NotAReportError(R2bspecError):
-    """A file that is no report of ros2_benchmark."""
+    """A file that is not a report of ros2_benchmark."""
 
     code = "R2B662"
     exit_code = ExitStatus.USAGE
@@ -47,8 +47,8 @@ class MonitorFigures(msgspec.Struct, frozen=True, kw_only=True):
         throughput_hz: (n - 1) / received_duration, as everywhere in r2bspec; None where the
             report has no counts to compute it from.
         reported_hz: the report's own MEAN_FRAME_RATE, n / received_duration.
-        latency_first: of the first message; what published "latencies" are.
-        latency_mean: only in reports made with message keys switched on; so are min and max.
+        latency_first: of the first message; the published "latencies" are these.
+        latency_mean: only in reports made with message keys; likewise min and max.
         cpu_mean: of all cores together, as a fraction of one.
     """
 
@@ -77,15 +77,15 @@ class MonitorFigures(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ReferenceReport(msgspec.Struct, frozen=True, kw_only=True):
-    """A report of ros2_benchmark, as far as it can be understood.
+    """A report of ros2_benchmark, as far as its keys are known.
 
     Attributes:
         peak: the figures at the peak throughput, by monitor; the name is empty for a monitor
             without a prefix.
         rates: offered rate in Hz, as text with ``fps`` cut off, to figures by monitor.
-        peak_hz: the peak that the tool's search came to.
+        peak_hz: the peak found by the tool's search.
         metadata: all of it, without the prefix of its keys.
-        custom: what the benchmark's author added.
+        custom: values added by the author of the benchmark.
     """
 
     r2bspec_reference: Literal[1] = 1
@@ -101,7 +101,7 @@ def read_report(path: Path) -> ReferenceReport:
     """Read a report, or what `to_json` wrote of one.
 
     Raises:
-        NotAReportError: it is not there, no JSON, or no such report.
+        NotAReportError: it does not exist, is not JSON, or not such a report.
     """
     try:
         content = path.read_bytes()
@@ -114,12 +114,12 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
     """Read the content of a report; `file` names it in errors.
 
     Raises:
-        NotAReportError: it is no such report.
+        NotAReportError: it is not such a report.
     """
     try:
         report = json.loads(content)
     except (ValueError, RecursionError) as error:
-        raise NotAReportError(f"{file} is no JSON: {error}") from error
+        raise NotAReportError(f"{file} is not JSON: {error}") from error
     if isinstance(report, dict) and report.get("r2bspec_reference") == 1:
         try:
             return msgspec.convert(report, ReferenceReport)
@@ -128,11 +128,11 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
     metadata = report.get("metadata") if isinstance(report, dict) else None
     if not isinstance(report, dict) or not _is_ros2_benchmark_report(report):
         raise NotAReportError(
-            f"{file} is no report of ros2_benchmark: no {BASIC_PREFIX} is in it",
-            hint="Name the JSON file that the tool wrote at the end of a benchmark.",
+            f"{file} is not a report of ros2_benchmark: it has no {BASIC_PREFIX}",
+            hint="Give the JSON file written by the tool at the end of a benchmark.",
         )
     plain = _without_prefix(metadata) if isinstance(metadata, dict) else {}
-    # r2bspec writes these reports, too, and divides by the intervals there are.
+    # r2bspec writes these reports, too, and divides by the number of intervals.
     exact = str(plain.get("GENERATOR", "")).startswith("r2bspec")
     custom = report.get("custom")
     return ReferenceReport(
@@ -170,7 +170,7 @@ def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, MonitorFigur
         found[""] = _figures(level, exact=exact)
     for key, value in level.items():
         if isinstance(value, dict) and not _RATE_KEY.fullmatch(key):
-            # The processor time is the machine's, not a monitor's: it stands one level up.
+            # The processor time belongs to the machine, not to a monitor: it is one level up.
             shared = {each: level[each] for each in level if each.startswith(_KNOWN_PREFIXES[1:])}
             if any(str(each).startswith(f"{BASIC_PREFIX}.") for each in value):
                 found[key] = _figures({**shared, **value}, exact=exact)
@@ -223,7 +223,7 @@ def _throughput(reported_hz: float | None, duration_s: float | None) -> float | 
 
 
 def _finite_number(value: object) -> float | None:
-    """A finite number; anything else says nothing."""
+    """A finite number; None for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(value) if math.isfinite(value) else None

@@ -1,8 +1,8 @@
-"""Iterations that the machine disturbed, and what they may do to a verdict.
+"""Iterations affected by host interference, and what they may do to a verdict.
 
-A shared machine is at times not there: a neighbour takes the processor, the hypervisor takes it
-away (steal), it is throttled for heat. What is measured then is the machine. An iteration is
-disturbed if one of these is known of it:
+On a shared machine other programs take the processor, the hypervisor takes it away (steal), and
+it is throttled because of heat. What is measured then is the machine. An iteration is affected if
+one of these is known of it:
 
     steal          over 1 % of the time of all cores was given to other virtual machines
     foreign load   processes outside the benchmark used more than a tenth of all cores, and
@@ -15,23 +15,23 @@ disturbed if one of these is known of it:
     calibration    the harness alone, with no graph between player and monitor, took over 1.5
                    times as long as it usually does
 
-What is not known disturbs nothing. The verdict is the one on all iterations as they were first
-played: selection must not help a graph. Only a FAIL is looked at again, without and with what was
-disturbed:
+Unknown values affect nothing. The verdict is the one on all iterations as they were first played:
+selection must not help a graph. Only a FAIL is judged again, without the affected iterations and
+in their best case:
 
-    undisturbed    the undisturbed iterations alone, and where a disturbed one was played again and
-                   the rerun was not disturbed, that one in its place
-    best light     all of these, and of each disturbed iteration without such a rerun as much as
-                   the disturbance cannot explain (`r2bspec.judge.best_case`)
+    unaffected     the unaffected iterations alone, and where an affected one was played again and
+                   the rerun was unaffected, the rerun in its place
+    best case      all of these, and of each affected iteration without such a rerun as much as
+                   the interference cannot explain (`r2bspec.judge.best_case`)
 
-The FAIL stays if either of them fails, too; otherwise it becomes INCONCLUSIVE. A PASS stays a
-PASS, and nothing becomes one: whatever is found here, the share of wrong passes is that of the
+The verdict stays FAIL if either of them fails, too; otherwise it becomes INCONCLUSIVE. A PASS stays
+a PASS, and nothing becomes one: whatever is found here, the share of wrong passes is that of the
 iterations as they were played, and so is the share of wrong fails, or smaller.
 
-A rerun is worth its time only where it can decide something. So a disturbed iteration is played
-again once, at the end of its look, if a FAIL at its rate would otherwise become INCONCLUSIVE; on a
-machine where other work is normal, a run that passes takes no longer for it, and neither does one
-whose failure nothing can explain.
+A rerun is worth its time only where it can decide something. So an affected iteration is played
+again once, at the end of its interim look, if a FAIL at its rate would otherwise become
+INCONCLUSIVE. A run that passes takes no longer on a machine with other load, and neither does a
+run whose failure the interference cannot explain.
 """
 
 from __future__ import annotations
@@ -59,13 +59,13 @@ _MAX_PRESSURE_RATIO = 2.0
 _MAX_THROTTLED_SHARE = 0.01
 _MAX_SLOWDOWN = 1.5
 
-_SETTLE = "Run again on a machine that does nothing else."
+_SETTLE = "Run again on an otherwise idle machine."
 
 
 def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteration]:
-    """The disturbed iterations of a run, by the id of their segment, in the order of playing.
+    """The affected iterations of a run, by the id of their segment, in the order of playing.
 
-    A rerun that was disturbed as well is among them.
+    Affected reruns are included.
     """
     found: dict[str, DisturbedIteration] = {}
     for rate, iterations in samples.iterations.items():
@@ -94,17 +94,19 @@ def median_pressure(surroundings: Sequence[Surroundings | None]) -> float:
 
 
 def interference_reasons(one: Surroundings | None, usual: float) -> tuple[str, ...]:
-    """What disturbed an iteration, in words; nothing where nothing is known to.
+    """Which host interference affected an iteration, in words; empty for none.
 
     Args:
-        one: its surroundings.
+        one: its host interference.
         usual: the `median_pressure` at its rate.
     """
     if one is None:
         return ()
     found: list[str] = []
     if one.steal is not None and one.steal > _MAX_STEAL_SHARE:
-        found.append(f"{show(one.steal, 'share')} of the processor time was stolen")
+        found.append(
+            f"{show(one.steal, 'share')} of the processor time was stolen by other virtual machines"
+        )
     if one.foreign_cores is not None:
         least = max(_MAX_FOREIGN_CORES, _MAX_FOREIGN_SHARE * (one.cores or 0))
         if one.foreign_cores > least:
@@ -121,7 +123,7 @@ def interference_reasons(one: Surroundings | None, usual: float) -> tuple[str, .
 def without_affected(
     samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]
 ) -> RunSamples:
-    """The run without its disturbed iterations, undisturbed reruns in their places."""
+    """The run without its affected iterations; unaffected reruns take their places."""
     kept = {
         rate: tuple(
             unaffected
@@ -134,7 +136,7 @@ def without_affected(
 
 
 def best_case_run(samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]) -> RunSamples:
-    """The run with each disturbed iteration in its best light, or an undisturbed rerun."""
+    """The run with the best case of each affected iteration, or an unaffected rerun."""
     kept = {
         rate: tuple(
             _unaffected_or_rerun(one, samples, disturbed) or best_case_iteration(one)
@@ -148,7 +150,7 @@ def best_case_run(samples: RunSamples, disturbed: Mapping[str, DisturbedIteratio
 def _unaffected_or_rerun(
     one: SegmentSamples, samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]
 ) -> SegmentSamples | None:
-    """An iteration if it is undisturbed, or its rerun if that is, or None."""
+    """An iteration if it is unaffected, else its rerun if that is, else None."""
     if one.segment.id not in disturbed:
         return one
     again = samples.reruns.get(one.segment.id)
@@ -161,13 +163,13 @@ def weaken_failure(
     disturbance_text: str,
     best_case: RequirementVerdict | None = None,
 ) -> RequirementVerdict:
-    """A requirement on everything that was played, in the light of what was disturbed of it.
+    """A requirement judged on everything that was played, with regard to host interference.
 
     Args:
         played: the verdict on everything as it was first played.
-        unaffected: the verdict without what was disturbed.
-        disturbance_text: what that was, as a sentence without its full stop; empty for nothing.
-        best_case: the verdict with it in its best light, where there is one.
+        unaffected: the verdict without the affected iterations.
+        disturbance_text: which were affected, as a sentence without its full stop; empty for none.
+        best_case: the verdict with their best case, where there is one.
     """
     if (
         played.outcome != "fail"
@@ -176,15 +178,16 @@ def weaken_failure(
     ):
         return played
     if unaffected.outcome == "fail":
-        note = f"{disturbance_text}. What was not disturbed fails, too."
+        note = f"{disturbance_text}. The unaffected part fails, too."
     elif best_case is not None and best_case.outcome == "fail":
         note = (
             f"{disturbance_text}. That does not explain the failure: "
-            "it fails in the best light, too."
+            "it fails in the best case, too."
         )
     else:
         note = (
-            f"{disturbance_text}. Without that it might hold, so that it does not count as failed."
+            f"{disturbance_text}. Without it the requirement might be met, so it does not count "
+            "as failed."
         )
         return msgspec.structs.replace(
             played,
@@ -197,7 +200,7 @@ def weaken_failure(
 
 
 def _rests_on_iterations(played: RequirementVerdict, unaffected: RequirementVerdict) -> bool:
-    """Whether iterations had a part in a verdict: not in one by a probe, or without a metric."""
+    """Whether a verdict is based on iterations, and not on a probe or on no metric."""
     rests_on = METHODS[played.method].rests_on
     return rests_on == "iterations" and not (played.method == "none" and played == unaffected)
 
@@ -205,7 +208,7 @@ def _rests_on_iterations(played: RequirementVerdict, unaffected: RequirementVerd
 def affected_iterations_text(
     played: RequirementVerdict, disturbed: Mapping[str, DisturbedIteration]
 ) -> str:
-    """How many iterations at the rate of a requirement were disturbed; empty for none."""
+    """How many iterations at the rate of a requirement were affected; empty for none."""
     first = [
         one
         for one in disturbed.values()
@@ -216,7 +219,7 @@ def affected_iterations_text(
     number = f"{len(first)} iterations" if len(first) > 1 else "1 iteration"
     again = sum(bool(one.rerun) for one in first)
     unaffected = sum(bool(one.rerun) and one.rerun not in disturbed for one in first)
-    said = f"The machine disturbed {number}"
+    text = f"Host interference in {number}"
     if again:
-        said += f"; {again} of them played again, {unaffected} without disturbance"
-    return said
+        text += f"; {again} of them played again, {unaffected} without interference"
+    return text

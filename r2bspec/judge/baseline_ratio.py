@@ -1,16 +1,16 @@
-"""``of baseline``: a requirement on the ratio of a metric to what it was before a change.
+"""``of baseline``: a requirement on the ratio of a metric to its value before a change.
 
-    method                 rests on                                  decides
+    method                 based on                                  decides
     paired t on logs       interleaved runs of base and head         PASS, FAIL, INCONCLUSIVE
     prediction interval    a history of runs, one plan, one host     PASS, FAIL, INCONCLUSIVE
-    stored baseline        one stored run                            nothing: it advises
+    stored baseline        one stored run                            nothing: advisory
 
 The limit is the margin, as a ratio: ``>= 97 % of baseline`` is 0.97. With the one-sided bounds on
-the true ratio, a floor passes if the lower bound is at or over it and fails if the upper is below;
-a ceiling the other way round. What has no value in one of the pairs (nothing arrived, a percentile
-that falls on a lost message) is not left out: it fails for the head, and decides nothing for the
-base. What was not sampled decides nothing for either, and neither does a share of 0, which has no
-ratio.
+the true ratio, a lower limit passes if the lower bound is at or over it and fails if the upper
+bound is below it; an upper limit the other way round. A metric without a value in one of the pairs
+(nothing arrived, a percentile that falls on a lost message) is not left out: it fails for the head,
+and decides nothing for the base. A metric that was not sampled decides nothing for either, and
+neither does a share of 0, which has no ratio.
 """
 
 from __future__ import annotations
@@ -39,13 +39,12 @@ class BaselineComparison:
     """A requirement on a ratio, about to be judged.
 
     Attributes:
-        limit: the ratio that is allowed or demanded, such as 0.97.
+        limit: the ratio that is allowed or required, such as 0.97.
         unit: of the metric.
         resolution: the smallest difference that the clock can show in a value of the metric.
-        sampled: whether a missing value means that nobody looked, and not that nothing came.
-        zero_allowed: whether 0 is a value like any other, as of a share of drops, and not the sign
-            that
-            nothing came.
+        sampled: whether a missing value means that nothing was sampled, not that nothing arrived.
+        zero_allowed: whether 0 is an ordinary value, as for a share of drops, and does not mean
+            that nothing arrived.
     """
 
     objective: str
@@ -62,12 +61,12 @@ class BaselineComparison:
 
     @property
     def is_upper_bound(self) -> bool:
-        """Whether the requirement is a ceiling (``<``, ``<=``) and not a floor."""
+        """Whether the requirement is an upper limit (``<``, ``<=``) and not a lower one."""
         return self.requirement.op in {"<", "<="}
 
 
 def judge_pairs(comparison: BaselineComparison, base: Values, head: Values) -> RequirementVerdict:
-    """Decide by interleaved pairs: `base[i]` and `head[i]` were played next to each other."""
+    """Decide by interleaved pairs: `base[i]` and `head[i]` were played one after the other."""
     method: Method = "paired t on logs"
     missing = _missing_value_verdict(comparison, method, base, head)
     if missing is not None:
@@ -81,9 +80,9 @@ def judge_pairs(comparison: BaselineComparison, base: Values, head: Values) -> R
             comparison,
             method,
             "inconclusive",
-            "One pair does not show how much pairs differ.",
+            "One pair does not show the variation between pairs.",
             sides,
-            settle="At least 2 pairs are needed; 10 make a useful interval.",
+            settle="At least 2 pairs are needed; 10 give a useful interval.",
         )
     found = paired_ratio(a, b, comparison.confidence, comparison.resolution)
     outcome = _decide(comparison, found)
@@ -108,7 +107,7 @@ def judge_history(
             comparison,
             method,
             "inconclusive",
-            f"The history holds {runs} of this plan on such a machine with a value of "
+            f"The history has {runs} of this plan on this kind of machine with a value of "
             f"{comparison.metric}.",
             sides,
             settle=f"{MIN_HISTORY_RUNS} are needed: {MIN_HISTORY_RUNS - len(earlier)} more.",
@@ -116,7 +115,7 @@ def judge_history(
     found = predicted_ratio(earlier, _known([new])[0], comparison.confidence)
     outcome = _decide(comparison, found)
     settle = (
-        "Runs differ by too much for this margin: compare interleaved pairs with --against."
+        "Runs vary too much for this margin: compare interleaved pairs with --against."
         if outcome == "inconclusive"
         else ""
     )
@@ -127,17 +126,17 @@ def judge_history(
 def advise_by_stored_run(
     comparison: BaselineComparison, base: Values, head: Values
 ) -> RequirementVerdict:
-    """Say what a single stored run suggests. The outcome is always inconclusive."""
+    """State what a single stored run suggests. The outcome is always inconclusive."""
     method: Method = "stored baseline"
-    settle = "A stored run only advises: gate on interleaved pairs with --against."
+    settle = "A stored run is advisory only: gate on interleaved pairs with --against."
     a = [value for value in base if value is not None and _usable(value)]
     b = [value for value in head if value is not None and _usable(value)]
     sides = _ComparedValues(base, head)
     if min(len(a), len(b)) < 2:
-        reason = "There are too few iterations with a value to compare with a stored run."
+        reason = "Too few iterations have a value to be compared with a stored run."
         return _verdict(comparison, method, "inconclusive", reason, sides, settle=settle)
     found = welch_ratio(a, b, comparison.confidence)
-    would = {"pass": "would pass", "fail": "would fail", "inconclusive": "would be open"}
+    would = {"pass": "would pass", "fail": "would fail", "inconclusive": "would be inconclusive"}
     seen = _reason(comparison, found, sides, "iterations")
     reason = f"{seen} By this alone it {would[_decide(comparison, found)]}."
     return _verdict(comparison, method, "inconclusive", reason, sides, settle=settle, found=found)
@@ -193,7 +192,7 @@ def _missing_value_verdict(
         reason = (
             f"{comparison.metric} has no value in {lost} of {len(base)} iterations of the base."
         )
-        settle = "Compare with a base that works."
+        settle = "Compare with a base that produces output."
         sides = _ComparedValues(base, head)
         return _verdict(comparison, method, "inconclusive", reason, sides, settle=settle)
     return _zero_verdict(comparison, method, base, head)
@@ -202,7 +201,7 @@ def _missing_value_verdict(
 def _missing_head_verdict(
     comparison: BaselineComparison, method: Method, base: Values, head: Values
 ) -> RequirementVerdict | None:
-    """The same where only the head is looked at."""
+    """The same for the head alone."""
     lost = _count_missing(comparison, head)
     sides = _ComparedValues(base, head)
     if not lost and head:
@@ -212,7 +211,7 @@ def _missing_head_verdict(
         return _verdict(comparison, method, "inconclusive", reason, sides)
     reason = f"{comparison.metric} has no value in {lost} of {len(head)} iterations of the head."
     if comparison.sampled:
-        settle = "Longer iterations leave time for more samples."
+        settle = "Make the iterations longer to get more samples."
         return _verdict(comparison, method, "inconclusive", reason, sides, settle=settle)
     return _verdict(comparison, method, "fail", reason, sides)
 
@@ -228,8 +227,8 @@ def _zero_verdict(
     """The verdict where a value is 0, such as a share of drops; or None."""
     if all(value is not None and value > 0 for value in (*base, *head)):
         return None
-    reason = f"{comparison.metric} is 0 in some iterations, and 0 has no ratio to anything."
-    settle = "State a bound of its own, such as 0.1 %, instead of one of the baseline."
+    reason = f"{comparison.metric} is 0 in some iterations, and a ratio to 0 is undefined."
+    settle = "Use an absolute bound, such as 0.1 %, instead of one 'of baseline'."
     return _verdict(
         comparison, method, "inconclusive", reason, _ComparedValues(base, head), settle=settle
     )
@@ -239,9 +238,9 @@ def _decide(comparison: BaselineComparison, found: RatioInterval) -> Outcome:
     towards, against = (
         (found.upper, found.lower) if comparison.is_upper_bound else (found.lower, found.upper)
     )
-    holds = comparison.requirement.is_met
+    is_met = comparison.requirement.is_met
     return decide(
-        passes=holds(towards, comparison.limit), fails=not holds(against, comparison.limit)
+        passes=is_met(towards, comparison.limit), fails=not is_met(against, comparison.limit)
     )
 
 
@@ -271,9 +270,9 @@ def _pairs_hint(comparison: BaselineComparison, found: RatioInterval) -> str:
     if needed is None:
         return (
             f"The ratio is too close to {show(comparison.limit, 'share')} for pairs that differ by "
-            f"{show(found.deviation, 'share')}: widen the margin, or calm the machine."
+            f"{show(found.deviation, 'share')}: widen the margin, or use a quieter machine."
         )
-    return f"About {max(needed, found.n + 1)} pairs would settle it, if the ratio stays what it is."
+    return f"About {max(needed, found.n + 1)} pairs would decide it, if the ratio stays the same."
 
 
 def _verdict(

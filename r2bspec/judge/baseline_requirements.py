@@ -1,7 +1,7 @@
-"""Requirements ``of baseline`` in a verdict: found, given to who can answer them, and put back.
+"""Requirements ``of baseline``: found in a verdict, judged by a given function, and put back.
 
-A run by itself leaves them open (`r2bspec.judge.judge_requirement`). What they are compared with is
-the business of the caller: pairs, a history, or a stored run.
+A single run leaves them undecided (`r2bspec.judge.judge_requirement`). The caller supplies the
+baseline: pairs, a history, or a stored run.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from r2bspec.measure.samples import RunSamples
 
 @dataclass(frozen=True)
 class BaselineQuestion:
-    """A requirement of the baseline that can be answered: what it asks, and its metric."""
+    """A requirement of the baseline that can be judged, and its metric."""
 
     comparison: BaselineComparison
     info: MetricInfo
@@ -45,17 +45,17 @@ def judge_baseline_requirements(
     policy: DecisionPolicy,
     answer: JudgeBaseline,
 ) -> Verdict:
-    """A verdict whose requirements of the baseline are answered.
+    """A verdict with its requirements of the baseline judged.
 
-    What has been decided without a baseline stays: a metric that does not exist fails, and what
-    was measured at a rate at which the playback missed its schedule is open.
+    What has been decided without a baseline stays: a metric that does not exist fails, and a rate
+    at which the playback missed its schedule is undecided.
 
     Args:
         verdict: of the run by itself.
         objectives: that were judged.
         samples: the run.
         policy: by which it was judged.
-        answer: decides one requirement.
+        answer: judges one requirement.
     """
     unusable = {one.reason for one in verdict.unusable}
     requirements = tuple(
@@ -101,8 +101,8 @@ def _judge_requirement(
     except MetricError:
         return one
     if info.scope != "search" and one.at_hz is None:
-        reason = f"The objective does not say at which rate {info.name} is meant."
-        return msgspec.structs.replace(one, reason=reason, settle="State it with 'at'.")
+        reason = f"The objective does not state the rate of {info.name}."
+        return msgspec.structs.replace(one, reason=reason, settle="Add 'at' to the objective.")
     own = objectives[one.objective].confidence
     found = answer(
         BaselineQuestion(
@@ -128,7 +128,7 @@ def _judge_requirement(
 def _baseline_requirement(
     one: RequirementVerdict, objectives: Mapping[str, Objective]
 ) -> Requirement | None:
-    """The requirement of the baseline that a verdict is on; None if it is on another."""
+    """The requirement of the baseline of a verdict; None if it is another requirement."""
     objective = objectives.get(one.objective)
     for requirement in objective.require if objective is not None else ():
         if requirement.text == one.text and requirement.bound is not None:
@@ -137,12 +137,12 @@ def _baseline_requirement(
 
 
 def _undecidable_reason(requirement: Requirement) -> tuple[str, str] | None:
-    """Why a requirement of the baseline can never be answered, and what to do; or None."""
+    """Why a requirement of the baseline can never be judged, and what to do; or None."""
     if requirement.windows_share is not None:
-        reason = "A baseline is compared with whole iterations, and not with windows."
-        return reason, "Leave out 'in ... windows', or state a bound that is not of the baseline."
+        reason = "A baseline is compared by whole iterations, not by windows."
+        return reason, "Remove 'in ... windows', or use an absolute bound."
     if requirement.op in {"==", "!="}:
-        return "No two runs are ever equal.", "Write <= or >= with a margin, such as 105 %."
+        return "No two runs are exactly equal.", "Use <= or >= with a margin, such as 105 %."
     return None
 
 
@@ -161,14 +161,14 @@ def _resolution(info: MetricInfo, one: RequirementVerdict, samples: RunSamples) 
 def iteration_values(
     info: MetricInfo, monitor: str | None, at_hz: float | None, samples: RunSamples
 ) -> list[float | None]:
-    """A metric in each iteration of a run; what the run does not know has no value.
+    """A metric in each iteration of a run; None where it is unknown.
 
-    A monitor that got no answer in an iteration has none there, of any metric.
+    If a monitor received no output in an iteration, none of its metrics has a value there.
 
     Args:
         info: the metric.
-        monitor: that it is asked of, for a metric of a monitor.
-        at_hz: the offered rate; of no meaning for the peak.
+        monitor: for a metric of a monitor.
+        at_hz: the offered rate; not used for the peak.
         samples: the run.
     """
     if info.scope == "search":
@@ -177,7 +177,7 @@ def iteration_values(
     if info.scope == "monitor" and monitor not in samples.monitors:
         return []
     return [
-        # Silence has no drop rate worth a ratio: both sides would drop everything.
+        # Without any output a ratio of drop rates says nothing: both sides would drop everything.
         metric_value(info, monitor, one)
         if monitor is None or one.monitors[monitor].answered
         else None

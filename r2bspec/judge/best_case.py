@@ -1,24 +1,24 @@
-"""A disturbed iteration in its best light: what no disturbance can explain, stays.
+"""The best case of an affected iteration: only what no interference can explain remains.
 
-How much a disturbance did to single messages is not known. What it can have done at most is:
+The effect of host interference on single messages is unknown. Its effect is at most this:
 
-    - It spoiled at most half of the messages, whatever became of them. The other half, the faster
-      one, stands for all: the message of rank i is given the latency of rank i - n/2.
+    - It spoiled at most half of the messages, however they ended. The other half, the faster
+      one, represents all: the message of rank i is given the latency of rank i - n/2.
     - It kept everything waiting for a share w of the time, so that without it latencies were
-      shorter by up to that share, and the graph got so much more done:
+      shorter by up to that share, and the graph processed so much more:
 
           latency     x (1 - w)
           throughput  + w x the rate played, and not above that
 
-      w is the pressure: for no longer can any process of the run have waited for a processor.
-      Where the kernel does not tell the pressure, at least one core must have been taken, which
-      is so for no longer than the processor time of others. Time for which a core was stolen, or
-      throttled, comes on top. If the harness alone took c times as long, w is at least 1 - 1/c.
-    - w is at most 3/4. A machine on which everything takes over four times as long does not hold
+      w is the pressure: no process of the run can have waited for a processor for longer.
+      Where the kernel does not report the pressure, at least one core must have been taken, which
+      lasts no longer than the processor time of others. Time for which a core was stolen, or
+      throttled, is added. If the harness alone took c times as long, w is at least 1 - 1/c.
+    - w is at most 3/4. A machine on which everything takes over four times as long does not keep
       the playback's schedule either, and makes the run INVALID.
 
-What more messages were lost or late than that, is the graph's own. Processor time and memory of the
-run's processes are as they were: waiting uses neither. Of the machine's, the part of others is
+Further lost or late messages are caused by the graph itself. Processor time and memory of the
+run's processes are unchanged: waiting uses neither. Of the machine's, the part of others is
 left out.
 """
 
@@ -46,11 +46,11 @@ from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 _MAX_WAITING_SHARE = 0.75
 
 _STAMP_MONITOR = MonitorPlan(name="", topic="", type="", match="stamp", qos=None)
-"""Every step that asks for an answer is given a stamp of its own."""
+"""Every step with an expected output is given a stamp of its own."""
 
 
 def best_case_iteration(one: SegmentSamples) -> SegmentSamples:
-    """An iteration without everything that a disturbance can have done to it."""
+    """An iteration without any effect that host interference can have had on it."""
     waited = waiting_share(one.surroundings)
     return replace(
         one,
@@ -63,7 +63,7 @@ def best_case_iteration(one: SegmentSamples) -> SegmentSamples:
 
 
 def waiting_share(known: Surroundings | None) -> float:
-    """For which share of the time the run was kept waiting at most, w above."""
+    """The largest share of the time for which the run can have been kept waiting; w above."""
     if known is None:
         return 0.0
     stolen = (known.steal or 0.0) * (known.cores or 1)
@@ -91,7 +91,7 @@ def _best_case_samples(
     most_hz = playback.rate_hz * seen.per_step
     return replace(
         found,
-        # Disturbances make no messages.
+        # Interference creates no messages.
         received=found.received + more,
         duplicates=seen.duplicates,
         unmatched=seen.unmatched,
@@ -105,10 +105,10 @@ def _best_case_samples(
 
 
 def best_case_latencies(seen: MonitorSamples, waited: float) -> NDArray[np.float64]:
-    """The latency of every step in the best light, in ns; infinite where it stays lost.
+    """The best case of each step's latency, in ns; infinite where it stays lost.
 
     Args:
-        seen: what a monitor saw.
+        seen: what a monitor received.
         waited: the share w of the time.
     """
     steps = seen.steps

@@ -1,23 +1,23 @@
-"""A FAIL is confirmed by a fresh batch in fresh processes before it counts.
+"""A FAIL is confirmed by a second session, in new processes, before it counts.
 
-A gate of ten requirements that are each wrong once in twenty runs cries wolf every other day. So a
-failed run is played once more, as long as it was when it failed, and its failed requirements are
-judged on the new samples alone at `CONFIRMATION_CONFIDENCE`. With alpha the error of the first
-batch and beta = 1 - CONFIRMATION_CONFIDENCE that of the second, a requirement that holds fails in
-at most
+A gate of ten requirements that are each wrong once in twenty runs raises a false alarm every
+other run. So a failed run is played once more, for as long as it took to fail, and its failed
+requirements are judged on the new samples alone at `CONFIRMATION_CONFIDENCE`. With alpha the error
+of the first session and beta = 1 - CONFIRMATION_CONFIDENCE that of the second, a requirement that
+is met fails in at most
 
     alpha x beta = 5 % x 10 % = 0.5 %
 
-of runs if the batches are independent. The second level is the weaker one on purpose: a true
-failure was found once, and must now only be found in the same direction.
+of runs if the sessions are independent. The second confidence is lower on purpose: a true failure
+has been found once, and only has to be found again in the same direction.
 
-    first    second          together
+    first    second          combined
     fail     fail            FAIL, confirmed
-    fail     inconclusive    INCONCLUSIVE: a failure that did not show again
-    fail     pass            INCONCLUSIVE: two batches that contradict each other
+    fail     inconclusive    INCONCLUSIVE: the failure was not reproduced
+    fail     pass            INCONCLUSIVE: the two sessions contradict each other
     other    anything        as the first: what passed is not tried again
 
-Nothing becomes a PASS.
+No verdict becomes a PASS.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
 
-_CONFIRMED = "A fresh batch in fresh processes confirmed it."
-_NOT_CONFIRMED = "It had failed, and a fresh batch in fresh processes did not confirm that."
-_NOT_PLAYED_AGAIN = "No fresh batch was played to confirm it."
+_CONFIRMED = "Confirmed by a second run in new processes."
+_NOT_CONFIRMED = "It had failed, but a second run in new processes did not confirm the failure."
+_NOT_PLAYED_AGAIN = "No second run was made to confirm it."
 
-_SETTLE = "Run again; if it comes and goes, look for what differs between the runs."
+_SETTLE = "Run again; if the failure is intermittent, look for what differs between the runs."
 
 
 def needs_confirmation(verdict: Verdict) -> bool:
-    """Whether a verdict is a FAIL that a fresh batch has to confirm."""
+    """Whether a verdict is a FAIL that has to be confirmed by a second session."""
     return verdict.outcome == "fail" and any(
         one.outcome == "fail" and one.level == "error" for one in verdict.requirements
     )
@@ -51,15 +51,15 @@ def needs_confirmation(verdict: Verdict) -> bool:
 def judge_with_confirmation(
     objectives: Mapping[str, Objective], samples: RunSamples, policy: DecisionPolicy
 ) -> Verdict:
-    """Judge a run and, if it fails, the fresh batch that was played after it.
+    """Judge a run and, if it fails, the confirmation session that was played after it.
 
-    A pure function, like `judge`. A FAIL says in its reason whether it was confirmed; it stands
-    where no fresh batch was played.
+    A pure function, like `judge`. The reason of a FAIL says whether it was confirmed; without a
+    confirmation session the FAIL counts.
 
     Args:
         objectives: by name.
         samples: the run.
-        policy: of the first batch.
+        policy: of the first session.
     """
     first = judge(objectives, samples, policy)
     if not needs_confirmation(first):
@@ -68,10 +68,10 @@ def judge_with_confirmation(
         return msgspec.structs.replace(first, reason=f"{first.reason} {_NOT_PLAYED_AGAIN}")
     second = judge_confirmation(objectives, samples.confirmation, first)
     found = confirm_run(first, second, policy.inconclusive)
-    said = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
+    sentence = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
     return msgspec.structs.replace(
         found,
-        reason=f"{found.reason} {said}",
+        reason=f"{found.reason} {sentence}",
         disturbed=(*first.disturbed, *second.disturbed),
     )
 
@@ -79,12 +79,12 @@ def judge_with_confirmation(
 def judge_confirmation(
     objectives: Mapping[str, Objective], confirmation: RunSamples, first: Verdict
 ) -> Verdict:
-    """Judge the batch that confirms, on its own and at `CONFIRMATION_CONFIDENCE`.
+    """Judge the confirmation session on its own, at `CONFIRMATION_CONFIDENCE`.
 
     Args:
         objectives: by name.
-        confirmation: the fresh batch.
-        first: the verdict on the first batch; what did not fail there is not asked again.
+        confirmation: the confirmation session.
+        first: the verdict on the first session; only what failed there is judged again.
     """
     failed = {_key(one) for one in first.requirements if one.outcome == "fail"}
     again = {
@@ -92,44 +92,44 @@ def judge_confirmation(
         for name, objective in objectives.items()
     }
     found = judge(again, confirmation, DecisionPolicy(confidence=CONFIRMATION_CONFIDENCE))
-    asked = tuple(one for one in found.requirements if _key(one) in failed)
-    return msgspec.structs.replace(found, requirements=asked)
+    judged_again = tuple(one for one in found.requirements if _key(one) in failed)
+    return msgspec.structs.replace(found, requirements=judged_again)
 
 
 def confirm_requirement(
     first: RequirementVerdict, second: RequirementVerdict | None
 ) -> RequirementVerdict:
-    """One requirement after both batches.
+    """One requirement after both sessions.
 
     Args:
-        first: its verdict on the first batch.
-        second: its verdict on the second batch at `CONFIRMATION_CONFIDENCE`; None if that had none.
+        first: its verdict on the first session.
+        second: its verdict on the second session at `CONFIRMATION_CONFIDENCE`; None without one.
     """
     if first.outcome != "fail":
         return first
     if second is not None and second.outcome == "fail":
-        note = f"Confirmed by a fresh batch: {_lower(second.reason)}"
+        note = f"Confirmed by a second run: {_lower(second.reason)}"
         return msgspec.structs.replace(first, notes=(*first.notes, note))
     if second is None:
-        note = "The first batch failed; a fresh batch could not be judged."
+        note = "The first run failed; a second run could not be judged."
     else:
-        did = "passed" if second.outcome == "pass" else "could not tell"
-        note = f"The first batch failed, a fresh one {did}: {_lower(second.reason)}"
+        did = "passed" if second.outcome == "pass" else "was inconclusive"
+        note = f"The first run failed, a second run {did}: {_lower(second.reason)}"
     return msgspec.structs.replace(
         first, outcome="inconclusive", settle=_SETTLE, notes=(*first.notes, note)
     )
 
 
 def confirm_run(first: Verdict, second: Verdict, policy: InconclusivePolicy = "report") -> Verdict:
-    """A run after both batches.
+    """A run after both sessions.
 
-    A second batch that is invalid or incomplete confirms nothing: its failures count as not
+    A second session that is invalid or incomplete confirms nothing: its failures count as not
     judged.
 
     Args:
-        first: the verdict on the first batch, for which `needs_confirmation`.
+        first: the verdict on the first session, for which `needs_confirmation`.
         second: the verdict on the second, by the same objectives, with the confidence
-            `CONFIRMATION_CONFIDENCE` and no looks.
+            `CONFIRMATION_CONFIDENCE` and no interim looks.
         policy: what an inconclusive requirement does to the run.
     """
     usable: Iterable[RequirementVerdict] = second.requirements
@@ -154,5 +154,5 @@ def _key(one: RequirementVerdict) -> tuple[str, str, str | None, float | None]:
 
 
 def _lower(text: str) -> str:
-    """A sentence as the second half of another; names keep their case."""
+    """A sentence as the second part of another; names keep their case."""
     return text[:1].lower() + text[1:] if text[1:2].islower() else text

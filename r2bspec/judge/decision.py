@@ -25,7 +25,7 @@ class WindowCondition:
 
 
 def window_condition(requirement: Requirement) -> WindowCondition | None:
-    """The windows that a requirement speaks of, or None if it speaks of the whole run."""
+    """The windows that a requirement refers to, or None if it refers to the whole run."""
     if requirement.windows_share is None:
         return None
     return WindowCondition(share=requirement.windows_share, window_ns=requirement.window_ns)
@@ -33,15 +33,15 @@ def window_condition(requirement: Requirement) -> WindowCondition | None:
 
 @dataclass(frozen=True)
 class Question:
-    """A requirement that makes sense in this run, and the samples that answer it.
+    """A requirement that applies to this run, and the samples to judge it by.
 
     Attributes:
-        at_hz: the offered rate that the objective speaks of, or None.
-        monitor: the monitor that is asked, for metrics that belong to one.
+        at_hz: the offered rate of the objective, or None.
+        monitor: the monitor, for metrics that belong to one.
         limit: the right-hand side in the metric's unit; 'of offered' is worked out.
         iterations: the complete iterations at `at_hz`; at least one where the metric needs any.
         confidence: of the decision, one-sided each way.
-        windows: where the requirement must hold in a share of windows, which.
+        windows: the share of windows in which the requirement must be met, if it has one.
     """
 
     objective: str
@@ -56,12 +56,12 @@ class Question:
 
     @property
     def is_upper_bound(self) -> bool:
-        """Whether the requirement is a ceiling (``<``, ``<=``) and not a floor."""
+        """Whether the requirement is an upper limit (``<``, ``<=``) and not a lower one."""
         return self.requirement.op in {"<", "<="}
 
     @property
     def is_equality(self) -> bool:
-        """Whether the requirement is ``==`` or ``!=``, which only what was seen can decide."""
+        """Whether the requirement is ``==`` or ``!=``, which only an observation can decide."""
         return self.requirement.op in {"==", "!="}
 
     @property
@@ -79,7 +79,7 @@ class Question:
         """Such as ``95 % confidence``."""
         return f"{show(self.confidence, 'share', 4)} confidence"
 
-    def holds(self, value: float) -> bool:
+    def is_met(self, value: float) -> bool:
         """Compare a value with the limit."""
         return self.requirement.is_met(value, self.limit)
 
@@ -105,12 +105,12 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Decider:
-    """A method as its module offers it to `r2bspec.judge.methods.method_registry`.
+    """A method, as its module provides it to `r2bspec.judge.methods.method_registry`.
 
     Attributes:
         takes: whether the method decides a requirement.
         decide: decides it, by the iterations of the question or by the record of the run.
-        needs_iterations: whether there is nothing to decide without a complete iteration.
+        needs_iterations: whether it cannot decide without a complete iteration.
     """
 
     takes: Callable[[Question], bool]
@@ -126,7 +126,7 @@ def decide(*, passes: bool, fails: bool) -> Outcome:
 
 
 def requirement_verdict(question: Question, answer: Answer) -> RequirementVerdict:
-    """Put question and answer together; infinite values become None, for JSON has none."""
+    """Combine question and answer; infinite values become None, which JSON can write."""
     return RequirementVerdict(
         objective=question.objective,
         text=question.requirement.text,

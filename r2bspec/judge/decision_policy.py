@@ -1,4 +1,4 @@
-"""What was agreed on before a run, and has a say in its verdict."""
+"""How a run is judged, as its plan states it before the run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class DecisionPolicy:
     Attributes:
         confidence: of every decision, one-sided each way, where the objective has none of its
             own.
-        looks: when the run was to be looked at; None for a run of a fixed length.
+        looks: the planned interim looks; None for a run of a fixed length.
         inconclusive: what an inconclusive requirement does to the run.
     """
 
@@ -27,7 +27,7 @@ class DecisionPolicy:
 
 
 def decision_policy(plan: Plan) -> DecisionPolicy:
-    """The terms that a plan states."""
+    """The decision policy of a plan."""
     plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
     growing = [one for one in plays if one.max_iterations > one.iterations]
     looks = (

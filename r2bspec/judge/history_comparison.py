@@ -1,15 +1,16 @@
-"""A run against earlier runs: a history gates, a stored run advises.
+"""Compares a run with earlier runs: a history gates, a stored run is advisory.
 
-A FAIL by a history is confirmed by a fresh run before it counts, as one by a single batch is
-(`r2bspec.judge.confirmation`), but at the full confidence. The fresh run meets the same history:
-one whose mean happens to be low, or whose runs happen to be alike, fails both. Of unchanged graphs
-exactly on the limit, with histories of m normal runs, both runs fail in (% of 400,000)
+A FAIL by a history is confirmed by a second run before it counts, as one by a single session is
+(`r2bspec.judge.confirmation`), but at the full confidence. The second run is compared with the same
+history: one whose mean is low by chance, or whose runs are alike by chance, fails both. Of
+unchanged graphs exactly on the limit, with histories of m normal runs, both runs fail in (% of
+400,000)
 
     second at    m = 5    m = 10    m = 30
     90 %          1.36      0.92      0.62
     95 %          0.92      0.55      0.34
 
-and at most 1 % is what is promised.
+and the promise is at most 1 %.
 """
 
 from __future__ import annotations
@@ -39,8 +40,11 @@ from r2bspec.record.baseline_file import BaselineRecord
 
 Objectives = Mapping[str, Objective]
 
+_CONFIRMED = "A second run confirmed the comparison with the history."
+_NOT_CONFIRMED = "A second run did not confirm the comparison with the history."
+
 HISTORY_CONFIRMATION_CONFIDENCE: Final = CONFIDENCE
-"""The confidence at which a fresh run is judged by the history that the first one failed by."""
+"""The confidence at which the second run is judged by the same history."""
 
 
 def judge_with_baseline(
@@ -51,13 +55,13 @@ def judge_with_baseline(
     policy: DecisionPolicy,
     baseline: BaselineRecord,
 ) -> Verdict:
-    """A verdict whose requirements of the baseline are answered by earlier runs.
+    """A verdict whose requirements of the baseline are judged by earlier runs.
 
     Args:
         verdict: on the run by itself.
         objectives: that were judged.
         samples: the run.
-        fresh: a fresh run that was made because it fails by the history, if one was.
+        fresh: the second run that was made because the first fails by the history, if any.
         policy: by which it was judged.
         baseline: the baseline runs.
     """
@@ -66,17 +70,21 @@ def judge_with_baseline(
         return found
     if fresh is None:
         return msgspec.structs.replace(
-            found, reason=f"{found.reason} No fresh run was made to confirm it."
+            found, reason=f"{found.reason} No second run was made to confirm it."
         )
-    asked = {
+    at_policy_confidence = {
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()
     }
     alike = replace(policy, confidence=HISTORY_CONFIRMATION_CONFIDENCE, looks=None)
-    again = compare_with_baseline(judge(asked, fresh, alike), asked, fresh, alike, baseline)
-    usable = () if again.outcome in {"invalid", "incomplete"} else again.requirements
+    second_verdict = compare_with_baseline(
+        judge(at_policy_confidence, fresh, alike), at_policy_confidence, fresh, alike, baseline
+    )
+    usable = (
+        () if second_verdict.outcome in {"invalid", "incomplete"} else second_verdict.requirements
+    )
     second = {_key(one): one for one in usable}
-    # What failed by the run itself has been confirmed, or not, by a batch of that run.
+    # What failed without the history has had its own confirmation session.
     requirements = tuple(
         confirm_requirement(one, second.get(_key(one)))
         if one.method == "prediction interval"
@@ -84,10 +92,8 @@ def judge_with_baseline(
         for one in found.requirements
     )
     confirmed = with_requirement_verdicts(found, requirements, policy)
-    said = "confirmed" if fails_by_history(confirmed) else "did not confirm"
-    return msgspec.structs.replace(
-        confirmed, reason=f"{confirmed.reason} A fresh run {said} what the history shows."
-    )
+    sentence = _CONFIRMED if fails_by_history(confirmed) else _NOT_CONFIRMED
+    return msgspec.structs.replace(confirmed, reason=f"{confirmed.reason} {sentence}")
 
 
 def compare_with_baseline(
@@ -97,14 +103,14 @@ def compare_with_baseline(
     policy: DecisionPolicy,
     baseline: BaselineRecord,
 ) -> Verdict:
-    """The same without a thought of confirming it."""
+    """The same without confirmation."""
     return judge_baseline_requirements(
-        verdict, objectives, samples, policy, lambda asked: _answer(asked, samples, baseline)
+        verdict, objectives, samples, policy, lambda question: _answer(question, samples, baseline)
     )
 
 
 def fails_by_history(verdict: Verdict) -> bool:
-    """Whether a verdict is a FAIL that a fresh run has to confirm."""
+    """Whether a verdict is a FAIL that a second run has to confirm."""
     return any(
         one.outcome == "fail" and one.level == "error" and one.method == "prediction interval"
         for one in verdict.requirements
@@ -112,14 +118,14 @@ def fails_by_history(verdict: Verdict) -> bool:
 
 
 def _answer(
-    asked: BaselineQuestion, samples: RunSamples, baseline: BaselineRecord
+    question: BaselineQuestion, samples: RunSamples, baseline: BaselineRecord
 ) -> RequirementVerdict:
-    one = asked.comparison
+    one = question.comparison
     before = baseline.find(one.at_hz, one.monitor, one.metric)
     if baseline.kind == "history":
-        return judge_history(one, before, run_value(asked.info, one.monitor, one.at_hz, samples))
+        return judge_history(one, before, run_value(question.info, one.monitor, one.at_hz, samples))
     return advise_by_stored_run(
-        one, before, iteration_values(asked.info, one.monitor, one.at_hz, samples)
+        one, before, iteration_values(question.info, one.monitor, one.at_hz, samples)
     )
 
 

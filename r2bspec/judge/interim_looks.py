@@ -1,19 +1,19 @@
-"""Looks at a growing run, planned before it starts, with the error divided among them.
+"""Interim looks at a growing run, planned before it starts, with the error divided among them.
 
-A run that is extended until it passes is bound to pass at last: three unplanned looks at the 95 %
-level pass one bad graph in ten. So the looks are planned (usually at 1, 2 and 4 times the
+A run that is extended until it passes is bound to pass in the end: three unplanned looks at the
+95 % level pass one bad graph in ten. So the looks are planned (usually at 1, 2 and 4 times the
 declared iterations), and each gets a part of the error alpha = 1 - confidence. With the cumulated
 iterations m_1 < m_2 < .. < m_l, look i may be wrong in a share
 
     alpha_i = alpha (m_i - m_(i-1)) / m_l,        m_0 = 0,
 
-of all runs, each way: the error is spent in proportion to what is new. By Boole's inequality the
-chance that any look passes a requirement that does not hold is at most sum alpha_i = alpha,
-however the looks depend on each other, and the same for failing one that holds. No assumption is
+of all runs, each way: the error is spent in proportion to the new iterations. By Boole's inequality
+the chance that any look passes a requirement that is not met is at most sum alpha_i = alpha,
+however the looks depend on each other, and the same for failing one that is met. No assumption is
 made about the test, so this serves the binomial test and t alike.
 
 A requirement is decided at the first look that decides it. A later look, which another
-requirement asked for, may still turn its PASS into a FAIL, but nothing else: both errors stay
+requirement needed, may still turn its PASS into a FAIL, but nothing else: both errors stay
 within the sum.
 """
 
@@ -36,14 +36,14 @@ LOOK_FACTORS = (1, 2, 4)
 
 LookDecision = Literal["pass", "fail", "go on", "inconclusive"]
 """What to do after a look: stop because everything is decided, or play the next iterations; stop
-without a decision because no look is left, or because more iterations would settle nothing."""
+without a decision because no look is left, or because more iterations would decide nothing."""
 
 _GROWING = frozenset(name for name, traits in METHODS.items() if traits.grows)
 
 
 @dataclass(frozen=True)
 class InterimLooks:
-    """When a run is looked at: after so many iterations in all, ascending; at least one look."""
+    """The numbers of iterations after which a run is judged, ascending; at least one."""
 
     iterations: tuple[int, ...]
 
@@ -54,7 +54,7 @@ class InterimLooks:
 
     @classmethod
     def planned(cls, iterations: int, max_iterations: int) -> InterimLooks:
-        """Looks at 1, 2 and 4 times the declared iterations, as far as `max_iterations`, and there.
+        """Looks at 1, 2 and 4 times the declared iterations, up to and at `max_iterations`.
 
         Args:
             iterations: the declared number.
@@ -88,8 +88,8 @@ def decide_after_look(
 ) -> LookDecision:
     """What to do after a look.
 
-    A requirement that fails stops the run: what follows is a fresh batch that confirms it or
-    does not (`r2bspec.judge.confirmation`), not more of the same.
+    A requirement that fails stops the run: a second session in new processes confirms the failure
+    or does not (`r2bspec.judge.confirmation`); no more iterations of this session are played.
 
     Args:
         looks: the plan.
@@ -120,7 +120,7 @@ def combine_looks(looks: InterimLooks, judged: Sequence[RequirementVerdict]) -> 
     last = numbered[-1]
     if last.method not in _GROWING:
         return last
-    # Anything that was seen, and was not a test, can be overtaken by what was seen later.
+    # An observation is no test: later iterations may change it.
     first = next(
         (one for one in numbered if one.outcome != "inconclusive" and one.method in _GROWING), last
     )
@@ -128,16 +128,16 @@ def combine_looks(looks: InterimLooks, judged: Sequence[RequirementVerdict]) -> 
     note = _note(looks, chosen, latest)
     settle = chosen.settle
     if chosen.outcome == "inconclusive" and latest < len(looks):
-        settle = f"The next look, after {looks.iterations[latest]} iterations, may settle it."
+        settle = f"The next look, after {looks.iterations[latest]} iterations, may decide it."
     return msgspec.structs.replace(chosen, settle=settle, notes=(*chosen.notes, note))
 
 
 def _note(looks: InterimLooks, chosen: RequirementVerdict, latest: int) -> str:
     if len(looks) == 1:
-        return f"One look was planned, after {looks.iterations[0]} iterations."
+        return f"Judged once, after {looks.iterations[0]} iterations, as planned."
     when = f"look {chosen.look} of {len(looks)}, after {looks.iterations[chosen.look - 1]}"
     confidence = show(chosen.confidence, "share", 4)
     if chosen.outcome == "inconclusive":
-        return f"Open at {when} iterations, at {confidence} confidence."
+        return f"Undecided at {when} iterations, at {confidence} confidence."
     later = f"; {latest} were taken" if latest > chosen.look else ""
     return f"Decided at {when} iterations, at {confidence} confidence{later}."

@@ -1,4 +1,4 @@
-"""One requirement and the samples of a run in, its verdicts out."""
+"""Judges one requirement by the samples of a run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from r2bspec.measure.samples import MonitorSamples, RunSamples, SegmentSamples
 from r2bspec.measure.units import show
 
 OWN_RATE: Final = 0.0
-"""Stands for the rate of what has one of its own: a recording, or the source of a live graph."""
+"""The rate where none is offered: that of a recording, or of the source of a live graph."""
 
 
 def judge_requirement(
@@ -38,7 +38,7 @@ def judge_requirement(
     Args:
         name: of the objective.
         objective: that the requirement belongs to.
-        requirement: what is asked.
+        requirement: to be judged.
         samples: the run.
         playback_validity: the rates at which the playback missed its schedule.
         confidence: of the decision, one-sided each way.
@@ -81,11 +81,11 @@ def judge_requirement(
 
 
 def objective_rate(objective: Objective, samples: RunSamples) -> float | None:
-    """The offered rate that an objective speaks of.
+    """The offered rate of an objective.
 
     Returns:
-        None if it speaks of none, or of a peak that the search has not found; 0 where the
-        recording, or the graph's own source, says how fast messages come.
+        None if it has none, or if it is at a peak that the search has not found; 0 where the
+        recording, or the graph's own source, sets the rate.
     """
     if objective.at is not None:
         return objective.at.hz
@@ -101,9 +101,9 @@ def limit_of(
 
     Args:
         requirement: with its bound.
-        at_hz: the offered rate, which 'of offered' means.
+        at_hz: the offered rate, to which 'of offered' refers.
         info: the metric.
-        per_step: outputs that a step lets a monitor expect.
+        per_step: outputs expected at a monitor for each step.
     """
     bound = requirement.bound
     if bound is None or bound.of_baseline:
@@ -112,7 +112,7 @@ def limit_of(
         return bound.value
     if not at_hz:
         return math.nan
-    # Of a monitor with a ratio as many outputs are offered as the steps let expect.
+    # For a monitor with a ratio, the offered rate is that of the expected outputs.
     return bound.value * at_hz * (per_step if info.scope == "monitor" else 1.0)
 
 
@@ -134,34 +134,32 @@ def _answer(question: Question, samples: RunSamples) -> Answer:
     bound = question.requirement.bound
     if samples.mode == "live" and not available_live(question.info):
         return _inconclusive(
-            f"Nobody knows {question.info.name} of a live run: what its source sent is not seen."
+            f"{question.info.name} is unknown in a live run: what its source sent is not recorded."
         )
     if bound is not None and bound.of_offered and not question.at_hz:
-        return _inconclusive("The objective names no rate that 'of offered' could mean.")
+        return _inconclusive("The objective has no rate, so 'of offered' has no meaning.")
     if bound is not None and bound.of_baseline:
         return _inconclusive(
-            "This run has nothing to be compared with.",
-            "Run with --against, or keep a history of runs.",
+            "This run was not compared with a baseline.",
+            "Run with --against or --history.",
         )
     decider = decider_of(question)
     if not decider.needs_iterations:
         return decider.decide(question, samples.record)
     if question.at_hz is None:
-        return _inconclusive(
-            f"The objective does not say at which rate {question.info.name} is meant."
-        )
+        return _inconclusive(f"The objective does not state the rate of {question.info.name}.")
     if not question.iterations:
         at = f" at {show(question.at_hz, 'Hz')}" if question.at_hz else ""
         return _inconclusive(
             f"No complete iteration was played{at}.",
-            "Run the spec that states this objective, to its end.",
+            "Run the spec of this objective to its end.",
         )
-    silent = _no_output(question)
-    return silent if silent is not None else decider.decide(question, samples.record)
+    no_output = _no_output(question)
+    return no_output if no_output is not None else decider.decide(question, samples.record)
 
 
 def decider_of(question: Question) -> Decider:
-    """The method that decides a requirement on one run: the first that takes it."""
+    """The method that decides a requirement on one run: the first that accepts it."""
     return next(each for each in _deciders() if each.takes(question))
 
 
@@ -173,7 +171,7 @@ def _deciders() -> tuple[Decider, ...]:
 
 
 def _no_output(question: Question) -> Answer | None:
-    """A failure, if the monitor that is asked saw no output at all: it can't be good."""
+    """A failure if the monitor received no output at all."""
     if question.monitor is None:
         return None
     seen = [one.monitors[question.monitor] for one in question.iterations]
@@ -190,18 +188,18 @@ def _no_output(question: Question) -> Answer | None:
     else:
         reason = (
             f"Monitor '{question.monitor}' received {show(received, 'count')} messages, but none "
-            "carries the stamp of an input: match them by order, or keep the stamp in the graph."
+            "has the stamp of an input: use 'match: order', or copy the stamp inside the graph."
         )
     return Answer(outcome="fail", method="none", reason=reason, n=sent)
 
 
 def _unknown_latency(question: Question, seen: Sequence[MonitorSamples]) -> Answer | None:
-    """That a live latency is unknown, if in an iteration it is."""
+    """The answer for a live latency that is unknown in some iteration; else None."""
     wanted = question.info.family == "latency" and seen[0].live
     if wanted and any(one.received and not one.times["latency"].size for one in seen):
         return _inconclusive(
-            f"What monitor '{question.monitor}' received carries no time of this machine's clock.",
-            "Let the source stamp its messages with the system time.",
+            f"The messages at monitor '{question.monitor}' have no stamp of this machine's clock.",
+            "Stamp the messages of the source with the system time.",
         )
     return None
 
@@ -213,7 +211,7 @@ def _inconclusive(reason: str, settle: str = "") -> Answer:
 def _no_such_metric(
     name: str, requirement: Requirement, at_hz: float | None, problem: str, suggestion: str
 ) -> RequirementVerdict:
-    """The verdict on a requirement that this run has nothing for: it is not met."""
+    """The verdict on a requirement whose metric this run does not have: not met."""
     hint = f"; did you mean {suggestion}?" if suggestion else "."
     info = MetricInfo(requirement.metric, "probe", "none", "", "observation", "")
     question = Question(name, requirement, at_hz, info, None, math.nan)

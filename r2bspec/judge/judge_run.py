@@ -30,24 +30,24 @@ def result_of(
 
     Args:
         run: the opened run.
-        objectives: what to judge it by; the run's own objectives if None.
-        judged_by: the name of the spec that `objectives` are from, where it is another.
+        objectives: to judge it by; the run's own objectives if None.
+        judged_by: the name of the spec of `objectives`, if it is another.
 
     Raises:
         RecordError: a file of the run is missing or damaged.
     """
     samples = read_samples(run)
-    asked = run.plan.objectives if objectives is None else objectives
+    objectives = run.plan.objectives if objectives is None else objectives
     policy = decision_policy(run.plan)
-    verdict = judge_with_confirmation(asked, samples, policy)
+    verdict = judge_with_confirmation(objectives, samples, policy)
     baseline = read_baseline(run.folder)
     if baseline is not None:
         again = read_confirmation(run.folder)
         fresh = read_samples(again) if again is not None else None
-        verdict = judge_with_baseline(verdict, asked, samples, fresh, policy, baseline)
+        verdict = judge_with_baseline(verdict, objectives, samples, fresh, policy, baseline)
     return build_result(
         run,
-        asked,
+        objectives,
         judged_by,
         metrics=summarise(samples),
         verdict=verdict,
@@ -59,7 +59,7 @@ def result_of(
 
 def build_result(
     run: Run,
-    asked: Mapping[str, Objective],
+    objectives: Mapping[str, Objective],
     judged_by: str,
     *,
     metrics: RunMetrics,
@@ -89,7 +89,7 @@ def build_result(
         differences=record.differences,
         spec=run.spec_text(),
         judged_by=judged_by,
-        objectives={name: _text(objective) for name, objective in asked.items()},
+        objectives={name: _text(objective) for name, objective in objectives.items()},
         metrics=metrics,
         verdict=verdict,
         pairs=pairs,
@@ -117,7 +117,7 @@ def from_json(content: bytes) -> Result:
     """Read what `to_json` wrote.
 
     Raises:
-        msgspec.DecodeError: it is no result of this version.
+        msgspec.DecodeError: it is not a result of this version.
     """
     return msgspec.json.decode(content, type=Result)
 

@@ -1,4 +1,4 @@
-"""Objectives and samples in, a verdict out."""
+"""Judges objectives by the samples of a run."""
 
 from __future__ import annotations
 
@@ -43,30 +43,32 @@ def judge(
 
     A requirement passes or fails only if the samples show it at the stated confidence; otherwise
     it is inconclusive. What was not measured never passes. A metric of a monitor that is written
-    without one must hold for each monitor, and gets a verdict for each.
+    without one must be met at each monitor, and gets a verdict for each.
 
-    The verdict is a pure function of its arguments: where looks are planned, each is taken again
-    from the iterations that it had.
+    The verdict is a pure function of its arguments: where interim looks are planned, each is
+    repeated on the iterations that it had.
 
     Args:
         objectives: by name.
         samples: the run.
-        policy: what was agreed on before the run.
+        policy: as the plan stated it before the run.
     """
     playback_validity = PlaybackValidity.of(samples)
-    asked = {name: objective for name, objective in objectives.items() if objective.level != "off"}
+    judged_objectives = {
+        name: objective for name, objective in objectives.items() if objective.level != "off"
+    }
     disturbed = find_affected_iterations(samples)
-    requirements = _judge_looks(asked, samples, policy, playback_validity)
+    requirements = _judge_looks(judged_objectives, samples, policy, playback_validity)
     if disturbed and any(one.outcome == "fail" for one in requirements):
         requirements = _weaken_affected(
-            disturbed, requirements, asked, samples, policy, playback_validity
+            disturbed, requirements, judged_objectives, samples, policy, playback_validity
         )
     unusable = tuple(
         Unusable(offered_hz=rate, reason=reason)
         for rate, reason in sorted(
             {**playback_validity.probes, **playback_validity.iterations}.items()
         )
-        # Where nothing is required, the figures themselves are what the run was for.
+        # Without requirements the run was made for its figures alone.
         if not requirements or any(one.reason == reason for one in requirements)
     )
     outcome, reason = _overall_outcome(samples, requirements, unusable, policy)
@@ -88,7 +90,7 @@ def _weaken_affected(
     policy: DecisionPolicy,
     playback_validity: PlaybackValidity,
 ) -> tuple[RequirementVerdict, ...]:
-    """Verdicts on all iterations as they were played, after a look at the disturbed ones."""
+    """Verdicts on all iterations as they were played, with regard to host interference."""
     unaffected = _judge_looks(
         objectives, without_affected(samples, disturbed), policy, playback_validity
     )

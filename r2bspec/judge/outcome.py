@@ -1,7 +1,7 @@
-"""From the verdicts on requirements to the outcome of the run: levels, and the inconclusive.
+"""From the verdicts on requirements to the outcome of the run: levels, and inconclusive verdicts.
 
-    level    that fails        that can't be decided
-    error    fails the run     as the policy says
+    level    fails             undecided
+    error    fails the run     by the policy
     warn     is a warning      is a warning
     info     is shown          is shown
     off      is not judged     is not judged
@@ -24,14 +24,14 @@ InconclusivePolicy = Literal["report", "fail", "pass"]
 def outcome_of(
     requirements: Sequence[RequirementVerdict], policy: InconclusivePolicy = "report"
 ) -> tuple[OverallOutcome, str]:
-    """The outcome of a run that is usable, and one sentence for it."""
+    """The outcome of a valid run, and one sentence for it."""
     counted = [one for one in requirements if one.level == "error"]
     outcome = worst_outcome([one.outcome for one in counted], policy)
     return outcome, f"{_sentence(counted, outcome)}{_warnings(requirements, policy)}"
 
 
 def worst_outcome(outcomes: Sequence[Outcome], policy: InconclusivePolicy = "report") -> Outcome:
-    """The worst of some outcomes, the inconclusive taken as the policy says."""
+    """The worst of some outcomes; the policy decides how inconclusive counts."""
     if "fail" in outcomes:
         return "fail"
     if "inconclusive" not in outcomes:
@@ -42,27 +42,27 @@ def worst_outcome(outcomes: Sequence[Outcome], policy: InconclusivePolicy = "rep
 def _sentence(counted: Sequence[RequirementVerdict], outcome: Outcome) -> str:
     total = len(counted)
     if not total:
-        return "The spec states no objective: there was nothing to judge."
+        return "The spec has no objective to judge."
     failed = sum(one.outcome == "fail" for one in counted)
     open_ = sum(one.outcome == "inconclusive" for one in counted)
     if total == 1:
         if failed:
-            return "The requirement does not hold."
+            return "The requirement is not met."
         if not open_:
-            return "The requirement holds."
+            return "The requirement is met."
         return f"The requirement could not be decided{_policy(outcome)}."
     if failed:
         left = f", {open_} could not be decided" if open_ else ""
         return f"{failed} of {total} requirements failed{left}."
     if open_:
         return f"{open_} of {total} requirements could not be decided{_policy(outcome)}."
-    return f"All {total} requirements hold."
+    return f"All {total} requirements are met."
 
 
 def _policy(outcome: Outcome) -> str:
     if outcome == "inconclusive":
         return ""
-    return f", which counts as a {outcome} here"
+    return f", which counts as {outcome} by the policy"
 
 
 def _warnings(requirements: Sequence[RequirementVerdict], policy: InconclusivePolicy) -> str:

@@ -1,19 +1,18 @@
-"""A comparison of interleaved runs, judged: what is asked of the baseline, and all else.
+"""Judges a comparison of interleaved runs: requirements of the baseline, and all others.
 
-Requirements of the baseline rest on the pairs (`r2bspec.judge.baseline_ratio`); all others on the
-runs of the head, as if they were one run with so many iterations. A rate is sustained if every run
-of the head shows it, and is not if every run shows that. A peak lies in the bracket that contains
-those of all runs.
+Requirements of the baseline are judged by the pairs (`r2bspec.judge.baseline_ratio`); all others by
+the runs of the head, as if they were one run with so many iterations. A rate is sustained if every
+run of the head shows it, and is not if every run shows that. A peak lies in the bracket that
+contains those of all runs.
 
 Pairs that cannot be judged, because the playback missed its schedule, are played again once and
-dropped if that does not help. Fewer than half of the planned pairs decide nothing: the comparison
-is INVALID. What a disturbed machine may do is the same as to a single run
-(`r2bspec.judge.affected_iterations`): the pairs as they were first played decide. A FAIL becomes
-INCONCLUSIVE unless the pairs that nothing disturbed, those played again in their places among them,
-fail as well, or all pairs do with the head's disturbed iterations in their best light and the base
-as it was.
+dropped if that does not help. With fewer than half of the planned pairs the comparison is INVALID.
+Host interference has the same effect as in a single run (`r2bspec.judge.affected_iterations`): the
+pairs as they were first played decide. A FAIL becomes INCONCLUSIVE unless the unaffected pairs,
+those played again among them, fail as well, or all pairs do with the best case of the head's
+affected iterations and the base as it was.
 
-A FAIL is confirmed by fresh pairs (`r2bspec.judge.confirmation`), as many as there were.
+A FAIL is confirmed by as many new pairs (`r2bspec.judge.confirmation`).
 """
 
 from __future__ import annotations
@@ -46,6 +45,9 @@ from r2bspec.measure.samples import RunSamples
 
 Objectives = Mapping[str, Objective]
 
+_CONFIRMED = "Confirmed by new pairs."
+_NOT_CONFIRMED = "It had failed, but new pairs did not confirm the failure."
+
 
 @dataclass(frozen=True)
 class InterleavedRuns:
@@ -62,10 +64,10 @@ class PairSet:
 
     Attributes:
         played: each as it was first played in a way that can be judged.
-        unaffected: those that nothing disturbed; None if nothing disturbed any.
-        best_case: all of them, the head's disturbed iterations in their best light; likewise.
-        disturbance_text: what disturbed which, for a reader.
-        planned: how many pairs there were to be.
+        unaffected: those without host interference; None if there was none in any.
+        best_case: all of them, with the best case of the head's affected iterations; likewise.
+        disturbance_text: which pairs were affected, and by what.
+        planned: the planned number of pairs.
     """
 
     played: InterleavedRuns
@@ -83,35 +85,35 @@ def judge_comparison(
     Args:
         objectives: of the head, by name.
         first: the pairs.
-        again: the fresh pairs that were played after a failure, if there were any.
-        policy: that the head's plan states.
+        again: the new pairs that were played after a failure, if there were any.
+        policy: of the head's plan.
     """
     verdict = judge_pair_set(objectives, first, policy)
     if not needs_confirmation(verdict):
         return verdict
     if again is None:
         return msgspec.structs.replace(
-            verdict, reason=f"{verdict.reason} No fresh pairs were played to confirm it."
+            verdict, reason=f"{verdict.reason} No new pairs were played to confirm it."
         )
-    asked = {
+    at_policy_confidence = {
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()
     }
     found = confirm_run(
         verdict,
-        judge_pair_set(asked, again, replace(policy, confidence=CONFIRMATION_CONFIDENCE)),
+        judge_pair_set(
+            at_policy_confidence, again, replace(policy, confidence=CONFIRMATION_CONFIDENCE)
+        ),
         policy.inconclusive,
     )
-    did = "confirmed it" if needs_confirmation(found) else "did not confirm that"
-    failed = "" if needs_confirmation(found) else "It had failed, and "
-    said = f"{failed}{'f' if failed else 'F'}resh pairs {did}."
-    return msgspec.structs.replace(found, reason=f"{found.reason} {said}")
+    sentence = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
+    return msgspec.structs.replace(found, reason=f"{found.reason} {sentence}")
 
 
 def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPolicy) -> Verdict:
-    """Judge the pairs of one batch, without a thought of confirming it.
+    """Judge the pairs of one session, without confirmation.
 
-    The number of pairs is fixed beforehand: there are no looks.
+    The number of pairs is fixed beforehand: there are no interim looks.
     """
     policy = replace(policy, looks=None)
     verdict = _judge(objectives, pair_set.played, policy)
@@ -119,7 +121,7 @@ def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPo
         unaffected = _judge(objectives, pair_set.unaffected, policy).requirements
         best_case = _judge(objectives, pair_set.best_case, policy).requirements
         requirements = tuple(
-            # All else rests on the iterations of the head, of which `judge` knows the same.
+            # All others are based on the iterations of the head, which `judge` has treated alike.
             weaken_failure(one, other, pair_set.disturbance_text, most)
             if one.method == "paired t on logs"
             else one
@@ -135,7 +137,7 @@ def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPo
             verdict,
             outcome="invalid",
             exit_code=EXIT_CODES["invalid"],
-            reason=f"Of {pair_set.planned} pairs only {usable} can be judged.",
+            reason=f"Only {usable} of {pair_set.planned} pairs can be judged.",
         )
     return verdict
 
@@ -143,7 +145,7 @@ def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPo
 def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolicy) -> Verdict:
     verdict = judge(objectives, pairs.merged, policy)
     verdict = judge_baseline_requirements(
-        verdict, objectives, pairs.merged, policy, lambda asked: _judge_by_pairs(asked, pairs)
+        verdict, objectives, pairs.merged, policy, lambda question: _judge_by_pairs(question, pairs)
     )
     if not any(one.metric == "sustained" for one in verdict.requirements):
         return verdict
@@ -159,22 +161,22 @@ def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolic
     return with_requirement_verdicts(verdict, requirements, policy)
 
 
-def _judge_by_pairs(asked: BaselineQuestion, pairs: InterleavedRuns) -> RequirementVerdict:
-    one = asked.comparison
+def _judge_by_pairs(question: BaselineQuestion, pairs: InterleavedRuns) -> RequirementVerdict:
+    one = question.comparison
     base, head = (
-        [run_value(asked.info, one.monitor, one.at_hz, run) for run in side]
+        [run_value(question.info, one.monitor, one.at_hz, run) for run in side]
         for side in (pairs.base, pairs.head)
     )
     return judge_pairs(one, base, head)
 
 
 def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:
-    """What the probes of all runs of the head come to."""
+    """The combined verdict of the probes of all runs of the head."""
     outcomes = [one.outcome for one in found]
     outcome: Outcome = outcomes[0] if len(set(outcomes)) == 1 else "inconclusive"
-    told = ", ".join(
+    counts = ", ".join(
         f"{outcomes.count(each)} {what}"
-        for each, what in (("pass", "passed"), ("fail", "failed"), ("inconclusive", "are open"))
+        for each, what in (("pass", "passed"), ("fail", "failed"), ("inconclusive", "undecided"))
         if each in outcomes
     )
     one = next((one for one in found if one.outcome == outcome), found[0])
@@ -182,25 +184,25 @@ def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdic
         one,
         outcome=outcome,
         n=len(found),
-        notes=(*one.notes, f"Probed in {len(found)} runs of the head: {told}."),
+        notes=(*one.notes, f"Probed in {len(found)} runs of the head: {counts}."),
         settle=one.settle if outcome == "inconclusive" else "",
     )
 
 
 def best_case_runs(pairs: InterleavedRuns) -> InterleavedRuns:
-    """Pairs of which the head has all the benefit of the doubt; the base is as it was."""
+    """Pairs with the best case of the head's affected iterations; the base is unchanged."""
     return replace(
         pairs, head=[best_case_run(run, find_affected_iterations(run)) for run in pairs.head]
     )
 
 
 def why_unusable(samples: RunSamples) -> str:
-    """Why nothing can be judged by a run of a pair, in a sentence; empty if it can."""
+    """Why a run of a pair cannot be judged, in a sentence; empty if it can."""
     missed = PlaybackValidity.of(samples).iterations
     return next(iter(missed.values()), "")
 
 
 def interference_text(samples: RunSamples) -> str:
-    """What the machine did during the iterations of a run, in words; empty if nothing."""
+    """The host interference in the iterations of a run, in words; empty for none."""
     found = [reason for one in find_affected_iterations(samples).values() for reason in one.reasons]
     return "; ".join(dict.fromkeys(found))

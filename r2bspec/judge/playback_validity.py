@@ -1,21 +1,22 @@
-"""Whether the harness did its part. Where it did not, the graph was not tested.
+"""Whether the harness kept its schedule. Where it did not, the graph was not tested.
 
-A graph that is offered too little, or offered its load in bursts that nobody asked for, is neither
-slow nor fast: it was asked another question. What is measured at such a rate is unusable. The
-criterion looks at all complete iterations of a rate together, so that one hiccup of a shared
-machine in ten iterations does not spoil them:
+A graph that was offered too little, or its load in bursts that the spec does not have, was tested
+under another load. What is measured at such a rate is invalid. The criterion takes all complete
+iterations of a rate together, so that one short stall of a shared machine in ten iterations does
+not invalidate them:
 
     rate        less than 98 % of the offered rate was published
     lateness    more than 1 % of the publications began later than half a period after they were
                 due, or later than 5 ms where half a period is less than that
-    watching    for more than 1 % of the time the monitor had no processor, and stamped no arrival
+    stalled     for more than 1 % of the time the monitor had no processor, and could not stamp
+                arrivals
 
-Half a period is where a publication comes closer to its successor's time than to its own. 1 % is
-the share of messages that a p99 objective turns on. 5 ms is what a busy but usable machine may
-take to wake a process; at rates above 100 Hz half a period would be finer than that.
+From half a period on a publication is closer to its successor's time than to its own. 1 % is the
+share of messages that decides a p99 objective. 5 ms is what a busy but usable machine may take to
+wake a process; at rates above 100 Hz half a period would be less than that.
 
-A timeline has no one rate. There the mean rate at which its steps are due stands for the offered
-one, and its period for that between two steps. A live run plays nothing, and misses no schedule.
+A timeline has no single rate: the mean rate at which its steps are due replaces the offered one. A
+live run plays nothing, and misses no schedule.
 """
 
 from __future__ import annotations
@@ -37,21 +38,21 @@ MIN_LATENESS_LIMIT_S = 0.005
 MAX_UNWATCHED_SHARE = 0.01
 
 REMEDY = "Run again on a quieter or faster machine, or offer a lower rate."
-TIMELINE_REMEDY = "Run again on a quieter or faster machine, or play the recording slower."
+TIMELINE_REMEDY = "Run again on a quieter or faster machine, or play the recording more slowly."
 
 
 def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str:
-    """Why the iterations at a rate are unusable, in one sentence; empty if they are not.
+    """Why the iterations at a rate are invalid, in one sentence; empty if they are valid.
 
     Args:
-        offered_hz: the rate that was asked for; 0 for that of the recording.
+        offered_hz: the offered rate; 0 for that of the recording.
         iterations: all complete iterations at it, at least one.
     """
     played = pool_playback([one.playback for one in iterations])
     if played.live:
         return ""
     planned_hz = offered_hz or played.planned_hz
-    # One publication has no rate: it is neither early nor late.
+    # A single publication has no rate.
     if played.sent > len(iterations) and played.rate_hz < MIN_RATE_SHARE * planned_hz:
         return (
             f"The playback reached only {show(played.rate_hz, 'Hz')} of the "
@@ -72,9 +73,8 @@ def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) ->
     played_s = sum(one.segment.ended_ns - one.segment.began_ns for one in iterations) / 1e9
     if stalled_s > MAX_UNWATCHED_SHARE * played_s:
         return (
-            f"The monitor had no processor for {show(stalled_s, 's')}, so that it is not "
-            "known when "
-            "messages arrived."
+            f"The monitor had no processor for {show(stalled_s, 's')}, so the arrival times "
+            "of messages are unknown."
         )
     return ""
 
@@ -83,7 +83,7 @@ def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) ->
 class PlaybackValidity:
     """The offered rates at which the playback missed its schedule, and how.
 
-    A sequential probe ends when its player cannot go on; one that held proves its rate.
+    A sequential probe ends when its player cannot go on; one that was sustained proves its rate.
     """
 
     iterations: Mapping[float, str]
@@ -91,7 +91,7 @@ class PlaybackValidity:
 
     @classmethod
     def of(cls, samples: RunSamples) -> PlaybackValidity:
-        """Look at the playback of all complete iterations and of the probes that did not hold."""
+        """Check the playback of complete iterations, and of probes that were not sustained."""
         played = {
             rate: schedule_problem(rate, found)
             for rate, found in samples.iterations.items()
@@ -108,7 +108,7 @@ class PlaybackValidity:
         )
 
     def problem(self, statistic: Statistic, at_hz: float | None) -> str:
-        """Why what was measured for such a metric at a rate is unusable, or empty."""
+        """Why the values of a metric at a rate are invalid, or empty."""
         if statistic == "search" or at_hz is None:
             return ""
         found = self.probes if statistic == "sequential" else self.iterations

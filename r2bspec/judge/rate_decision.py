@@ -1,28 +1,28 @@
-"""Whether a probed rate holds: a sequential test with a stated error, and a third answer.
+"""Whether a probed rate is sustained: a sequential test with a stated error, or undecided.
 
-A rate holds if the graph's backlog does not grow at it and little enough is lost. A probe is looked
-at when it has been played for 1 s, 1.5 s, 2.25 s and so on, and at its end (`plan_interim_looks`).
-At each look two tests are made, of which the second is made only if the first does not reject:
+A rate is sustained if the graph's backlog does not grow at it and few enough messages are lost. A
+probe is judged after 1 s, 1.5 s, 2.25 s and so on, and at its end (`plan_interim_looks`). At each
+look two tests are made, the second only if the first does not reject:
 
-    does not hold   settled + t x error < (1 - precision / 10) x offered        the backlog grows
+    not sustained   completed + t x error < (1 - precision / 10) x offered      the backlog grows
                     or the share dropped is clearly above  loss + precision / 2
-    holds           the latency climbs by clearly less than  precision / 4  seconds per second,
+    sustained       the latency climbs by clearly less than  precision / 4  seconds per second,
                     and the share dropped is clearly not above  loss + precision / 2
 
-`settled` is the rate at which the graph has done with steps, with its error by batch means
-(`r2bspec.measure.completion_rate`): while a graph does not keep up, what it has done with is a
+`completed` is the rate at which the graph completes steps, with its error by batch means
+(`r2bspec.measure.completion_rate`): while a graph does not keep up, the completed steps are a
 random walk of service times. The first third of the steps is left out there, because queues that
-fill to where they will stay are no overload. While a graph does keep up, latencies scatter about a
+fill up to a constant level are no overload. While a graph does keep up, latencies scatter about a
 level, and the slope of the line through them is known much better than the rate is
-(`r2bspec.judge.statistics.trend`). `loss` is the drop rate that the spec allows, zero unless it
-says so. A growth below a tenth of the precision is not told from none, and a rate that holds is
-proven up to a quarter of the precision.
+(`r2bspec.judge.statistics.trend`). `loss` is the drop rate that the spec allows, zero by default.
+A growth below a tenth of the precision cannot be told from none, and a sustained rate is proven up
+to a quarter of the precision.
 
-What neither test shows stays open: a graph whose service times vary by as much as they last needs
-ten seconds and more to show at 100 Hz that it keeps up with 90 % of its capacity.
+If neither test succeeds, the rate is undecided: a graph whose service times vary by as much as
+their mean needs ten seconds and more to show at 100 Hz that it keeps up with 90 % of its capacity.
 
 The error of a probe is divided among its looks in proportion to their times (an error-spending
-function that is linear in time), so that looking often costs no honesty.
+function that is linear in time), so that frequent looks do not increase the error.
 """
 
 from __future__ import annotations
@@ -55,18 +55,18 @@ _MIN_BATCHES = 3
 _PROBE_ERROR_SHARE = 1 / 4
 """Of the error that a search may make in all, the part of one probe, either way: a search makes
 several probes near the peak, and residuals that wander pass for scatter more often than a t
-distribution says. With this part the brackets of simulated searches hold what they promise."""
+distribution says. With this part the brackets of simulated searches keep their confidence."""
 
 _MIN_PLAYER_SHARE = 0.98
-"""Below this share of the asked rate it is the player that did not keep up."""
+"""Below this share of the offered rate the player did not keep up."""
 
 _MIN_NAMED_SHARE = 1 / 4
-"""What makes up less than this share of what is missing is not named."""
+"""A cause of less than this share of the missing messages is not named."""
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """What a rate must meet: `precision` and `loss` are fractions of the offered rate."""
+    """When a rate is sustained: `precision` and `loss` are fractions of the offered rate."""
 
     precision: float
     loss: float = 0.0
@@ -75,7 +75,7 @@ class Criterion:
 
 @dataclass(frozen=True)
 class ProbeJudgement:
-    """Whether a rate holds, or None while that is open; and why, in words.
+    """Whether a rate is sustained, None while undecided; and the reason in words.
 
     `relative_half_width` is the relative half-width within which the rate of the graph is known.
     """
@@ -96,14 +96,14 @@ class InterimLook:
 
 @dataclass(frozen=True)
 class ProbeEstimate:
-    """What one monitor has seen of a probe so far.
+    """What one monitor has received during a probe so far.
 
     Attributes:
         overall: the delivery of all steps.
-        steady: the delivery without the run-in.
-        dropped: of the later answers that the graph has done with, whether each was passed over.
-        sent_s: when what was answered was published, seconds from the first step, shape (n,).
-        latency_s: how long each answer took, shape (n,).
+        steady: the delivery without the transient at the start.
+        dropped: for each later step that the graph has completed, whether it was dropped.
+        sent_s: when the input of each output was published, in s from the first step, shape (n,).
+        latency_s: the latency of each output, shape (n,).
     """
 
     overall: DeliveryEstimate
@@ -117,7 +117,7 @@ def plan_interim_looks(limit_s: float) -> tuple[InterimLook, ...]:
     """When a probe that lasts at most `limit_s` seconds is judged; the last time is its end."""
     times: list[float] = []
     at_s = FIRST_LOOK_S
-    # Two looks that are closer to one another than that show the same.
+    # Two looks that are closer together show the same.
     while at_s * math.sqrt(LOOKS_RATIO) < limit_s:
         times.append(at_s)
         at_s *= LOOKS_RATIO
@@ -128,10 +128,10 @@ def plan_interim_looks(limit_s: float) -> tuple[InterimLook, ...]:
 def estimate_probe(
     rate_hz: float, playback: Rows, monitor: Rows, matching: Matching, now_ns: int
 ) -> ProbeEstimate:
-    """Estimate from the samples of one monitor what there is to know about a probe.
+    """Estimate the rates of a probe from the samples of one monitor.
 
     Args:
-        rate_hz: the rate that was asked for.
+        rate_hz: the offered rate.
         playback: rows of type `PLAYBACK_DTYPE` of the steps published so far.
         monitor: rows of type `MONITOR_DTYPE` of the messages received so far.
         matching: how these match.
@@ -161,7 +161,7 @@ def estimate_probe(
 def judge_interim(
     estimate: ProbeEstimate, criterion: Criterion, look: InterimLook
 ) -> ProbeJudgement:
-    """Judge a probe that is still being played, from what it has shown so far."""
+    """Judge a probe that is still being played, by its samples so far."""
     overall = estimate.overall
     if (
         look.at_s >= MAX_NO_OUTPUT_S
@@ -170,7 +170,7 @@ def judge_interim(
     ):
         return ProbeJudgement(False, _shortfall(overall))
     if overall.answered < MIN_LOOK_MESSAGES or estimate.steady.batches < _MIN_BATCHES:
-        return ProbeJudgement(None, "too early to tell")
+        return ProbeJudgement(None, "too few outputs so far")
     return _judge(estimate, criterion, look)
 
 
@@ -180,10 +180,10 @@ def judge_final(
     """Judge a probe that is over, from all its samples.
 
     Args:
-        estimate: what was seen, after the graph has drained.
-        criterion: what must be met.
+        estimate: from all samples, after the graph has drained.
+        criterion: of a sustained rate.
         look: the last one.
-        decided: what an earlier look has shown; that stands, and only the words are looked for.
+        decided: the decision of an earlier look; it stays, and only its reason is worked out.
     """
     judgement = _judge(estimate, criterion, look)
     if decided is not None:
@@ -197,7 +197,7 @@ def judge_final(
 
 
 def worst_judgement(judgements: Sequence[ProbeJudgement]) -> ProbeJudgement:
-    """Of several monitors: one that does not hold decides, then one that is open."""
+    """The worst judgement of several monitors: not sustained, then undecided, then sustained."""
     order = {False: 0, None: 1, True: 2}
     nothing = ProbeJudgement(None, "nothing was published yet")
     return min(judgements, key=lambda each: order[each.holds], default=nothing)
@@ -226,17 +226,16 @@ def _judge(estimate: ProbeEstimate, criterion: Criterion, look: InterimLook) -> 
     growth_hz = offered_hz - steady.completed_hz
     return ProbeJudgement(
         None,
-        f"not clear: the backlog grows by {growth_hz - half_hz:.3g} to "
+        f"undecided: the backlog grows by {growth_hz - half_hz:.3g} to "
         f"{growth_hz + half_hz:.3g} messages/s",
         relative_half_width=relative_half_width,
     )
 
 
 def _min_drop_share(estimate: ProbeEstimate, offered_hz: float, error: float) -> float:
-    """The lower bound of the share dropped: by shares of batches, or by the rate of answers.
+    """The lower bound of the share dropped: by shares of batches, or by the rate of outputs.
 
-    The rate knows more where every so many messages one is dropped, the shares where drops are
-    random.
+    The rate is more precise if messages are dropped periodically, the shares if drops are random.
     """
     steady = estimate.steady
     delivered_hz = (
@@ -248,7 +247,7 @@ def _min_drop_share(estimate: ProbeEstimate, offered_hz: float, error: float) ->
 
 
 def _share_bounds(happened: NDArray[np.bool_], error: float) -> tuple[float, float]:
-    """The share of what happened with one-sided bounds by batch means, each with this error."""
+    """The share of true flags with one-sided bounds by batch means, each with this error."""
     if not happened.any():
         return 0.0, 0.0
     if happened.size < _BATCHES:
@@ -269,9 +268,9 @@ def _t_quantile(batches: int, error: float) -> float:
 
 
 def _shortfall(found: DeliveryEstimate) -> str:
-    """Name what is seen of messages that did not come out: they wait, or are dropped, or both."""
+    """Name what became of the missing messages: they wait, are dropped, or both."""
     if not found.answered:
-        return "nothing comes out"
+        return "no output"
     growth_hz = max(found.backlog_growth_hz, 0.0)
     dropped_hz = max(found.completed_hz - found.delivered_hz, 0.0)
     words = {

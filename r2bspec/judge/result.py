@@ -1,4 +1,4 @@
-"""The result of a run, as ``result.json`` holds it and every report shows it."""
+"""The result of a run, as ``result.json`` stores it and every report shows it."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ class PairsResult(msgspec.Struct, frozen=True, kw_only=True):
     """How base and head were compared, in interleaved runs.
 
     Attributes:
-        against: what the base is, as the user named it; empty where the head runs against itself.
+        against: the base, as the user named it; empty where the head is compared with itself.
         control: whether base and head are the same, so that every difference is noise.
-        base_plan: names the plan of the base.
-        differences: in what it differs from that of the head, a line each.
-        environment: the variables that the base had otherwise; empty for one that it lacked.
-        planned: how many pairs were asked for.
-        used: how many of them the verdicts rest on.
+        base_plan: hash of the plan of the base.
+        differences: from the plan of the base to that of the head, a line each.
+        environment: variables of the base that differ; empty for one that it lacked.
+        planned: the planned number of pairs.
+        used: the number of pairs that the verdicts are based on.
         pairs: every pair that was played, with the folders of its runs.
-        notes: what was decided on the way, a sentence each.
+        notes: decisions made during the comparison, a sentence each.
     """
 
     against: str
@@ -47,14 +47,14 @@ class PairsResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BaselineResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What earlier runs a run was compared with.
+    """The earlier runs that a run was compared with.
 
     Attributes:
-        kind: a ``history`` decides, a single ``stored`` run only advises.
+        kind: a ``history`` decides, a single ``stored`` run is advisory.
         source: the file or folder, as the user named it.
         run_ids: of the earlier runs, oldest first.
-        differences: in what they differ, a line each; not empty only if that was allowed.
-        confirmed: whether a fresh run was made after a failure, which is in the folder
+        differences: between the runs, a line each; not empty only with ``--force``.
+        confirmed: whether a second run was made after a failure, which is in the folder
             ``confirm``.
     """
 
@@ -66,27 +66,27 @@ class BaselineResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that a run came to: metrics and verdict, and what they rest on.
+    """Everything about a run: metrics and verdict, and what they are based on.
 
     Attributes:
         status: how the run itself went; `reason` says why, where it is not complete.
-        plan_hash: names the plan that was carried out.
-        floor: what harness and transport take with nothing under test; contained in every
-            latency, and never subtracted.
-        silences: outputs that stopped, and where their messages stop.
-        differences: what of the real graph was not as the spec says.
+        plan_hash: of the plan that was run.
+        floor: harness overhead: latency of harness and transport without the graph; contained in
+            every latency, and never subtracted.
+        silences: outputs that stopped, and the node at which their messages end.
+        differences: between the running graph and the spec.
         dataset: the recorded messages that were played, with their hash.
         machine: where the run was made.
-        versions: what took part, by name.
+        versions: of the software involved, by name.
         spec: the spec with every substitution done, as YAML.
         judged_by: the name of the other spec whose objectives were judged, or empty where they
             are the run's own.
         objectives: what was judged.
-        monitor_labels: what reports call the monitors that have a label, by name.
-        pairs: how base and head were compared, where this is a comparison: metrics are then those
+        monitor_labels: the labels of monitors that have one, by monitor.
+        pairs: how base and head were compared, if this is a comparison: metrics are then those
             of the head.
-        baseline: the earlier runs that this one was compared with, if it was.
-        left_out: what the verdict might have used and was not played, a sentence each.
+        baseline: the earlier runs that this one was compared with, if any.
+        left_out: planned parts that were not played, a sentence each.
     """
 
     r2bspec_result: Literal[1] = 1
@@ -117,6 +117,6 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     left_out: tuple[str, ...] = ()
 
     def monitor_title(self, name: str) -> str:
-        """What a heading calls a monitor: its label and its name, or its name alone."""
+        """The title of a monitor: its label and its name, or its name alone."""
         label = self.monitor_labels.get(name, "")
         return f"{label} ({name})" if label and label != name else name

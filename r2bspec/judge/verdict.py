@@ -12,7 +12,7 @@ from r2bspec.judge.methods.method_registry import Method
 Outcome = Literal["pass", "fail", "inconclusive"]
 
 Level = Literal["error", "warn", "info", "off"]
-"""What a requirement that does not hold does to the run: fails it, is a warning, is only shown.
+"""What a requirement that is not met does to the run: it fails it, is a warning, or is only shown.
 ``off``: it is not judged."""
 
 OverallOutcome = Literal["pass", "fail", "inconclusive", "invalid", "incomplete"]
@@ -27,7 +27,7 @@ EXIT_CODES: Final[dict[OverallOutcome, ExitStatus]] = {
 
 
 class ShareTest(msgspec.Struct, frozen=True, kw_only=True):
-    """The binomial test behind a percentile or a share.
+    """The binomial test of a percentile or a share.
 
     Of `n` messages `over` are over the limit, `lost` of them because they never arrived.
     `lower` and `upper` are the one-sided Clopper-Pearson bounds on the true share, `allowed` is
@@ -35,13 +35,13 @@ class ShareTest(msgspec.Struct, frozen=True, kw_only=True):
     one about windows, windows are counted and not messages.
 
     Attributes:
-        effective_n: how many independent messages the `n` are worth, for the bounds.
+        effective_n: effective sample size: the number of independent messages equivalent to `n`.
         bursts: in how many bursts the messages over the limit come.
         clustering: why `effective_n` is below `n`: they come in ``bursts`` one after the other,
             in ``stretches`` near one another, or in some ``iterations`` more than in others.
-        withstands: for a share that was shown to be small enough, the mean length of bursts up
-            to which the same counts would still show it; otherwise None. Bursts that are so
-            rare that this run met none cannot be seen in it: this is what it says about them.
+        withstands: burst tolerance: for a share that was shown to be small enough, the mean length
+            of bursts up to which the same counts would still show it; otherwise None. Bursts that
+            are too rare to occur in this run cannot be seen in it.
     """
 
     n: int
@@ -58,15 +58,15 @@ class ShareTest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Compared(msgspec.Struct, frozen=True, kw_only=True):
-    """What a ratio is of, for a requirement ``of baseline``; all values in `unit`.
+    """The values behind a ratio, for a requirement ``of baseline``; all in `unit`.
 
     Attributes:
         base: the geometric mean of the base's values; None where one is missing.
         head: likewise.
         base_values: one for each pair, earlier run, or iteration of a stored run, oldest first;
             None for one that is missing or lost.
-        head_values: one for each pair or iteration; a single one beside a history.
-        deviation: the standard deviation of the logarithms that the interval rests on; 0.02 is
+        head_values: one for each pair or iteration; a single one for a history.
+        deviation: the standard deviation of the logarithms behind the interval; 0.02 is
             about 2 %.
     """
 
@@ -81,28 +81,28 @@ class Compared(msgspec.Struct, frozen=True, kw_only=True):
 class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """One requirement, judged.
 
-    `estimate`, `lower`, `upper` and `limit` are in `unit`, the metric's own. None stands for no
-    value, and for a bound that is not bounded; `lost` is True where the estimate itself is a
-    message that never arrived. `n` is what the decision rests on: messages for the exact
-    binomial and most observations, iterations for t, probes for a search.
+    `estimate`, `lower`, `upper` and `limit` are in `unit`, the metric's own. None is no value, or
+    no bound; `lost` is True where the estimate itself is a message that never arrived. `n` is the
+    sample size of the decision: messages for the exact binomial and most observations, iterations
+    for t, probes for a search.
 
     Attributes:
         objective: the name of the objective that the requirement belongs to.
         text: the requirement as the user wrote it.
-        effective_n: how many independent ones the `n` are worth; None if `n` is 0.
+        effective_n: the effective sample size; None if `n` is 0.
         over: messages over the limit (see `ShareTest`), where single messages were compared.
         bursts: in how many bursts they come, where that is known.
-        rule_of_three: for an observation that held for n messages, the share of messages for
-            which it may still not hold, at the stated confidence; otherwise None.
+        rule_of_three: for an observation that was met by n messages, the share of messages for
+            which it may still not be met, at the stated confidence; otherwise None.
         reason: the decision in one sentence.
-        settle: for an inconclusive requirement, what would settle it; otherwise empty.
-        level: what it does to the run if it does not hold.
-        look: the planned look at which it was decided, counted from 1; 0 if no looks were
+        settle: for an inconclusive requirement, what would decide it; otherwise empty.
+        level: what it does to the run if it is not met.
+        look: the planned interim look at which it was decided, counted from 1; 0 if none were
             planned, of which there are `looks`.
-        notes: everything else that had a part in the decision, one sentence each: an earlier
-            look, a fresh batch that confirmed it or did not, disturbed iterations.
+        notes: further facts behind the decision, one sentence each: an earlier look, a
+            confirmation that succeeded or failed, host interference.
         compared: base and head, where the requirement is on their ratio.
-        weakened: whether it failed, and is inconclusive only because of disturbed iterations.
+        weakened: whether it failed, and is inconclusive only because of host interference.
     """
 
     objective: str
@@ -136,18 +136,18 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Unusable(msgspec.Struct, frozen=True, kw_only=True):
-    """An offered rate at which nothing can be judged, and why."""
+    """An offered rate at which nothing can be judged, and the reason."""
 
     offered_hz: float
     reason: str
 
 
 class DisturbedIteration(msgspec.Struct, frozen=True, kw_only=True):
-    """An iteration that the machine disturbed.
+    """An iteration affected by host interference.
 
     Attributes:
         segment: its id.
-        reasons: what disturbed it, in words; at least one.
+        reasons: the interference, in words; at least one.
         rerun: the id of the iteration that was played in its place, or empty.
         rerun_of: the id of the iteration in whose place it was played itself, or empty.
     """
@@ -160,10 +160,11 @@ class DisturbedIteration(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
-    """A run, judged: the outcome, the exit code that says it, and every requirement.
+    """A run, judged: the outcome, its exit code, and every requirement.
 
-    `reason` is the outcome in one sentence. `disturbed` are the iterations that the machine
-    disturbed, those of a fresh batch among them; what they did to a requirement is in its notes.
+    `reason` is the outcome in one sentence. `disturbed` are the iterations affected by host
+    interference, those of the confirmation session among them; their effect on a requirement is in
+    its notes.
     """
 
     outcome: OverallOutcome

@@ -1,4 +1,4 @@
-"""The sentences in which a verdict says why."""
+"""The sentences in which a verdict gives its reason."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _MIN_WHOLE_COUNT = 10
 
 
 def counted_noun(question: Question) -> str:
-    """What is counted one by one for a metric, in the plural."""
+    """What is counted for a metric, in the plural."""
     if question.windows is not None:
         return f"windows of {show(question.windows.window_ns / 1e9, 's')}"
     return _COUNTED_NOUNS.get(question.info.family, "steps")
 
 
 def share_sentence(question: Question, test: ShareTest, outcome: Outcome) -> str:
-    """How many were on the wrong side, what that proves, and how many may be."""
+    """How many are on the wrong side of the limit, what that shows, and how many are allowed."""
     seen = (
         f"{show(test.over, 'count')} of {show(test.n, 'count')} {counted_noun(question)} "
         f"({_percent(test.share)}) {_wrong_side(question, test)}{_effective_size_text(test)}"
@@ -36,35 +36,35 @@ def share_sentence(question: Question, test: ShareTest, outcome: Outcome) -> str
     sure = f"at {question.confidence_text}"
     lower, upper = _percent(test.lower), _percent(test.upper)
     allowed = show(test.allowed, "share", 6)
-    # A floor on a share (drop_rate > x) wants many; every other requirement allows a few.
-    wants_many = (
+    # A lower bound on a share (drop_rate > x) needs many; every other requirement allows a few.
+    needs_many = (
         question.windows is None and question.info.quantile is None and not question.is_upper_bound
     )
-    needed = f"more than {allowed} must be" if wants_many else f"{allowed} may be"
+    needed = f"and more than {allowed} is required" if needs_many else f"and {allowed} is allowed"
     if outcome == "inconclusive":
-        return f"{seen}; {sure} that is {lower} to {upper} of all, and {needed}."
-    if (outcome == "pass") != wants_many:
-        return f"{seen}; {sure} at most {upper} of all are, and {needed}."
-    return f"{seen}; {sure} at least {lower} of all are, and {needed}."
+        return f"{seen}; {sure} the true share is {lower} to {upper}, {needed}."
+    if (outcome == "pass") != needs_many:
+        return f"{seen}; {sure} the true share is at most {upper}, {needed}."
+    return f"{seen}; {sure} the true share is at least {lower}, {needed}."
 
 
 def _effective_size_text(test: ShareTest) -> str:
-    """What the messages count as, where they come in bursts."""
+    """The effective sample size, where messages over the limit come in bursts."""
     if test.effective_n > _MIN_EFFECTIVE_SHARE * test.n:
         return ""
     return (
-        f", {clustering(test)}, so that {show(test.n, 'count')} count as "
-        f"{_count_text(test.effective_n)}"
+        f", {clustering(test)} (effective sample size {_count_text(test.effective_n)} "
+        f"of {show(test.n, 'count')})"
     )
 
 
 def clustering(test: ShareTest) -> str:
-    """How the messages over the limit lie together."""
+    """How the messages over the limit are clustered."""
     match test.clustering:
         case "stretches":
             return "close to one another"
         case "iterations":
-            return "in some iterations more than in others"
+            return "more in some iterations than in others"
     return "in 1 burst" if test.bursts == 1 else f"in {show(test.bursts, 'count')} bursts"
 
 
@@ -74,15 +74,15 @@ def _count_text(n: float) -> str:
 
 def _wrong_side(question: Question, test: ShareTest) -> str:
     if question.windows is not None:
-        return f"do not have {question.metric_text}"
+        return f"do not meet {question.metric_text}"
     if question.info.statistic == "share":
-        return "were never answered"
+        return "got no output"
     side = "over" if question.is_upper_bound else "under"
-    lost = f", counting {show(test.lost, 'count')} lost" if test.lost else ""
+    lost = f", including {show(test.lost, 'count')} lost" if test.lost else ""
     return f"are {side} {question.limit_text}{lost}"
 
 
 def _percent(share: float) -> str:
-    """A share in prose: two digits say all that there is to know, and most are never all."""
+    """A share with two digits; a share below 1 is never written as 100 %."""
     text = show(share, "share", 2)
     return text if text != "100 %" or share == 1 else show(min(share, 0.999), "share")

@@ -1,8 +1,8 @@
-"""How fast outputs come, estimated while a rate is being probed.
+"""The rate of outputs, estimated while a rate is being probed.
 
-A probe asks two questions of a graph: does it keep up, and does it lose messages? The first is
-answered by a rate and its standard error, the second by a share; they are kept apart, because a
-bounded queue turns the one into the other as soon as it is full.
+A probe decides whether a graph keeps up and whether it loses messages. The first is decided by a
+rate and its standard error, the second by a share; they are kept apart, because a bounded queue
+turns the one into the other as soon as it is full.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from r2bspec.measure.percentiles import percentile
 from r2bspec.record.sample_arrays import Rows
 
 _MAX_BATCHES = 10
-"""Few, so that each is long against the correlation of what it averages over."""
+"""Few, so that each is long compared with the correlation time."""
 _MIN_BATCH_OUTPUTS = 4
-"""Fewer outputs than this in a batch make no slope worth averaging."""
+"""Batches with fewer outputs have no meaningful slope."""
 
 
 @dataclass(frozen=True)
@@ -32,29 +32,29 @@ class RateEstimate:
     batches: int
 
     def divided_by(self, factor: float) -> RateEstimate:
-        """The rate of what every so many of the events make one."""
+        """The rate of groups of this many events."""
         return RateEstimate(self.hz / factor, self.standard_error_hz / factor, self.batches)
 
 
 @dataclass(frozen=True)
 class DeliveryEstimate:
-    """What came out of the graph at one offered rate, so far.
+    """The output of the graph at one offered rate, so far.
 
-    All rates count steps, whatever the ratio of answers to them: a graph that gives one answer for
-    three steps and keeps up has settled and delivered as many steps as were played.
+    All rates count steps, whatever the ratio: a graph that has one output for three steps and keeps
+    up has completed and delivered as many steps as were played.
 
     Attributes:
-        offered_hz: the rate that was asked for.
-        player_hz: the rate that was really published; below `offered_hz` the player limits.
-        delivered_hz: answered steps per second. With losses it is below `completed_hz`.
+        offered_hz: the offered rate.
+        player_hz: the published rate; below `offered_hz` the player limits.
+        delivered_hz: steps with an output per second. With losses it is below `completed_hz`.
         standard_error_hz: the standard error of `delivered_hz`.
-        completed_hz: steps per second that the graph has done with, answered or passed over.
+        completed_hz: steps per second that the graph has completed, delivered or dropped.
         completed_error_hz: the standard error of `completed_hz`.
         batches: the batches behind both standard errors; batches - 1 is the number of degrees
             of freedom. 0 if there were too few outputs for batches.
-        drop_share: of the answers done with, the share that never came.
+        drop_share: of the completed outputs, the share that never arrived.
         published: steps published.
-        answered: answers.
+        answered: outputs received.
         lateness_p99_s: the 99th percentile of how late publications began.
     """
 
@@ -72,10 +72,10 @@ class DeliveryEstimate:
 
     @property
     def backlog_growth_hz(self) -> float:
-        """Steps per second by which the queue inside the graph grows: published - settled.
+        """Steps per second by which the queue inside the graph grows: published - completed.
 
-        Its standard error is `completed_error_hz`, for the player's own is negligible. Losses do
-        not count here: a graph that drops every tenth message at once has no backlog.
+        Its standard error is `completed_error_hz`, because the player's own is negligible. Losses
+        do not count here: a graph that drops every tenth message at once has no backlog.
         """
         return self.player_hz - self.completed_hz
 
@@ -85,24 +85,23 @@ def delivery(
 ) -> DeliveryEstimate:
     """Estimate what a graph delivers, from what one monitor received so far.
 
-    Let t_i be when the i-th first answer was received, s_i the step that it answers, and r the
-    answers that each step lets expect, usually 1. The rates are the reciprocal slopes of two
-    least-squares lines:
+    Let t_i be when the i-th first output was received, s_i its step, and r the expected outputs per
+    step, usually 1. The rates are the reciprocal slopes of two least-squares lines:
 
         t = a + i / (r delivered_hz)        t = a + s / completed_hz
 
     While the graph keeps up, latency only scatters t about the second line, whose slope is the
-    period of the playback. When it does not, each answer waits longer than the one before and
-    the line is steeper. After the last answer nothing is known but that no other has come, so
-    if a published step stays unanswered for longer than any answer took, the rates are at most
+    period of the playback. When it does not, each output waits longer than the one before and
+    the line is steeper. If a published step stays without output for longer than any output took,
+    the rates are at most
 
         answered / (r (now - t_first))      (1 + last step - first step) / (now - t_first)
 
-    Works from the first sample on: with no answer the rates are 0 with a standard error of one
+    Works from the first sample on: without outputs the rates are 0 with a standard error of one
     message in the time waited.
 
     Args:
-        offered_hz: the rate that was asked for.
+        offered_hz: the offered rate.
         playback: rows of type `PLAYBACK_DTYPE` of the steps published so far.
         monitor: rows of type `MONITOR_DTYPE` of the messages received so far.
         match: how these match.
@@ -112,22 +111,22 @@ def delivery(
     lateness = percentile((published - playback["due_ns"]) / 1e9, 0.99) or 0.0
     answers = np.flatnonzero(match.answered)
     if match.trigger_steps.size and int(match.trigger_steps[-1]) >= playback.size:
-        raise ValueError("the matching is of other rows than the playback")
+        raise ValueError("the matching does not belong to this playback")
     arrived = monitor["received_ns"][match.first_row[answers]]
     order = np.argsort(arrived, kind="stable")
     arrived, answers = arrived[order], answers[order]
     until = _stall_span(published[match.trigger_steps], arrived, answers, now_ns)
     delivered = _rate(arrived, np.arange(answers.size), until).divided_by(match.per_step)
-    settled = _rate(arrived, match.trigger_steps[answers], until)
+    completed = _rate(arrived, match.trigger_steps[answers], until)
     passed = int(answers.max()) + 1 if answers.size else 0
     return DeliveryEstimate(
         offered_hz=offered_hz,
         player_hz=_player_rate(published, offered_hz),
         delivered_hz=delivered.hz,
         standard_error_hz=delivered.standard_error_hz,
-        completed_hz=settled.hz,
-        completed_error_hz=settled.standard_error_hz,
-        batches=settled.batches,
+        completed_hz=completed.hz,
+        completed_error_hz=completed.standard_error_hz,
+        batches=completed.batches,
         drop_share=(passed - answers.size) / passed if passed else 0.0,
         published=int(playback.size),
         answered=int(answers.size),
@@ -148,17 +147,17 @@ def _stall_span(
     answers: NDArray[np.int64],
     now_ns: int,
 ) -> tuple[int, int] | None:
-    """The span (from, to) that counts if the graph has fallen silent, or None if it has not.
+    """The span (from, to) that counts if the output has stopped, or None if it has not.
 
-    Silence is an answer that has been waited for for longer than for any that came, and longer
-    since the last one than any pause between two. It is not counted past the moment at which the
-    last expected one would be that late, so that the time after playing is no silence.
+    The output has stopped if the next one is overdue by longer than any output took, and the time
+    since the last one is longer than any gap between two. It is not counted past the moment at
+    which the last expected one would be that late, so that the time after playing does not count.
 
     Args:
-        published: when the step of each expected answer was published.
-        arrived: when those that came were received, ascending.
+        published: when the step of each expected output was published.
+        arrived: when the outputs were received, ascending.
         answers: which of the expected ones these are.
-        now_ns: until when nothing else has come.
+        now_ns: until when nothing else has arrived.
     """
     if not published.size:
         return None
@@ -177,13 +176,13 @@ def _stall_span(
 
 
 def _rate(
-    arrived: NDArray[np.int64], index: NDArray[np.int64], silence: tuple[int, int] | None
+    arrived: NDArray[np.int64], index: NDArray[np.int64], stalled: tuple[int, int] | None
 ) -> RateEstimate:
-    """The rate at which `index` advances, bounded by a silence at the end."""
+    """The rate at which `index` advances, bounded by a gap at the end."""
     slope = _slope(arrived, index) if arrived.size > 1 else None
-    if silence is None:
+    if stalled is None:
         return slope or RateEstimate(0.0, math.inf, 0)
-    waited_s = max(silence[1] - silence[0], 1) / 1e9
+    waited_s = max(stalled[1] - stalled[0], 1) / 1e9
     count = int(index.max() - index.min()) + 1 if index.size else 0
     bound_hz = count / waited_s
     if slope is None:
@@ -199,15 +198,15 @@ def _slope(arrived: NDArray[np.int64], index: NDArray[np.int64]) -> RateEstimate
 
     The residuals of the line are correlated: they are the latencies of neighbours while the
     graph keeps up, and a random walk of service times while it does not. The textbook error of
-    a slope would be far too small, so the answers are cut into b batches of successive ones,
+    a slope would be far too small, so the outputs are cut into b batches of successive ones,
     each gets a line of its own, and with the standard deviation S of the b slopes
 
         standard error of the slope = S / sqrt(b)
 
     which is right for the random walk and too large, hence safe, for scatter about a line. By
     the delta method the rate 1 / slope has the standard error  rate^2 x that of the slope.
-    With too few answers for three batches the answers are taken to be as irregular as a
-    Poisson process: standard error = rate / sqrt(n - 1).
+    With too few outputs for three batches they are treated as a Poisson process:
+    standard error = rate / sqrt(n - 1).
     """
     rate = 1.0 / _least_squares(arrived, index)
     batches = min(_MAX_BATCHES, arrived.size // _MIN_BATCH_OUTPUTS)
@@ -230,7 +229,7 @@ def _least_squares(times_ns: NDArray[np.int64], index: NDArray[np.int64]) -> flo
 
     The times are taken from the first one on while they are still whole nanoseconds: as
     floating-point numbers since boot they would lose the last digits. A slope of zero or less
-    (two answers at one instant) becomes one nanosecond, the resolution of the clock.
+    (two outputs at one instant) becomes one nanosecond, the resolution of the clock.
     """
     t = (times_ns - times_ns[0]).astype(np.float64) / 1e9
     i = (index - index[0]).astype(np.float64)

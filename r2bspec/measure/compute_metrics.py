@@ -1,4 +1,4 @@
-"""From samples to metrics: per iteration, pooled per rate, and how far iterations differ."""
+"""From samples to metrics: per iteration, pooled per rate, and their range over iterations."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
 
 
 def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spread]:
-    """The range over the iterations of the metrics that a reader compares first."""
+    """The range over the iterations of the main metrics."""
     seen = [one.monitors[monitor] for one in iterations]
     columns: dict[str, list[float | None]] = {
         "throughput.mean": [one.throughput_hz for one in seen],

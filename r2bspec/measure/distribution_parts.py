@@ -16,8 +16,8 @@ import msgspec
 class Distribution(msgspec.Struct, frozen=True, kw_only=True):
     """A summary of `n` times, in seconds. Percentiles are observed values (nearest rank).
 
-    Latencies are those of the outputs that arrived; what was lost is in `MonitorMetrics.missed`,
-    and counts as over every bound when a requirement is judged.
+    Latencies are those of the outputs that arrived; missed outputs are in `MonitorMetrics.missed`,
+    and count as over every bound when a requirement is judged.
     """
 
     n: int
@@ -35,7 +35,7 @@ _PERCENTILE = re.compile(r"p(\d{1,2})(?:_(\d{1,4}))?")
 
 
 def quantile(part: str) -> float | None:
-    """The fraction that a percentile's name stands for: ``p99`` is 0.99, ``p99_9`` is 0.999.
+    """The fraction of a percentile's name: ``p99`` is 0.99, ``p99_9`` is 0.999.
 
     None if `part` is no percentile; p0 and p00 are none, because they are the minimum.
     """
@@ -53,7 +53,7 @@ def _ascending(part: str) -> tuple[int, float]:
 PARTS: Final = tuple(
     sorted((each for each in Distribution.__struct_fields__ if each != "n"), key=_ascending)
 )
-"""Every part, as complete tables and exports have them, in ascending order but for the mean."""
+"""Every part, as complete tables and exports have them, in ascending order except the mean."""
 
 PERCENTILES: Final = {part: q for part in PARTS if (q := quantile(part)) is not None}
 """Every percentile that a result has, and its fraction."""

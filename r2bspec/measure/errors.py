@@ -1,14 +1,14 @@
-"""What can be wrong with the name of a metric."""
+"""Errors in the names of metrics."""
 
 from __future__ import annotations
 
 
 class MetricError(ValueError):
-    """A dotted name that is no metric of this run.
+    """A dotted name that is not a metric of this run.
 
     Attributes:
-        known: the names that would have been understood in its place.
-        suggestion: the known name that the wrong one most resembles, or empty.
+        known: the valid names in its place.
+        suggestion: the known name most similar to the wrong one, or empty.
     """
 
     def __init__(self, message: str, known: tuple[str, ...] = (), suggestion: str = "") -> None:

@@ -1,7 +1,7 @@
-"""Which steps a monitor is asked about: those with messages of all the inputs that it answers.
+"""The steps from which a monitor expects an output: those with messages of all its inputs.
 
 Inputs of a timeline have rates of their own, and a step has messages of those that were recorded
-under one stamp. A monitor that answers the camera is not asked about the steps of the IMU.
+with one stamp. A monitor of the camera expects no output of the steps of the IMU.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def select_expected_steps(
     Args:
         playback: rows of type `PLAYBACK_DTYPE`.
         inputs: of the plan.
-        monitor: of the plan; where it names no inputs that it answers, every step counts.
+        monitor: of the plan; without 'answers', every step counts.
     """
     wanted = np.int64(input_mask(inputs, monitor.answers))
     found: Rows = playback[(playback["inputs"] & wanted) == wanted]
@@ -39,9 +39,9 @@ def input_mask(inputs: Sequence[InputPlan], topics: Sequence[str]) -> int:
 
 
 def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
-    """The steps of a segment that a monitor was asked about, what it received, and how they match.
+    """The steps of a segment that count for a monitor, what it received, and how they match.
 
-    Of a live segment, in which nothing is played, each message is its own step, published when its
+    In a live segment, in which nothing is played, each message is its own step, published when its
     source stamped it; there are none if that is not known.
 
     Raises:

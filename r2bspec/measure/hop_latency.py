@@ -1,12 +1,12 @@
-"""The latency of a graph, split into that of its hops by what the taps saw.
+"""The latency of a graph, split into that of its hops by the taps.
 
-The same message is found at every tap by its header stamp. With t_A(s) the time at which the
+The same message is identified at every tap by its header stamp. With t_A(s) the time at which the
 message of step s was received at A, the latency of the hop from A to B is
 
     t_B(s) - t_A(s)
 
-for every step seen at both. For the player, t(s) is when publishing of the step began. Means of
-successive hops add up to the mean of the whole way, for the same steps; percentiles do not.
+for every step received at both. For the player, t(s) is when publishing of the step began. Means of
+successive hops add up to the mean of the whole path, for the same steps; percentiles do not.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from r2bspec.record.sample_arrays import Rows
 
 @dataclass(frozen=True)
 class HopSamples:
-    """One hop: its latency in seconds, a value for each step seen at both ends, in their order.
+    """One hop: its latency in seconds, a value for each step received at both ends, in their order.
 
-    `missed` steps were seen at `source` and not at `target`.
+    `missed` steps were received at `source` and not at `target`.
     """
 
     source: str
@@ -45,9 +45,9 @@ def hop_samples(
     seen: Rows,
     matched: Matching,
 ) -> tuple[HopSamples, ...]:
-    """The hops of the way to a monitor, in one segment.
+    """The hops of the path to a monitor, in one segment.
 
-    A tap whose messages have no header is left out, and its two hops are one.
+    A tap whose messages have no header is left out, and its two hops are merged.
 
     Args:
         plan: of the run.

@@ -1,4 +1,4 @@
-"""What else happened on the machine over exactly one stretch of time."""
+"""Host interference: what else happened on the machine during an interval."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ _MIN_LATENCY_DIFFERENCE_NS = 100_000
 
 
 class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
-    """What else happened on the machine during one iteration; None is unknown.
+    """Host interference during one iteration; None is unknown.
 
     Attributes:
         seconds: how long the iteration lasted.
         cores: processors that the run may use.
-        steal: of the time of these, the share that other virtual machines got.
+        steal: the share of their time that other virtual machines got.
         foreign_cores: processor time per time that processes outside the run used on them.
         pressure: share of the time in which some task waited for a processor (PSI, ``some``).
         throttled_s: time for which a processor or the control group was throttled.
-        calibration: how long the harness alone took, over what it usually takes here.
+        calibration: latency of the harness alone, relative to its usual latency here.
     """
 
     seconds: float = 0.0
@@ -44,7 +44,7 @@ def host_interference(
     began_ns: int,
     ended_ns: int,
 ) -> Surroundings | None:
-    """What happened between two times, interpolated linearly between samples.
+    """The interference between two times, interpolated linearly between samples.
 
     Args:
         rows: of type `INTERFERENCE_DTYPE`, in order of time.
@@ -74,7 +74,7 @@ def host_interference(
 
 
 def _covers(rows: Rows, began_ns: int, ended_ns: int) -> bool:
-    """Whether samples reach over at least half of a window."""
+    """Whether samples cover at least half of a window."""
     if rows.size < 2:
         return False
     inside = min(ended_ns, int(rows["time_ns"][-1])) - max(began_ns, int(rows["time_ns"][0]))
@@ -82,8 +82,8 @@ def _covers(rows: Rows, began_ns: int, ended_ns: int) -> bool:
 
 
 def _growth(rows: Rows, field: str, began_ns: int, ended_ns: int) -> float | None:
-    """By how much a sum grew; None if the system does not tell."""
-    # Relative to the start of the window, because float64 holds no nanoseconds since boot.
+    """By how much a sum grew; None if the system does not report it."""
+    # Relative to the start of the window, because float64 cannot represent nanoseconds since boot.
     times = (rows["time_ns"] - began_ns) / 1e9
     first, last = np.interp([0.0, (ended_ns - began_ns) / 1e9], times, rows[field])
     grown = float(last - first)
@@ -102,13 +102,13 @@ def _foreign_cores(
 
 
 def harness_slowdown(usual: tuple[FloorRecord, ...], now: tuple[FloorRecord, ...]) -> float | None:
-    """How many times as long the harness alone took as usual: the largest ratio over the inputs.
+    """The latency of the harness alone over its usual one: the largest ratio of the inputs.
 
-    Medians are compared, of an input with itself. A difference below `_MIN_LATENCY_DIFFERENCE_NS`
-    is the timer's and the scheduler's, whatever the ratio.
+    Medians of the same input are compared. A difference below `_MIN_LATENCY_DIFFERENCE_NS` is
+    caused by the timer and the scheduler, whatever the ratio.
 
     Returns:
-        None if no input has a floor in both.
+        None if the harness overhead of no input is in both.
     """
     before = {(each.topic, each.rate_hz): each.latency_p50_ns for each in usual}
     ratios = [

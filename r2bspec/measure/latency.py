@@ -16,11 +16,11 @@ Seconds = NDArray[np.float64]
 
 
 def latencies(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
-    """Received - published of each answer, in seconds, in the order of the steps.
+    """Received - published of each output, in seconds, in the order of the steps.
 
     Published is when publishing of the step's first input began; received is when the
-    middleware received the first answer. Where several steps lead to one answer, the last of
-    them counts: before it was there, the graph could only wait.
+    middleware received the first output. Where several steps lead to one output, the last of
+    them counts: the graph could not respond before.
 
     Returns:
         Shape (answered,).
@@ -29,9 +29,9 @@ def latencies(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
 
 
 def latencies_from_due(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
-    """Received - due of each answer, in seconds, in the order of the steps.
+    """Received - due of each output, in seconds, in the order of the steps.
 
-    Free of coordinated omission: where the playback was held up, the wait counts.
+    Free of coordinated omission: delays of the playback count.
 
     Returns:
         Shape (answered,).
@@ -46,9 +46,9 @@ def _elapsed_since(start_ns: NDArray[np.int64], monitor: Rows, match: Matching) 
 
 
 def arrivals(monitor: Rows, match: Matching) -> NDArray[np.int64]:
-    """When each first answer was received, in ascending nanoseconds; shape (answered,).
+    """When each first output was received, in ascending nanoseconds; shape (answered,).
 
-    Duplicates and messages that answer no step are left out: they are counted elsewhere, and
+    Duplicates and messages that match no step are left out: they are counted elsewhere, and
     would make a graph look faster than it is.
     """
     return np.sort(monitor["received_ns"][match.first_row[match.answered]])

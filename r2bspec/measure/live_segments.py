@@ -1,14 +1,14 @@
-"""Live runs: the graph has a source of its own, and nobody knows what that sent.
+"""Live runs: the graph has its own source, and what that sent is unknown.
 
-What arrived is known, and when. A message with a header tells when its source stamped it, in the
-clock of this machine, so that
+What arrived is known, and when. A message with a header carries the time at which its source
+stamped it, in the clock of this machine, so that
 
     latency = received - stamp
 
-That is known of an iteration only if the stamps are times of that clock: not if more than one in a
-hundred lies after the reception of its message or more than an hour before it, as stamps do that
+This is known for an iteration only if the stamps are times of that clock: not if more than one in a
+hundred is after the reception of its message or more than an hour before it, as with stamps that
 were never set, or come from a simulation or a recording; and not if the clock was set meanwhile.
-What was sent, missed, repeated or overtaken is unknown, and no metric of it has a value.
+What was sent, missed, duplicated or reordered is unknown, and no metric of it has a value.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import Rows
 
 _MAX_CLOCK_SKEW_NS = 1_000_000
-"""Two readings of clocks that are compared may be so far apart, if a process was interrupted."""
+"""Two clock readings may be this far apart, if a process was interrupted between them."""
 
 _MAX_STAMP_AGE_NS = 3_600_000_000_000
 _MAX_IMPLAUSIBLE_SHARE = 0.01

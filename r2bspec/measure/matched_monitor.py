@@ -13,13 +13,13 @@ from r2bspec.record.sample_arrays import Rows
 
 @dataclass(frozen=True)
 class MatchedMonitor:
-    """The match of one monitor. Everything that needs one takes it from here: it is costly.
+    """The match of one monitor. It is costly, and therefore computed once.
 
     Attributes:
         steps: rows of type `PLAYBACK_DTYPE`: the steps that count for the monitor.
         rows: rows of type `MONITOR_DTYPE`: what it received.
-        ratio: how many answers a step has.
-        matching: how `rows` answer `steps`.
+        ratio: of outputs to steps.
+        matching: how `rows` match `steps`.
     """
 
     steps: Rows

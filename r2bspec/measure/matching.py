@@ -1,4 +1,4 @@
-"""Which message answers which step of the playback."""
+"""Matches messages to the steps of the playback."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.sample_arrays import Rows
 
 NO_MATCH = -1
-"""The step of a message that answers none."""
+"""The step of a message that matches none."""
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """How many outputs answer how many steps, and where in its counting the graph is.
+    """How many outputs belong to how many steps, and the position of the graph's count.
 
     Attributes:
-        inputs: so many steps make a group.
-        outputs: so many messages answer each group.
-        before: steps that the graph was given before those at hand. A node that answers every
-            third message goes on counting where the last segment left it.
+        inputs: the number of steps of a group.
+        outputs: the number of outputs of each group.
+        before: steps that the graph received before these. A node with one output for every
+            third message continues its count from the last segment.
     """
 
     inputs: int = 1
@@ -36,9 +36,9 @@ class Ratio:
         return self.outputs / self.inputs
 
     def trigger_steps(self, steps: int) -> NDArray[np.int64]:
-        """The step after which each expected answer can come: the last one of its group.
+        """The step after which each expected output can come: the last one of its group.
 
-        Of `steps` steps, those after the last whole group are waited for by nobody.
+        Steps after the last whole group have no expected output.
         """
         first = self.inputs - 1 - self.before % self.inputs
         return np.repeat(np.arange(first, steps, self.inputs, dtype=np.int64), self.outputs)
@@ -48,7 +48,7 @@ ONE_TO_ONE = Ratio()
 
 
 def ratio_of(plan: MonitorPlan, played_before: int) -> Ratio:
-    """What a monitor expects of the steps of a segment; a stamp answers the step that has it.
+    """The ratio of a monitor in a segment; by stamp it is always one to one.
 
     Args:
         plan: the monitor.
@@ -61,25 +61,25 @@ def ratio_of(plan: MonitorPlan, played_before: int) -> Ratio:
 
 @dataclass(frozen=True)
 class Matching:
-    """How the messages of one monitor answer the steps of one segment.
+    """How the messages of one monitor match the steps of one segment.
 
-    With e expected answers (as many as steps, unless the ratio is another) and m messages::
+    With e expected outputs (as many as steps, unless the ratio is another) and m messages::
 
         expected = e = answered + missed
         received = m = answered + duplicates + unmatched
 
     Attributes:
-        step: shape (m,), the step that each message answers, or `NO_MATCH`.
-        trigger_steps: shape (e,), the step after which each expected answer can come.
-        first_row: shape (e,), the row of the first message that is each expected answer, or
+        step: shape (m,), the step that each message matches, or `NO_MATCH`.
+        trigger_steps: shape (e,), the step after which each expected output can come.
+        first_row: shape (e,), the row of the first message that is each expected output, or
             `NO_MATCH` where none is.
-        duplicates: messages that answer a step which an earlier message had answered.
-        reordered: first answers that came after the answer of a later step (RFC 4737,
+        duplicates: messages that match a step which an earlier message had matched.
+        reordered: first outputs that arrived after the output of a later step (RFC 4737,
             section 3: the step is below the highest one seen before).
-        unmatched: messages that answer no step.
-        early: first answers that came before their step was published, which no answer can:
-            counting by order has gone wrong.
-        per_step: expected answers for each step, in the long run.
+        unmatched: messages that match no step.
+        early: first outputs that arrived before their step was published, which is impossible:
+            matching by order has gone wrong.
+        per_step: expected outputs per step, on average.
     """
 
     step: NDArray[np.int64]
@@ -93,12 +93,12 @@ class Matching:
 
     @property
     def answered(self) -> NDArray[np.bool_]:
-        """Shape (e,): whether each expected answer came."""
+        """Shape (e,): whether each expected output arrived."""
         return np.not_equal(self.first_row, NO_MATCH)
 
     @property
     def missed(self) -> int:
-        """Expected answers that never came."""
+        """Expected outputs that never arrived."""
         return int(np.count_nonzero(self.first_row == NO_MATCH))
 
 
@@ -110,15 +110,14 @@ def match(
 ) -> Matching:
     """Match messages to steps.
 
-    By stamp: a message answers the step whose unique stamp it carries. By order: the k-th
-    message is the k-th answer that the ratio lets expect, and what comes after the last of them,
-    or came before anything was published, answers nothing; losses and duplicates within the
-    order cannot be seen that way.
+    By stamp: a message matches the step with its unique stamp. By order: the k-th message is the
+    k-th expected output, and messages after the last of them, or before anything was published,
+    match nothing; losses and duplicates within the order cannot be detected that way.
 
     Args:
         playback: rows of type `PLAYBACK_DTYPE`, one per step, in the order of publication.
         monitor: rows of type `MONITOR_DTYPE`, in the order of arrival.
-        by: how.
+        by: by stamp or by order.
         ratio: of outputs to inputs; by stamp it is one to one.
     """
     if by == "order":
@@ -150,10 +149,10 @@ def match(
 
 
 def _answers_by_order(playback: Rows, monitor: Rows, expected: int) -> NDArray[np.int64]:
-    """The number of the expected answer that each message is, or `NO_MATCH`."""
+    """The number of the expected output that each message is, or `NO_MATCH`."""
     answer = np.full(monitor.size, NO_MATCH, dtype=np.int64)
     if playback.size:
-        # What was still under way from before must not be taken for the first answer.
+        # A message still in flight from before must not be taken for the first output.
         can = np.flatnonzero(monitor["received_ns"] >= playback["published_ns"][0])[:expected]
         answer[can] = np.arange(can.size)
     return answer

@@ -1,4 +1,4 @@
-"""Every metric that exists: its name, what it measures, its dimension, and how it is judged.
+"""Every metric: its name, what it measures, its dimension, and how it is judged.
 
 Grammar of a metric's name, as a requirement writes it::
 
@@ -21,16 +21,16 @@ from r2bspec.measure.errors import MetricError
 
 Statistic = Literal["percentile", "share", "mean", "observation", "search", "sequential"]
 """How a bound on the metric is decided: by the exact binomial test on single messages
-(percentile, share), by t over the iterations (mean), by plain comparison of something observed
-(observation), by the bracket that the search found (search) or by a probe (sequential)."""
+(percentile, share), by t over the iterations (mean), by comparing the observed value
+(observation), by the bracket of the search (search) or by a probe (sequential)."""
 
 Scope = Literal["monitor", "playback", "process", "machine", "search", "probe"]
-"""What a value of the metric belongs to. Only the metrics of a monitor take its name in front."""
+"""What the metric belongs to. Only the metrics of a monitor are prefixed with its name."""
 
 Dimension = Literal["time", "rate", "size", "share", "count", "none"]
 
 PROCESS = "<process>"
-"""Stands in the catalogue's names for the name of any process."""
+"""Placeholder for the name of any process in the catalogue's names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +39,11 @@ class MetricInfo:
 
     Attributes:
         name: the dotted name without a monitor, such as ``latency.p99``.
-        unit: the unit that values are kept in: ``s``, ``Hz``, ``B``, ``share`` (a fraction; of
-            processor time, one core is 1), ``count``, or empty for none. That
-            of ``sustained``, which has no bound, is the unit of what came out.
+        unit: the unit of values: ``s``, ``Hz``, ``B``, ``share`` (a fraction; of processor time,
+            one core is 1), ``count``, or empty for none. That of ``sustained``, which has no
+            bound, is the unit of the delivered rate.
         quantile: for percentiles, the fraction of messages at or below; otherwise None.
-        process: the process that the name names, for scope ``process``.
+        process: the process in the name, for scope ``process``.
     """
 
     name: str
@@ -68,8 +68,8 @@ class MetricInfo:
     def accepts(self, bound: Bound) -> bool:
         """Whether a bound has this metric's dimension.
 
-        Only rates can be 'of offered'; 'of baseline' can be whatever has a value in each
-        iteration that is not a count.
+        'of offered' applies to rates only; 'of baseline' to every metric that has a value in each
+        iteration and is not a count.
         """
         if bound.of_offered:
             return self.dimension == "rate"
@@ -89,9 +89,9 @@ _UNITS: dict[Dimension, str] = {
 
 _TIME_FAMILIES = {
     "latency": "time from publication of the input to reception of the output",
-    "latency_from_due": "time from when the input was due to reception of the output",
-    "interval": "time between one output and the next",
-    "jitter": "change between two intervals that follow each other, without its sign",
+    "latency_from_due": "time from the due time of the input to reception of the output",
+    "interval": "time between consecutive outputs",
+    "jitter": "absolute difference of consecutive intervals",
 }
 """Families that have one value per message."""
 
@@ -107,7 +107,7 @@ def _distribution(family: str, what: str) -> list[MetricInfo]:
 
 def _percentile(family: str, part: str, what: str) -> MetricInfo:
     q = quantile(part)
-    text = f"{what}: {q * 100:g} % of them are at or below" if q is not None else what
+    text = f"{what}: {q * 100:g} % of the values are at or below" if q is not None else what
     scope: Scope = "monitor" if family in _TIME_FAMILIES else "playback"
     return replace(_metric(f"{family}.{part}", scope, "time", "percentile", text), quantile=q)
 
@@ -118,36 +118,48 @@ def _metric(
     return MetricInfo(name, scope, dimension, _UNITS[dimension], statistic, description)
 
 
-_LATENESS_DESCRIPTION = "time that a publication began after it was due"
+_LATENESS_DESCRIPTION = "time from when a publication was due to when it began"
 
 _CATALOGUE: tuple[MetricInfo, ...] = (
-    _metric("throughput.mean", "monitor", "rate", "mean", "(n - 1) / (last - first output)"),
+    _metric("throughput.mean", "monitor", "rate", "mean", "output rate: (n - 1) / (last - first)"),
     *(info for family, what in _TIME_FAMILIES.items() for info in _distribution(family, what)),
-    _metric("sent", "playback", "count", "observation", "steps that were played"),
-    _metric("received", "monitor", "count", "observation", "messages that arrived, of any kind"),
-    _metric("missed", "monitor", "count", "observation", "expected answers that never came"),
-    _metric("drop_rate", "monitor", "share", "share", "missed / expected answers"),
-    _metric("duplicates", "monitor", "count", "observation", "answers to a step answered before"),
-    _metric("reordered", "monitor", "count", "observation", "answers overtaken by a later step's"),
-    _metric("unmatched", "monitor", "count", "observation", "messages that answer no step"),
-    _metric("playback.rate", "playback", "rate", "mean", "(n - 1) / (last - first publication)"),
+    _metric("sent", "playback", "count", "observation", "steps played"),
+    _metric("received", "monitor", "count", "observation", "messages received, matched or not"),
+    _metric("missed", "monitor", "count", "observation", "expected outputs not received"),
+    _metric("drop_rate", "monitor", "share", "share", "missed / expected outputs"),
+    _metric("duplicates", "monitor", "count", "observation", "repeated outputs of a step"),
+    _metric("reordered", "monitor", "count", "observation", "outputs after that of a later step"),
+    _metric("unmatched", "monitor", "count", "observation", "messages that match no step"),
+    _metric(
+        "playback.rate", "playback", "rate", "mean", "published rate: (n - 1) / (last - first)"
+    ),
     *(_percentile("playback.lateness", part, _LATENESS_DESCRIPTION) for part in SHORT_PERCENTILES),
     _metric(
         "playback.lateness.max",
         "playback",
         "time",
         "observation",
-        f"longest {_LATENESS_DESCRIPTION}",
+        f"largest {_LATENESS_DESCRIPTION}",
     ),
     _metric(f"cpu.{PROCESS}.mean", "process", "share", "mean", "processor time; one core is 100 %"),
-    _metric(f"cpu.{PROCESS}.max", "process", "share", "observation", "the same, busiest sample"),
+    _metric(
+        f"cpu.{PROCESS}.max", "process", "share", "observation", "the same in the busiest sample"
+    ),
     _metric(f"memory.{PROCESS}.max", "process", "size", "observation", "largest resident set"),
-    _metric("cpu.system.mean", "machine", "share", "mean", "all processor time; one core is 100 %"),
-    _metric("cpu.system.max", "machine", "share", "observation", "the same, busiest sample"),
-    _metric("memory.system.max", "machine", "size", "observation", "most memory in use"),
-    _metric("peak.rate", "search", "rate", "search", "highest rate that held"),
+    _metric("cpu.system.mean", "machine", "share", "mean", "CPU of the machine; one core is 100 %"),
+    _metric("cpu.system.max", "machine", "share", "observation", "the same in the busiest sample"),
+    _metric(
+        "memory.system.max",
+        "machine",
+        "size",
+        "observation",
+        "largest memory in use on the machine",
+    ),
+    _metric("peak.rate", "search", "rate", "search", "highest sustained rate"),
     replace(
-        _metric("sustained", "probe", "none", "sequential", "whether the offered rate is kept up"),
+        _metric(
+            "sustained", "probe", "none", "sequential", "whether the offered rate is sustained"
+        ),
         unit="Hz",
     ),
 )
@@ -158,27 +170,27 @@ listed exist (see `r2bspec.measure.distribution_parts.quantile`)."""
 
 
 _LIVE_FAMILIES = ("throughput", "latency", "interval", "jitter", "received", "cpu", "memory")
-"""Families of metrics that need nothing that was played."""
+"""Families of metrics that do not depend on playback."""
 
 
 def available_live(info: MetricInfo) -> bool:
-    """Whether a metric can be known of a live run, in which the graph has its own source."""
+    """Whether a metric is known in a live run, in which the graph has its own source."""
     return info.family in _LIVE_FAMILIES
 
 
 def resolve(
     metric: str, monitors: Collection[str], processes: Collection[str] = ()
 ) -> tuple[str | None, MetricInfo]:
-    """Find what a requirement's dotted name means.
+    """Find the metric of a requirement's dotted name.
 
-    A metric of a monitor may be written without the monitor: it then means the only monitor
-    there is, or, with several, each of them (the monitor returned is None). A name that is a
-    metric as it stands is one, also if a monitor has the name of a metric's family.
+    A metric of a monitor may be written without the monitor: it then refers to the only monitor,
+    or, with several, to each of them (the monitor returned is None). A name that is a metric by
+    itself takes precedence over a monitor with the name of a metric's family.
 
     Args:
         metric: the dotted name as written.
         monitors: the names of the monitors of the spec.
-        processes: the names of the processes that ``cpu`` and ``memory`` can be asked for.
+        processes: the names of the processes with ``cpu`` and ``memory``.
 
     Returns:
         The monitor's name, or None where the metric belongs to no single monitor; and the
@@ -194,9 +206,7 @@ def resolve(
     first, _, rest = metric.partition(".")
     if first in monitors:
         if not rest:
-            raise _unknown_metric(
-                metric, f"{metric!r} names a monitor but no metric of it", processes
-            )
+            raise _unknown_metric(metric, f"{metric!r} is a monitor, without a metric", processes)
         info = _find(rest, processes)
         if info is None:
             raise _unknown_metric(
@@ -204,7 +214,7 @@ def resolve(
             )
         if info.scope != "monitor":
             raise MetricError(
-                f"{rest!r} does not belong to a monitor", known=(rest,), suggestion=rest
+                f"{rest!r} is not a metric of a monitor", known=(rest,), suggestion=rest
             )
         return first, info
     if rest and _find(rest, processes) is not None:
@@ -250,7 +260,7 @@ def names(processes: Collection[str] = ()) -> tuple[str, ...]:
 def _unknown_metric(
     name: str, message: str, processes: Collection[str], prefix: str = ""
 ) -> MetricError:
-    """The error for a wrong name: if its first word is a family, only that family is listed."""
+    """The error for an unknown name: if its first word is a family, only that family is listed."""
     family = name.partition(".")[0]
     everything = names(processes)
     known = tuple(one for one in everything if one.partition(".")[0] == family) or everything

@@ -10,15 +10,15 @@ from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, MonitorSamples, Seg
 
 
 def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:
-    """What a metric was in one segment, in its SI unit; None if there is nothing to say.
+    """The value of a metric in one segment, in its SI unit; None if it is unknown.
 
-    In a live run, that is so for every metric of what was sent, and of what came of it.
+    In a live run, every metric that depends on what was sent is unknown.
 
     Infinity where a percentile or the maximum of the latency falls on a lost message.
 
     Args:
         info: the metric; not one of the search or of a sequential probe.
-        monitor: the monitor it is asked of, for metrics of scope ``monitor``.
+        monitor: the monitor, for metrics of scope ``monitor``.
         samples: the segment.
 
     Raises:
@@ -38,7 +38,7 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
 
 
 def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
-    """What a metric of scope ``monitor`` was for what one monitor saw; see `metric_value`."""
+    """The value of a metric of scope ``monitor`` for one monitor; see `metric_value`."""
     if seen.live and not available_live(info):
         return None
     if info.family in seen.times:

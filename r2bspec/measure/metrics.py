@@ -1,7 +1,7 @@
 """The metrics of a run as frozen values that serialise to JSON.
 
 Times are seconds, rates hertz, sizes bytes and shares fractions of one; of processor time, one
-core is 1. None stands for 'no value': nothing arrived, or nothing was sampled.
+core is 1. None is no value: nothing arrived, or nothing was sampled.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from r2bspec.record.run_record import Probe, SearchRecord
 
 
 class HopMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """A hop of the way to a monitor: from one topic to the next, or from the player to the first.
+    """A hop of the path to a monitor: from one topic to the next, or from the player to the first.
 
-    Of the messages that were seen at `source`, `matched` were seen at `target`, too, with the same
-    stamp, and `missed` were not. `latency` is from reception there to reception here; from the
-    player, it is from publication.
+    Of the messages received at `source`, `matched` were received at `target`, too, with the same
+    stamp, and `missed` were not. `latency` is from reception at `source` to reception at `target`;
+    from the player, it is from publication.
     """
 
     source: str
@@ -31,19 +31,19 @@ class HopMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """What one monitor saw. Of a live run, what needs to know what was sent is None.
+    """What one monitor received. In a live run, None where it depends on what was sent.
 
-    `sent` counts steps. They let expect as many answers, unless the monitor's ratio is another:
+    `sent` counts steps. Each has one expected output, unless the monitor's ratio is another:
     ``expected = answered + missed``, and ``drop_rate = missed / expected``. Messages are counted
     by ``received = answered + duplicates + unmatched``.
 
     Attributes:
-        reordered: answers that came after that of a later step.
-        late: answers that came after the last step's period had ended.
-        early: answers that came before their step was published: by order, the counting has
+        reordered: outputs that arrived after that of a later step.
+        late: outputs that arrived after the last step's period had ended.
+        early: outputs that arrived before their step was published: matching by order has
             gone wrong.
-        overdue: of the unmatched, answers to steps of an earlier segment, given up by then.
-        hops: the way of the messages, where it is tapped.
+        overdue: of the unmatched, outputs of steps of an earlier segment, which had ended.
+        hops: the path of the messages, where it is tapped.
     """
 
     sent: int | None
@@ -66,16 +66,16 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def expected(self) -> int | None:
-        """Answers that the steps let expect."""
+        """The number of expected outputs."""
         if self.answered is None or self.missed is None:
             return None
         return self.answered + self.missed
 
 
 class PlaybackMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """What was played: the rate really published, and how late publications began.
+    """What was played: the published rate, and how late publications began.
 
-    Of a live run, in which nothing is played, both are None.
+    In a live run, in which nothing is played, both are None.
     """
 
     sent: int | None
@@ -84,7 +84,7 @@ class PlaybackMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class UseMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """What a process and its descendants used; or, for the machine, everything that ran."""
+    """What a process and its descendants used; for the machine, all processes."""
 
     cpu_mean: float | None
     cpu_max: float | None
@@ -94,7 +94,7 @@ class UseMetrics(msgspec.Struct, frozen=True, kw_only=True):
 class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     """One iteration, or several pooled (then `segment` is empty and `index` is None).
 
-    `surroundings` is what else happened on the machine, where that was sampled; None if pooled.
+    `surroundings` is the host interference, where it was sampled; None if pooled.
     """
 
     segment: str
@@ -114,12 +114,12 @@ class Spread(msgspec.Struct, frozen=True, kw_only=True):
 
 
 Pace = Literal["rate", "recording", "source"]
-"""Who says how fast messages come: a rate that was asked for, the recording, or, in a live run, the
-graph's own source."""
+"""What sets the rate of messages: the offered rate, the recording, or, in a live run, the graph's
+own source."""
 
 
 def pace_of(mode: str) -> Pace:
-    """Who says how fast messages come in a playback mode."""
+    """What sets the rate of messages in a playback mode."""
     paces: dict[str, Pace] = {"timeline": "recording", "live": "source"}
     return paces.get(mode, "rate")
 
@@ -128,9 +128,9 @@ class RateMetrics(msgspec.Struct, frozen=True, kw_only=True):
     """Everything measured at one offered rate; at 0, if `pace` is not a rate.
 
     `pooled` adds counts and pools single messages over all iterations; its rates and processor
-    shares are the mean of the iterations' values. `spread` holds, for each monitor, how far
-    metrics differ between iterations, by the metric's name. `reruns` were played in the place of
-    iterations that the machine disturbed; they are in none of these.
+    shares are the mean of the iterations' values. `spread` has, for each monitor, the range of
+    metrics over the iterations, by the metric's name. `reruns` replace iterations affected by host
+    interference; they are included in none of these.
     """
 
     offered_hz: float
@@ -144,7 +144,7 @@ class RateMetrics(msgspec.Struct, frozen=True, kw_only=True):
 class RunMetrics(msgspec.Struct, frozen=True, kw_only=True):
     """Everything measured in a run, by offered rate in ascending order.
 
-    `incomplete` names the iterations that were cut short; they are in no number.
+    `incomplete` are the iterations that were cut short; they are not included in any value.
     """
 
     rates: tuple[RateMetrics, ...]

@@ -16,7 +16,7 @@ def percentile(values: NDArray[np.float64], q: float, lost: int = 0) -> float | 
 
         k = max(1, ceil(q (n + lost)))
 
-    It is therefore always a value that was observed, never one between two.
+    It is always an observed value, never an interpolated one.
 
     Args:
         values: shape (n,), in any order, finite.
@@ -36,7 +36,7 @@ def percentile(values: NDArray[np.float64], q: float, lost: int = 0) -> float | 
 
 
 def rank(q: float, n: int) -> int:
-    """The smallest k of 1..n with k / n >= q, counted as a person would.
+    """The smallest k of 1..n with k / n >= q, without rounding errors.
 
     0.07 x 100 is 7.000000000000001 in binary floating point; the tolerance keeps it 7.
     """

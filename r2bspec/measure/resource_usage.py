@@ -1,4 +1,4 @@
-"""Processor time and memory of a process over exactly one stretch of time."""
+"""Processor time and memory of a process over an interval."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ class ResourceUse:
 
     Attributes:
         cpu_mean: processor time per time; 1 is one core. None if too little was sampled.
-        cpu_max: the same over the stretch of at least `MIN_SPACING_NS` between two samples where it
-            was largest.
+        cpu_max: the largest of the same between two samples at least `MIN_SPACING_NS` apart.
         memory_max_bytes: the largest resident set at a sample, or None without one.
     """
 
@@ -27,14 +26,14 @@ class ResourceUse:
 
 
 MACHINE_INDEX = -1
-"""The process index that stands for the whole machine."""
+"""The process index of the whole machine."""
 
 CONTROLLER_INDEX = -2
-"""The process index of the controller itself, which is no process of the run's plan."""
+"""The process index of the controller itself, which is not a process of the run's plan."""
 
 
 MIN_SPACING_NS = 100_000_000
-"""Processor time is counted in ticks of 10 ms: over less than several of them it has no rate."""
+"""Processor time is counted in ticks of 10 ms: a rate needs several of them."""
 
 
 def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -51,14 +50,14 @@ def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
 def resource_use(
     resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int
 ) -> ResourceUse | None:
-    """What some processes together used between two times, or None if none was sampled there.
+    """What some processes together used between two times, or None if nothing was sampled then.
 
     With C(t) the processor time used up to t, interpolated linearly between samples,
 
         cpu_mean = (C(ended) - C(began)) / (ended - began)
 
     so that time outside the window does not count, whatever the sampling period. Samples must
-    cover at least half of the window; what they do not cover is left out of both differences.
+    cover at least half of the window; the rest is left out of both differences.
 
     Args:
         resources: rows of type `RESOURCE_DTYPE`, in any order.
@@ -96,7 +95,7 @@ def _process_use(resources: Rows, index: int, began_ns: int, ended_ns: int) -> R
     if end <= start or 2 * (end - start) < ended_ns - began_ns:
         return ResourceUse(None, None, memory_max)
     edges = np.concatenate(([start], times[(times > start) & (times < end)], [end]))
-    # Relative to the start of the window, because float64 holds no nanoseconds since boot.
+    # Relative to the start of the window, because float64 cannot represent nanoseconds since boot.
     used = np.interp((edges - start) / 1e9, (times - start) / 1e9, rows["cpu_s"])
     apart = spaced_indices(edges)
     busiest = float(np.max(np.diff(used[apart]) / (np.diff(edges[apart]) / 1e9)))

@@ -1,4 +1,4 @@
-"""From the rows of a run to its samples: read from a run folder, or held by a run in progress."""
+"""The samples of a run, from its rows: read from a run folder, or kept by a run in progress."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class SegmentRows:
         playback: rows of type `PLAYBACK_DTYPE`, one per step.
         monitors: rows of type `MONITOR_DTYPE` of each monitor, by name.
         taps: rows of type `MONITOR_DTYPE` of each tap, by topic.
-        earlier_stamps: gives the stamps of all steps of earlier segments; called only where
-            messages arrived that answer no step of this one.
+        earlier_stamps: returns the stamps of all steps of earlier segments; called only where
+            messages arrived that match no step of this one.
     """
 
     playback: Rows
@@ -138,7 +138,7 @@ def segment_samples(
 def _monitor(
     plan: Plan, segment: Segment, rows: SegmentRows, monitor: MonitorPlan, matched: MatchedMonitor
 ) -> MonitorSamples:
-    """What one monitor received, with the path to it, and what came late from earlier segments."""
+    """What one monitor received, with the path to it, and overdue outputs of earlier segments."""
     taps = {tap.topic: rows.taps[tap.topic] for tap in monitor.taps}
     return replace(
         monitor_samples(segment, matched),
@@ -158,7 +158,7 @@ def _overdue(rows: SegmentRows, matched: MatchedMonitor) -> int:
 def with_host_samples(
     samples: SegmentSamples, record: RunRecord, host: HostSamples
 ) -> SegmentSamples:
-    """The samples of a segment with what processes used and what else the host did in it."""
+    """The samples of a segment with resource usage and host interference."""
     segment = samples.segment
     resources = host.resources
     began, ended = segment.began_ns, segment.ended_ns
@@ -197,7 +197,7 @@ def run_samples(
     """The samples of all complete iterations and sustained probes of a run.
 
     Args:
-        record: of the run, as far as it has got.
+        record: of the run so far.
         plan: of the run.
         samples_of: the samples of one complete segment; see `segment_samples`.
         host: what was sampled over the whole run.
@@ -223,7 +223,7 @@ def run_samples(
         [each for each in again if each.id in probed_for],
     )
     if second.peak_hz is None:
-        # What is played at the peak is then played where the first session found it.
+        # The segments at the peak are then played at the peak of the first session.
         second = replace(second, peak_hz=first.peak_hz)
     return replace(
         first, confirmation=_calibrated(second, harness_slowdown(record.floor, fresh.floor))
@@ -268,19 +268,20 @@ class _Collector:
         return with_host_samples(self.samples_of(segment), record, self.host)
 
 
-def _calibrated(batch: RunSamples, calibration: float | None) -> RunSamples:
-    """A batch whose harness alone took so many times as long as usual; None is unknown."""
+def _calibrated(session: RunSamples, calibration: float | None) -> RunSamples:
+    """A session with the slowdown of its harness; None is unknown."""
     if calibration is None:
-        return batch
+        return session
 
-    def told(one: SegmentSamples) -> SegmentSamples:
+    def with_calibration(one: SegmentSamples) -> SegmentSamples:
         known = one.surroundings or Surroundings()
         return replace(one, surroundings=msgspec.structs.replace(known, calibration=calibration))
 
     return replace(
-        batch,
+        session,
         iterations={
-            rate: tuple(told(one) for one in found) for rate, found in batch.iterations.items()
+            rate: tuple(with_calibration(one) for one in found)
+            for rate, found in session.iterations.items()
         },
-        reruns={name: told(one) for name, one in batch.reruns.items()},
+        reruns={name: with_calibration(one) for name, one in session.reruns.items()},
     )

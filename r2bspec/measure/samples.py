@@ -1,4 +1,4 @@
-"""The samples of one segment, matched and in seconds, and those of a run: what is judged."""
+"""The samples of one segment, matched and in seconds, and those of a run."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from r2bspec.record.run_record import RunRecord, Segment
 from r2bspec.record.sample_arrays import Rows
 
 LOSS_SENSITIVE_FAMILIES = ("latency", "latency_from_due")
-"""Families in which a step without an answer counts as later than every other."""
+"""Families in which a missed output counts as later than every other."""
 
 
 @dataclass(frozen=True)
 class StepTimes:
-    """When the step of each expected answer was due and published, and when it was received.
+    """For each expected output: when its step was due and published, and when it was received.
 
-    In nanoseconds; shape (expected,) each, in the order of the steps, of which each has one answer
-    unless the ratio is another. `received_ns` is `NO_MATCH` for an answer that never came.
+    In nanoseconds; shape (expected,) each, in the order of the steps, each with one output unless
+    the ratio is another. `received_ns` is `NO_MATCH` for an output that never arrived.
     """
 
     due_ns: NDArray[np.int64]
@@ -45,29 +45,29 @@ class StepTimes:
 
     @property
     def answered(self) -> NDArray[np.bool_]:
-        """Whether each expected answer came."""
+        """Whether each expected output arrived."""
         return np.not_equal(self.received_ns, NO_MATCH)
 
 
 @dataclass(frozen=True)
 class MonitorSamples:
-    """What one monitor saw in one segment.
+    """What one monitor received in one segment.
 
     Attributes:
-        steps: the expected answers one by one.
+        steps: the expected outputs one by one.
         times: for each family of the catalogue that has one value per message (``latency``,
-            ``latency_from_due``, ``interval``, ``jitter``), the values in seconds. A silence
+            ``latency_from_due``, ``interval``, ``jitter``), the values in seconds. A gap
             at an end of the segment is among the intervals (see `throughput.edge_gaps`).
-        sent: steps played. They let expect as many answers, unless the ratio is another;
+        sent: steps played. Each has one expected output, unless the ratio is another;
             ``expected = answered + missed``.
         received: messages; ``received = answered + duplicates + unmatched``.
         throughput_hz: see `throughput.throughput`.
-        late: answers that came after the sending window had ended.
+        late: outputs that arrived after the sending window had ended.
         early: see `Matching`.
-        overdue: of the unmatched, those that answer a step of an earlier segment.
-        per_step: answers that each step lets expect, in the long run.
-        hops: the way to the monitor, where it is tapped.
-        live: whether nothing was played. Each message then stands for a step, and what was sent or
+        overdue: of the unmatched, outputs of a step of an earlier segment.
+        per_step: expected outputs per step, on average.
+        hops: the path to the monitor, where it is tapped.
+        live: whether nothing was played. Each message then counts as a step, and what was sent or
             missed is unknown, whatever the counts say (`r2bspec.measure.live_segments`).
     """
 
@@ -89,18 +89,18 @@ class MonitorSamples:
 
     @property
     def expected(self) -> int:
-        """Answers that the steps let expect."""
+        """The number of expected outputs."""
         return int(self.steps.due_ns.size)
 
     @property
     def missed(self) -> int:
-        """Expected answers that never came."""
+        """Expected outputs that never arrived."""
         return self.expected - self.answered
 
     def in_order(self, family: str, lost: float) -> Seconds:
-        """The times of a family in the order of the steps, `lost` where nothing came.
+        """The times of a family in the order of the steps, `lost` for missed outputs.
 
-        For families in which losses do not count, as intervals, the times there are.
+        For families in which losses do not count, such as intervals, the known times.
         """
         if family not in LOSS_SENSITIVE_FAMILIES:
             return self.times[family]
@@ -111,7 +111,7 @@ class MonitorSamples:
 
 @dataclass(frozen=True)
 class PlaybackSamples:
-    """What was played: steps, the rate really published, and how late each step began.
+    """What was played: steps, the published rate, and how late each step began.
 
     `planned_hz` is the rate at which steps were due. A `live` run has no playback.
     """
@@ -125,7 +125,7 @@ class PlaybackSamples:
 
 @dataclass(frozen=True)
 class SegmentSamples:
-    """One segment: what was played, what each monitor saw, what processes used, what else was."""
+    """One segment: playback, monitors, processes, and host interference."""
 
     segment: Segment
     playback: PlaybackSamples
@@ -147,11 +147,12 @@ class RunSamples:
     Attributes:
         iterations: offered rate in Hz to the iterations at it, in the order they were played,
             each as it was played first.
-        reruns: what was played again in the place of a disturbed iteration, by the id of that.
+        reruns: iterations that were played again because of host interference, by the id of the
+            first one.
         sustained: offered rate to the samples of its sequential probe.
         incomplete: ids of the iterations that were cut short; they are not among the samples.
-        confirmation: the fresh batch that was played after a failure, as a run of its own.
-        peak_hz: the rate that counts as the peak: the highest one that held in the search.
+        confirmation: the confirmation session that was played after a failure, as a run of its own.
+        peak_hz: the rate that counts as the peak: the highest sustained rate of the search.
     """
 
     record: RunRecord
@@ -166,7 +167,7 @@ class RunSamples:
 
     @property
     def own_rate(self) -> bool:
-        """Whether the recording, or the graph's own source, says how fast messages come."""
+        """Whether the recording, or the graph's own source, sets the rate."""
         return self.mode in {"timeline", "live"}
 
     @property
@@ -181,16 +182,16 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
     ratio, matched = matched_monitor.ratio, matched_monitor.matching
     latency = latencies(playback, monitor, matched)
     arrived = arrivals(monitor, matched)
-    silent = EdgeGaps(0, 0)
+    gaps = EdgeGaps(0, 0)
     if arrived.size:
         soonest = int(playback["published_ns"][0]) + round(float(latency.min()) * 1e9)
-        silent = edge_gaps(arrived, soonest, segment.ended_ns)
+        gaps = edge_gaps(arrived, soonest, segment.ended_ns)
     return MonitorSamples(
         steps=_step_times(playback, monitor, matched),
         times={
             "latency": latency,
             "latency_from_due": latencies_from_due(playback, monitor, matched),
-            "interval": _intervals_with_edge_gaps(arrived, silent),
+            "interval": _intervals_with_edge_gaps(arrived, gaps),
             "jitter": jitter(arrived),
         },
         sent=int(playback.size),
@@ -199,7 +200,7 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
         duplicates=matched.duplicates,
         reordered=matched.reordered,
         unmatched=matched.unmatched,
-        throughput_hz=throughput(arrived, silent, ratio.outputs),
+        throughput_hz=throughput(arrived, gaps, ratio.outputs),
         late=int(np.count_nonzero(arrived > segment.ended_ns)),
         early=matched.early,
         per_step=matched.per_step,
@@ -210,12 +211,12 @@ def _step_times(playback: Rows, monitor: Rows, matched: Matching) -> StepTimes:
     received = np.full(matched.trigger_steps.size, NO_MATCH, dtype=np.int64)
     answered = matched.answered
     received[answered] = monitor["received_ns"][matched.first_row[answered]]
-    asked = matched.trigger_steps
-    return StepTimes(playback["due_ns"][asked], playback["published_ns"][asked], received)
+    steps = matched.trigger_steps
+    return StepTimes(playback["due_ns"][steps], playback["published_ns"][steps], received)
 
 
-def _intervals_with_edge_gaps(arrived: NDArray[np.int64], silent: EdgeGaps) -> Seconds:
-    ends = [pause for pause in (silent.before_ns, silent.after_ns) if pause]
+def _intervals_with_edge_gaps(arrived: NDArray[np.int64], gaps: EdgeGaps) -> Seconds:
+    ends = [gap for gap in (gaps.before_ns, gaps.after_ns) if gap]
     return np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
 
 
@@ -230,22 +231,22 @@ def playback_samples(playback: Rows) -> PlaybackSamples:
 
 
 def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
-    """What one monitor saw of a graph with a source of its own."""
+    """What one monitor received from a graph with its own source."""
     received: NDArray[np.int64] = monitor["received_ns"]
     stamped = source_times_ns(segment, monitor)
     published = received if stamped is None else stamped
     arrived = np.sort(received)
-    silent = EdgeGaps(0, 0)
+    gaps = EdgeGaps(0, 0)
     if arrived.size:
-        silent = edge_gaps(arrived, segment.began_ns, segment.ended_ns)
+        gaps = edge_gaps(arrived, segment.began_ns, segment.ended_ns)
     nothing = np.empty(0)
     return MonitorSamples(
-        # A message belongs where it was received: nothing was due.
+        # Nothing was due: a message is placed at the time of its reception.
         steps=StepTimes(due_ns=received, published_ns=published, received_ns=received),
         times={
             "latency": nothing if stamped is None else seconds(received - stamped),
             "latency_from_due": nothing,
-            "interval": _intervals_with_edge_gaps(arrived, silent),
+            "interval": _intervals_with_edge_gaps(arrived, gaps),
             "jitter": jitter(arrived),
         },
         sent=int(arrived.size),
@@ -254,6 +255,6 @@ def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
         duplicates=0,
         reordered=0,
         unmatched=0,
-        throughput_hz=throughput(arrived, silent),
+        throughput_hz=throughput(arrived, gaps),
         live=True,
     )

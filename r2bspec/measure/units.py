@@ -1,4 +1,4 @@
-"""Values as a person writes them: three significant digits, the unit that keeps them short."""
+"""Values as text: three significant digits, the unit that keeps them short."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def show(value: float | None, unit: str, digits: int = 3) -> str:
 
     Args:
         value: in the catalogue's unit; None is ``-``, and infinity is ``lost`` for a time,
-            because it stands for a message that never came.
+            because it is a message that never arrived.
         unit: ``s``, ``Hz``, ``share``, ``B``, ``count``, or empty.
         digits: significant digits; a rate gets one more, and a count all it has.
     """
@@ -36,10 +36,10 @@ def show(value: float | None, unit: str, digits: int = 3) -> str:
 
 
 def show_rate(rate_hz: float, pace: str = "") -> str:
-    """Write an offered rate; one of 0 says who set it instead: ``as recorded``, ``live``.
+    """Write an offered rate; one of 0 is written as its source: ``as recorded``, ``live``.
 
     Args:
-        rate_hz: that was asked for; 0 if none was.
+        rate_hz: the offered rate; 0 for none.
         pace: see `r2bspec.measure.metrics.Pace`; empty where that is not known.
     """
     if rate_hz:
@@ -48,7 +48,7 @@ def show_rate(rate_hz: float, pace: str = "") -> str:
 
 
 def at_rate(rate_hz: float, pace: str = "") -> str:
-    """Write at which rate something was: ``at 30 Hz``, ``as recorded``, ``live``."""
+    """Write the rate of a value: ``at 30 Hz``, ``as recorded``, ``live``."""
     text = show_rate(rate_hz, pace)
     return text if text in {"as recorded", "live"} else f"at {text}"
 
@@ -69,7 +69,7 @@ def show_range(low: float, high: float, unit: str) -> str:
 
 
 def _scale(unit: str, name: str) -> float:
-    """What the number in front of the unit `name` is multiplied with to be in `unit`."""
+    """The factor from a number with the unit `name` to `unit`."""
     known = {label: factor for factor, label in (*_TIMES, *_SIZES)}
     if unit == "share":
         return 0.01

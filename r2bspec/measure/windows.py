@@ -1,17 +1,17 @@
-"""An iteration cut into windows of equal length, each measured as if it stood alone.
+"""An iteration cut into windows of equal length, each measured by itself.
 
 With w the length of a window and t_0 when the first step of the iteration was due, window j spans
 
     t_0 + j w  <=  due time  <  t_0 + (j + 1) w
 
-A step belongs to the window in which it was due, and so does its answer, whenever that comes: a
-late answer makes the window late in which it was asked for. What is left at the end of an
-iteration and is shorter than w is an incomplete window. It is left out, with its messages: a
-percentile of half a second is another quantity than one of a whole second. No window spans two
-iterations. A window in which no step was due is none.
+A step belongs to the window in which it was due, and so does its output, whenever that arrives: a
+late output makes the window of its step late. What remains at the end of an iteration and is
+shorter than w is an incomplete window. It is left out, with its messages: a percentile of half a
+second is another quantity than one of a whole second. No window spans two iterations. A window in
+which no step was due is not counted.
 
 In a live run nothing is due. A message belongs to the window in which it was received, the first
-one begins with the iteration, and one in which nothing came is one, too.
+window begins with the iteration, and a window without messages counts, too.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _ROUNDING_TOLERANCE_NS = 1_000
 """Due times are rounded: a step that is due at a window's first moment must not miss it."""
 
 _WINDOW_METRICS = ("throughput.mean", "drop_rate", "missed")
-"""Metrics of a monitor that have a value in a window, beside those of single messages."""
+"""Metrics of a monitor that have a value in a window, besides those of single messages."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class WindowValues:
     """The values of a metric in the windows of one iteration, in order.
 
     Attributes:
-        values: one for each window; `worst` where answers that were due are missing and there is
+        values: one for each window; `worst` where expected outputs are missing and there is
             no value for that reason.
-        without: windows that hold too few messages for the metric, though none is missing.
+        without: windows with too few messages for the metric, though none is missing.
     """
 
     values: tuple[float, ...]
@@ -63,10 +63,10 @@ def window_values(
 
     Args:
         info: a metric for which `has_windows`.
-        monitor: the monitor it is asked of.
+        monitor: the monitor.
         samples: the iteration.
         window_ns: the length of a window, positive.
-        worst: what stands for a value that is missing because answers are.
+        worst: the value of a window that has none because outputs are missing.
 
     Raises:
         KeyError: there is no such monitor.
@@ -91,9 +91,9 @@ def _live_values(
 ) -> WindowValues:
     """The values where nothing is due: windows are cut from the beginning of the iteration on.
 
-    In one in which nothing came, the throughput is 0 and the interval as long as the window.
+    In a window without messages, the throughput is 0 and the interval as long as the window.
     """
-    silent = {"throughput": 0.0, "interval": window_ns / 1e9}
+    without_messages = {"throughput": 0.0, "interval": window_ns / 1e9}
     began_ns, ended_ns = samples.segment.began_ns, samples.segment.ended_ns
     received = seen.steps.received_ns
     found: list[float] = []
@@ -104,8 +104,8 @@ def _live_values(
         if last > first:
             part = _cut_window(seen, slice(first, last), start_ns + window_ns)
             value = monitor_value(info, replace(part, live=True))
-        elif info.family in silent:
-            value = silent[info.family]
+        elif info.family in without_messages:
+            value = without_messages[info.family]
         if value is None:
             without += 1
         else:
@@ -114,9 +114,9 @@ def _live_values(
 
 
 def windows(seen: MonitorSamples, ended_ns: int, window_ns: int) -> Iterator[MonitorSamples]:
-    """What a monitor saw, window by window.
+    """What a monitor received, window by window.
 
-    Duplicates, overtaken and unmatched messages belong to no window: they are 0.
+    Duplicates, reordered and unmatched messages belong to no window: they are 0.
 
     Args:
         seen: one monitor in one iteration.
@@ -127,7 +127,7 @@ def windows(seen: MonitorSamples, ended_ns: int, window_ns: int) -> Iterator[Mon
         ValueError: the length is not positive.
     """
     if window_ns <= 0:
-        raise ValueError("a window must be longer than nothing")
+        raise ValueError("the length of a window must be positive")
     steps = seen.steps
     if not steps.due_ns.size:
         return
@@ -151,10 +151,10 @@ def _cut_window(seen: MonitorSamples, part: slice, ended_ns: int) -> MonitorSamp
     between, rate_hz = np.empty(0), 0.0
     if arrived.size:
         soonest = int(published[0]) + round(float(latency.min()) * 1e9)
-        silent = edge_gaps(arrived, soonest, ended_ns)
-        pauses = [pause for pause in (silent.before_ns, silent.after_ns) if pause]
-        between = np.concatenate((intervals(arrived), seconds(np.array(pauses, dtype=np.int64))))
-        rate_hz = throughput(arrived, silent)
+        gaps = edge_gaps(arrived, soonest, ended_ns)
+        ends = [gap for gap in (gaps.before_ns, gaps.after_ns) if gap]
+        between = np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
+        rate_hz = throughput(arrived, gaps)
     return MonitorSamples(
         steps=inside,
         times={

@@ -1,1 +1,1 @@
-"""One module for each form of output; `r2bspec.judge.judge_run` holds what they all show."""
+"""One module for each output format of a result (`r2bspec.judge.judge_run`)."""

@@ -1,4 +1,4 @@
-"""The JSON of github-action-benchmark: lists of what should shrink, and of what should grow."""
+"""The JSON of github-action-benchmark: lists of metrics, smaller or bigger is better."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _entries(
 
 
 def _at(rate: RateMetrics) -> str:
-    """The rate in the name of a series, which must stay what it is from run to run."""
+    """The rate in the name of a series, which must be the same in every run."""
     return f"at {rate.offered_hz:g} Hz" if rate.offered_hz else at_rate(0.0, rate.pace)
 
 

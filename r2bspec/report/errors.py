@@ -1,4 +1,4 @@
-"""What can be wrong with a report that was asked for."""
+"""Errors in the requested reports."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ REPORT_UNMAKEABLE: Final = "R2B661"
 
 
 class ReportUsageError(UsageError):
-    """A report was asked for in a way that cannot be: no such format, or two on one stream."""
+    """An invalid request for a report: an unknown format, or two reports to one stream."""
 
     code = REPORT_FORMAT_UNKNOWN
 
 
 class ReportError(R2bspecError):
-    """A report cannot be made: a library is missing, or the run holds no samples for it."""
+    """A report cannot be written: a library is missing, or the run has no samples for it."""
 
     code = REPORT_UNMAKEABLE
     exit_code = ExitStatus.USAGE

@@ -1,10 +1,10 @@
-"""Every format of a report: its name, the module that makes it, and what that module needs.
+"""Every format of a report: its name, its module, and the libraries that it needs.
 
 A format is a module with one function::
 
     def render(report_input: ReportInput) -> bytes
 
-It is imported when it is asked for, so that listing the formats costs nothing.
+It is imported on demand, so that listing the formats costs nothing.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ class Format:
     """One format.
 
     Attributes:
-        module: has `render`; imported when the format is asked for.
-        what: one line for a reader.
+        module: has `render`; imported on demand.
+        what: a description in one line.
         needs: libraries of the extra ``report`` that the module imports.
-        single: whether a file holds one monitor at one rate; its path may then hold the
+        single: whether a file has one monitor at one rate; its path may then contain the
             placeholders ``{monitor}`` and ``{rate}``.
     """
 
@@ -44,25 +44,23 @@ _FORMATS_PACKAGE = "r2bspec.report.formats"
 
 FORMATS: Final[dict[str, Format]] = {
     "json": Format(f"{_FORMATS_PACKAGE}.json", "the content of result.json"),
-    "text": Format(f"{_FORMATS_PACKAGE}.text", "what a terminal shows, without colours"),
+    "text": Format(f"{_FORMATS_PACKAGE}.text", "the terminal report, without colours"),
     "html": Format(
         "r2bspec.report.html", "one self-contained page with charts", ("jinja2", "matplotlib")
     ),
-    "markdown": Format(
-        f"{_FORMATS_PACKAGE}.markdown", "a comment or a step summary, details folded"
-    ),
+    "markdown": Format(f"{_FORMATS_PACKAGE}.markdown", "Markdown for a comment or a step summary"),
     "github": Format(f"{_FORMATS_PACKAGE}.github", "annotations on the spec's lines"),
-    "junit": Format(f"{_FORMATS_PACKAGE}.junit", "JUnit XML, a case for each requirement"),
+    "junit": Format(f"{_FORMATS_PACKAGE}.junit", "JUnit XML, a test case for each requirement"),
     "junit_lenient": Format(
         f"{_FORMATS_PACKAGE}.junit_lenient", "the same, with inconclusive as skipped"
     ),
-    "csv": Format(f"{_FORMATS_PACKAGE}.csv", "every metric of every iteration, a line each"),
+    "csv": Format(f"{_FORMATS_PACKAGE}.csv", "every metric of every iteration, one per line"),
     "openmetrics": Format(f"{_FORMATS_PACKAGE}.openmetrics", "OpenMetrics text for Prometheus"),
     "hdrhistogram": Format(
         f"{_FORMATS_PACKAGE}.hdrhistogram", "percentile distribution of the latency", single=True
     ),
     "ros2_benchmark": Format(
-        f"{_FORMATS_PACKAGE}.ros2_benchmark", "the JSON of NVIDIA's ros2_benchmark"
+        f"{_FORMATS_PACKAGE}.ros2_benchmark", "the JSON format of NVIDIA's ros2_benchmark"
     ),
     "bencher": Format(f"{_FORMATS_PACKAGE}.bencher", "Bencher Metric Format"),
     "benchmark_smaller": Format(
@@ -86,14 +84,14 @@ def find_format(name: str) -> Format:
     if known is None:
         close = did_you_mean(name, FORMATS)
         raise ReportUsageError(
-            f"there is no report format {name!r}",
-            hint=f"Did you mean {close!r}?" if close else f"Known are {', '.join(FORMATS)}.",
+            f"unknown report format {name!r}",
+            hint=f"Did you mean {close!r}?" if close else f"Formats: {', '.join(FORMATS)}.",
         )
     return known
 
 
 def check_installed(name: str) -> None:
-    """See that what a format needs is there, without importing it.
+    """Check that the libraries of a format are installed, without importing them.
 
     Raises:
         ReportUsageError: there is no such format.
@@ -108,7 +106,7 @@ def check_installed(name: str) -> None:
 
 
 def renderer(name: str) -> Renderer:
-    """The function that makes a report of that format.
+    """The function that renders a format.
 
     Raises:
         ReportUsageError: there is no such format.

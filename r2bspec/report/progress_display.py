@@ -17,23 +17,23 @@ if TYPE_CHECKING:
     from rich.status import Status
 
 _LINE_INTERVAL_S = 10.0
-"""A log wants to be short, and to show that something is still going on."""
+"""Logs should be short, and show that the run continues."""
 
 _REFRESH_INTERVAL_S = 0.5
-"""A person reads no faster, and every look at the samples takes time from the run."""
+"""Faster updates are not readable, and each takes time from the run."""
 
 _MAX_PROCESSES = 4
-"""Processes whose load is told, the busiest first."""
+"""Processes whose load is shown, the busiest first."""
 
 
 class SegmentProgress(Protocol):
-    """A stretch that is being played, as `r2bspec.execute.progress.Playing` describes it."""
+    """A segment that is being played; see `r2bspec.execute.progress.Playing`."""
 
     def sent(self) -> int:
         """Steps that have been published."""
 
     def received(self) -> int:
-        """Messages that have come."""
+        """Messages that have been received."""
 
     def p99_ns(self) -> int | None:
         """The p99 of the latest latencies."""
@@ -43,7 +43,7 @@ class SegmentProgress(Protocol):
 
 
 def progress_text(progress: SegmentProgress, steps: int) -> str:
-    """How far a stretch of `steps` steps is, in a line."""
+    """The progress of a segment of `steps` steps, in a line."""
     p99_ns = progress.p99_ns()
     parts = [f"{progress.sent()} of {steps} sent", f"{progress.received()} received"]
     if p99_ns is not None:
@@ -54,13 +54,13 @@ def progress_text(progress: SegmentProgress, steps: int) -> str:
 def load_text(cores: Mapping[str, float]) -> str:
     """The busiest processes, with their share of a core."""
     busiest = sorted(cores.items(), key=lambda one: -one[1])[:_MAX_PROCESSES]
-    # Names are the user's.
+    # Names come from the user and may contain control characters.
     shown = [f"{printable(name)} {show(used, 'share', 2)}" for name, used in busiest]
     return f"CPU {' · '.join(shown)}" if shown else ""
 
 
 class _PlainProgress:
-    """A plain line for each thing that happens, with the seconds since the start."""
+    """A plain line for each event, with the seconds since the start."""
 
     def __init__(self) -> None:
         self._began = time.monotonic()
@@ -75,7 +75,7 @@ class _PlainProgress:
         self._write_line(text)
 
     def step(self, done: int, total: int) -> None:
-        """A count would be a line for every message."""
+        """Not shown: it would be a line for every message."""
 
     def segment(self, title: str, steps: int) -> None:
         self._write_line(f"  {title}")
@@ -93,7 +93,7 @@ class _PlainProgress:
 
 
 class _LiveProgress:
-    """Two lines that change in place, how far the run is and what it uses; notes stay above."""
+    """Two lines that change in place, progress and load; notes stay above."""
 
     def __init__(self, console: Console, status: Status) -> None:
         self._console = console
@@ -112,7 +112,7 @@ class _LiveProgress:
         above = Text.assemble((self._phase, "bold"), f"  {detail}  ", (elapsed, "dim"))
         lines = [above, *([Text(below, style="dim")] if below else [])]
         for each in lines:
-            # A line that wraps would be left behind when the next one is drawn over it.
+            # A wrapped line would not be erased by the next one.
             each.no_wrap, each.overflow = True, "ellipsis"
         self._status.update(Group(*lines))
 
@@ -140,21 +140,21 @@ class _LiveProgress:
 
 
 class _NullProgress(_PlainProgress):
-    """Says nothing at all."""
+    """Prints nothing."""
 
     def _write_line(self, text: str) -> None:
-        """Swallow the line."""
+        """Print nothing."""
 
     def playing(self, progress: SegmentProgress) -> None:
-        """Look at nothing."""
+        """Print nothing."""
 
 
 @contextlib.contextmanager
 def shown_progress(*, quiet: bool = False) -> Iterator[_PlainProgress | _LiveProgress]:
-    """A listener for a run that shows what it is told, for as long as the context lasts.
+    """A progress listener for a run, for as long as the context lasts.
 
     CI systems keep what is printed, so a live view there would be a thousand lines; ``CI=true``
-    is taken at its word.
+    disables it.
     """
     if quiet:
         yield _NullProgress()

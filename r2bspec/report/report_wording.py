@@ -1,4 +1,4 @@
-"""What every report says in the same words: requirements, bounds, the search, and what to note."""
+"""The wording shared by all reports: requirements, bounds, the search, and notes."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "invalid": "! INVALID",
     "incomplete": "! INCOMPLETE",
 }
-"""Each outcome with its mark: never told by colour alone."""
+"""Each outcome with its mark: never shown by colour alone."""
 
 
 _MAX_LISTED_ITERATIONS = 6
-"""Disturbed iterations that are told one by one."""
+"""Affected iterations that are listed one by one."""
 
 
 def verdict_word(one: RequirementVerdict) -> str:
-    """The outcome of a requirement, and that it does not fail the run where it does not."""
+    """The outcome of a requirement, and its level where it does not fail the run."""
     word = OUTCOME_WORDS[one.outcome]
     if one.outcome == "pass" or one.level == "error":
         return word
@@ -33,17 +33,17 @@ def verdict_word(one: RequirementVerdict) -> str:
 
 
 def sentences(one: RequirementVerdict) -> list[str]:
-    """Why it was decided so, what else had a part in that, and what would settle it."""
+    """The reason of a verdict, its notes, and what would decide it."""
     return [text for text in (one.reason, *one.notes, one.settle) if text]
 
 
 def several_monitors(verdict: Verdict) -> bool:
-    """Whether a reader needs the monitor's name to tell requirements apart."""
+    """Whether requirements need the monitor's name to be distinguished."""
     return len({one.monitor for one in verdict.requirements} - {None}) > 1
 
 
 def requirement_text(one: RequirementVerdict, *, name_monitor: bool) -> str:
-    """The requirement as written; a monitor that it left out is put in front if asked for."""
+    """The requirement as written; on request with the monitor that it left out."""
     text = one.text.strip()
     if not name_monitor or one.monitor is None or text.startswith(f"{one.monitor}."):
         return text
@@ -51,12 +51,12 @@ def requirement_text(one: RequirementVerdict, *, name_monitor: bool) -> str:
 
 
 def estimate_text(one: RequirementVerdict) -> str:
-    """The estimate with its unit, or that it is a message which never came."""
+    """The estimate with its unit, or that it is a lost message."""
     return "lost" if one.lost else show(one.estimate, one.unit)
 
 
 def bounds_text(one: RequirementVerdict) -> str:
-    """The interval of confidence, one-sided where only one side is bounded."""
+    """The confidence interval, one-sided where only one side is bounded."""
     if one.lower is None and one.upper is None:
         return "observed" if one.method == "observation" else ""
     if one.lower is None:
@@ -68,18 +68,18 @@ def bounds_text(one: RequirementVerdict) -> str:
 
 
 PROBE_MARKS = {True: "✔", False: "✘", None: "?"}
-"""Marks of a probe's answer."""
+"""Marks of a probe's outcome."""
 
 
 def peak_text(search: SearchRecord) -> str:
-    """The peak as a bracket, how sure that is, what limited it, and how many probes it took.
+    """The peak as a bracket, its confidence, what limited it, and the number of probes.
 
-    What only the player or the range of the search has ended is a lower bound, and called so.
+    A peak that is limited only by the player or by the range of the search is a lower bound.
     """
     limits = {
         "graph": "limited by the graph",
         "player": "limited by the player, not by the graph",
-        "range": "limited by the range of the search",
+        "range": "limited by the search range",
         "interrupted": "the search was interrupted",
     }
     lower, upper = search.holds_hz, search.upper_hz
@@ -98,63 +98,63 @@ def peak_text(search: SearchRecord) -> str:
 
 
 def undecided_rates_text(search: SearchRecord) -> str:
-    """Which rates of the bracket stayed open."""
+    """The undecided rates of the bracket."""
     first, *others = search.open_hz
     if not others:
-        return f"open at {show(first, 'Hz')}"
-    return f"open from {show(first, 'Hz')} to {show(others[-1], 'Hz')}"
+        return f"undecided at {show(first, 'Hz')}"
+    return f"undecided from {show(first, 'Hz')} to {show(others[-1], 'Hz')}"
 
 
 def comparison(result: Result) -> Iterator[str]:
-    """With what a result was compared, a sentence each; nothing if with nothing."""
+    """The baseline of a result, a sentence each; nothing without one."""
     pairs, earlier = result.pairs, result.baseline
     if pairs is not None:
         played = f"{pairs.used} of {pairs.planned} pairs" if pairs.used < pairs.planned else ""
         played = played or ("1 pair" if pairs.used == 1 else f"{pairs.used} pairs")
         if pairs.control:
-            yield f"A control: the graph against itself, in {played} of interleaved runs."
+            yield f"Control: the graph compared with itself, in {played} of interleaved runs."
         else:
             yield f"Compared with {pairs.against}, in {played} of interleaved runs."
         if pairs.environment:
-            yield f"The base has another environment: {', '.join(sorted(pairs.environment))}."
-        yield from (f"From base to head, {each}" for each in pairs.differences)
+            yield f"The environment of the base differs in {', '.join(sorted(pairs.environment))}."
+        yield from (f"Difference from base to head: {each}" for each in pairs.differences)
     if earlier is not None:
         runs = "1 run" if len(earlier.run_ids) == 1 else f"{len(earlier.run_ids)} runs"
         if earlier.kind == "history":
             yield f"Compared with {runs} of the history {earlier.source}."
         else:
-            yield f"Compared with the stored run {earlier.source}, as advice."
-        yield from (f"It differs in {each}" for each in earlier.differences)
+            yield f"Compared with the stored run {earlier.source} (advisory)."
+        yield from (f"Difference: {each}" for each in earlier.differences)
 
 
 def _of_pairs(result: Result) -> tuple[str, ...]:
-    """What was decided while pairs were played."""
+    """The notes of a comparison."""
     return result.pairs.notes if result.pairs is not None else ()
 
 
 def own_pace(metrics: RunMetrics) -> str:
-    """Who said how fast messages come, where that was no rate; empty where it was one."""
+    """What set the rate of messages, where none was offered; else empty."""
     return next((rate.pace for rate in metrics.rates if not rate.offered_hz), "")
 
 
 def loaded_rmw(result: Result) -> str:
-    """The middleware (RMW implementation) of the run; empty if that is not known."""
+    """The middleware (RMW implementation) of the run; empty if unknown."""
     rmw = result.versions.get("rmw", "")
-    # Earlier versions recorded the variable, and this where it was not set.
+    # Earlier versions recorded the variable, or this if it was not set.
     return "" if rmw == "default" else rmw
 
 
 def notes(result: Result) -> Iterator[str]:
-    """What a reader must know to trust the numbers, a sentence each."""
+    """What a reader must know to interpret the results, a sentence each."""
     if result.status != "complete":
         yield f"The run is {result.status}: {result.reason or 'no reason was recorded'}"
     if result.metrics.incomplete:
-        yield f"Cut short, and in no number: {', '.join(result.metrics.incomplete)}"
+        yield f"Cut short, and not included in any value: {', '.join(result.metrics.incomplete)}"
     for one in result.verdict.unusable:
         where = f" {at_rate(one.offered_hz)}" if one.offered_hz else ""
-        yield f"Nothing can be judged{where}: {one.reason}"
-    for silence in result.silences:
-        yield f"{silence.topic} fell silent in {silence.segment}. {silence.reason}"
+        yield f"Cannot be judged{where}: {one.reason}"
+    for stopped in result.silences:
+        yield f"No more messages on {stopped.topic} in {stopped.segment}. {stopped.reason}"
     for difference in result.differences:
         if difference.harmless:
             yield f"{difference.code}: {difference.message}; {difference.help}"
@@ -172,17 +172,17 @@ def notes(result: Result) -> Iterator[str]:
 
 
 def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
-    """Which iterations the machine disturbed, by what, and which were played again, by rate."""
+    """The iterations affected by host interference, its causes, and the reruns, by rate."""
     for rate_hz in dict.fromkeys(one.rate_hz for one in disturbed):
         found = [one for one in disturbed if one.rate_hz == rate_hz]
-        told = [_affected_iteration_text(one) for one in found[:_MAX_LISTED_ITERATIONS]]
+        listed = [_affected_iteration_text(one) for one in found[:_MAX_LISTED_ITERATIONS]]
         more = (
             f"; and {len(found) - _MAX_LISTED_ITERATIONS} more, in result.json"
             if len(found) > _MAX_LISTED_ITERATIONS
             else ""
         )
-        at = f", {at_rate(rate_hz)}" if rate_hz else ""
-        yield f"The machine disturbed{at}: {'; '.join(told)}{more}"
+        at = f" {at_rate(rate_hz)}" if rate_hz else ""
+        yield f"Host interference{at}: {'; '.join(listed)}{more}"
 
 
 def _affected_iteration_text(one: DisturbedIteration) -> str:
@@ -191,25 +191,25 @@ def _affected_iteration_text(one: DisturbedIteration) -> str:
 
 
 def _live_notes(result: Result) -> Iterator[str]:
-    """What nobody can know of a live run."""
+    """What is unknown in a live run."""
     live = [rate for rate in result.metrics.rates if rate.pace == "source"]
     if not live:
         return
     yield (
-        "The graph has its own source: what that sent is not seen, so that nobody knows what was "
-        "missed"
+        "The graph has its own source: the messages it sent are not recorded, so missed ones are "
+        "unknown"
     )
     for rate in live:
         for name, seen in rate.pooled.monitors.items():
             if seen.received and seen.latency.n < seen.received:
                 yield (
                     f"{name}: the latency of {show(seen.received - seen.latency.n, 'count')} "
-                    "messages is unknown, for they carry no time of this machine's clock"
+                    "messages is unknown: they have no stamp of this machine's clock"
                 )
 
 
 def _message_anomalies(result: Result) -> Iterator[str]:
-    """Messages that arrived otherwise than once, in order, and in answer to an input."""
+    """Messages that did not arrive exactly once, in order, and in response to an input."""
     for rate in result.metrics.rates:
         for name, seen in rate.pooled.monitors.items():
             where = f"{name} {at_rate(rate.offered_hz, rate.pace)}"
@@ -217,14 +217,14 @@ def _message_anomalies(result: Result) -> Iterator[str]:
                 yield f"{where} received nothing"
             if seen.expected != seen.sent:
                 inputs, outputs = show(seen.sent, "count"), show(seen.expected, "count")
-                yield f"{where}: {inputs} inputs let expect {outputs} outputs"
+                yield f"{where}: {inputs} inputs, {outputs} outputs expected"
             odd = {
-                "came twice or more": seen.duplicates,
-                "were overtaken": seen.reordered,
-                "answer no input": (seen.unmatched or 0) - (seen.overdue or 0),
-                "answer an earlier stretch, which had been given up": seen.overdue,
-                "came before the input that they are counted for": seen.early,
+                "duplicated": seen.duplicates,
+                "reordered": seen.reordered,
+                "matched no input": (seen.unmatched or 0) - (seen.overdue or 0),
+                "arrived in a later segment (counted as missed)": seen.overdue,
+                "arrived before the input": seen.early,
             }
-            said = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
-            if said:
-                yield f"{where}: of {show(seen.received, 'count')} messages {', '.join(said)}"
+            texts = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
+            if texts:
+                yield f"{where}: of {show(seen.received, 'count')} messages, {', '.join(texts)}"

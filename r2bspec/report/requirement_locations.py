@@ -1,4 +1,4 @@
-"""Where requirements stand in the file that states them."""
+"""The locations of requirements in their spec file."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
 
 @dataclass(frozen=True)
 class RequirementLocations:
-    """The places of a spec's requirements."""
+    """The locations of a spec's requirements."""
 
     loaded: LoadedSpec
 
     def find(self, one: RequirementVerdict) -> Span:
-        """The requirement's own place; else that of its objective; else the whole file."""
+        """The location of a requirement; else of its objective; else the whole file."""
         path = ("slos", one.objective, "require")
         listed = lookup(self.loaded.tree, path) if self.loaded.tree is not None else None
         for item in listed.items if isinstance(listed, ListNode) else ():
@@ -28,7 +28,7 @@ class RequirementLocations:
 
 
 def read_requirement_locations(spec_file: Path | None) -> RequirementLocations | None:
-    """The places in a file; None if it is not known, not there, or no spec."""
+    """The locations in a file; None if it is unknown, missing, or not a spec."""
     if spec_file is None or not spec_file.is_file() or spec_file.suffix == ".json":
         return None
     loaded = load_spec(spec_file)

@@ -1,4 +1,4 @@
-"""Every number of a result as one row each, under the catalogue's names."""
+"""Every value of a result as one row, under the names of the catalogue."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _COUNTS = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One number.
+    """One value.
 
     Attributes:
-        offered_hz: None for what belongs to the run as a whole.
+        offered_hz: None for the whole run.
         iteration: None for all iterations pooled.
-        monitor: empty for what belongs to no monitor.
+        monitor: empty if it belongs to no monitor.
         metric: its name in the catalogue.
         unit: ``s``, ``Hz``, ``B``, ``share`` or ``count``.
     """
@@ -37,7 +37,7 @@ class Row:
 
 
 def result_rows(result: Result) -> Iterator[Row]:
-    """All numbers: by rate; pooled first, then by iteration; the peak and ratios last."""
+    """All values by rate, pooled first, then by iteration; the peak and ratios last."""
     for rate in result.metrics.rates:
         for number, segment in (
             (None, rate.pooled),
@@ -47,7 +47,7 @@ def result_rows(result: Result) -> Iterator[Row]:
     search = result.metrics.search
     if search is not None and search.holds_hz is not None:
         yield Row(None, None, "", "peak.rate", "Hz", search.holds_hz)
-        # Without it the peak is at least the rate, and nobody knows how much more.
+        # Without it the peak has no upper bound.
         if search.upper_hz is not None:
             yield Row(None, None, "", "peak.below", "Hz", search.upper_hz)
     for one in result.verdict.requirements:

@@ -1,4 +1,4 @@
-"""What happened when: phases, messages and loads, for the formats with a time axis.
+"""The timeline of a run: phases, messages and loads, for the formats with a time axis.
 
 All times are CLOCK_MONOTONIC nanoseconds, as in the run folder.
 """
@@ -20,7 +20,7 @@ WHOLE_MACHINE = "whole machine"
 
 @dataclass(frozen=True, slots=True)
 class ExpectedAnswer:
-    """An expected answer at one monitor: its step; `received_ns` is None where none came."""
+    """An expected output at one monitor; `received_ns` is None if it never arrived."""
 
     segment: Segment
     step: int
@@ -30,7 +30,7 @@ class ExpectedAnswer:
 
 @dataclass(frozen=True, slots=True)
 class LoadSample:
-    """What a process used since the sample before; one core is 1."""
+    """The load of a process since the sample before; one core is 1."""
 
     process: str
     at_ns: int
@@ -50,12 +50,12 @@ def phases(run: Run) -> list[tuple[str, int, int]]:
         default=0,
     )
     ends = [*(at_ns for _, at_ns in begun[1:]), last]
-    # The last end is left over where no phase was recorded at all.
+    # Without any recorded phase, the last end is left over.
     return [(name, at_ns, max(end, at_ns)) for (name, at_ns), end in zip(begun, ends, strict=False)]
 
 
 def expected_answers(run: Run, monitor: str) -> Iterator[ExpectedAnswer]:
-    """Every expected answer of every segment, in the order of playing."""
+    """Every expected output of every segment, in the order of playing."""
     (plan,) = (each for each in run.plan.monitors if each.name == monitor)
     for segment in run.record.segments:
         playback, rows, matched = match_segment(run, segment, plan)
@@ -71,7 +71,7 @@ def expected_answers(run: Run, monitor: str) -> Iterator[ExpectedAnswer]:
 
 
 def load_samples(run: Run) -> Iterator[LoadSample]:
-    """Every sample but the first of each process, by process."""
+    """Every sample except the first of each process, by process."""
     rows = run.resources()
     names = {number: each.name for number, each in enumerate(run.record.processes)}
     for index, name in {**names, MACHINE_INDEX: WHOLE_MACHINE}.items():

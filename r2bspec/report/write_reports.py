@@ -1,6 +1,6 @@
-"""Reports where they were asked for: ``FORMAT=PATH``, with ``-`` for standard output.
+"""Writes the requested reports: ``FORMAT=PATH``, with ``-`` for standard output.
 
-A file appears whole or not at all; its folders are made.
+A file is written atomically; its folders are created.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ STDOUT = "-"
 
 @dataclass(frozen=True, slots=True)
 class ReportRequest:
-    """A report that was asked for; `path` may be ``-``."""
+    """A requested report; `path` may be ``-``."""
 
     format: str
     path: str
 
 
 def parse_report_requests(options: Iterable[str]) -> tuple[ReportRequest, ...]:
-    """Read ``FORMAT=PATH`` options, and see before anything runs that each can be made.
+    """Parse ``FORMAT=PATH`` options, and check before the run that each can be written.
 
     Raises:
         ReportUsageError: one has no equals sign or no path, names no format, or two of them
-            want standard output, or the same file.
+            write to standard output, or to the same file.
         ReportError: a library that one of them needs is missing.
     """
     requests = [_parse(option) for option in options]
@@ -60,16 +60,16 @@ def _parse(option: str) -> ReportRequest:
 
 
 def takes_stdout(requests: Sequence[ReportRequest]) -> bool:
-    """Whether one of the reports goes to standard output, so that nothing else should."""
+    """Whether one of the reports is written to standard output."""
     return any(one.path == STDOUT for one in requests)
 
 
 def write_reports(requests: Iterable[ReportRequest], report_input: ReportInput) -> None:
-    """Make each report and put it where it was asked for.
+    """Write each report to its path.
 
     Raises:
         ReportError: one cannot be made from this run.
-        RecordError: the file system refuses.
+        RecordError: a file cannot be written.
     """
     for one in requests:
         for path, content in _contents(one, report_input):
@@ -96,9 +96,9 @@ def _write_report(path: str, content: bytes) -> None:
         return
     place = Path(path)
     if place.is_dir():
-        raise ReportError(f"{path} is a folder; a report needs the name of a file")
+        raise ReportError(f"{path} is a folder; give the name of a file")
     if place.exists() and not place.is_file():
-        # A pipe or a device, such as /dev/stderr, is written to; a rename would replace it.
+        # Write to a pipe or a device, such as /dev/stderr; a rename would replace it.
         try:
             place.write_bytes(content)
         except OSError as error:
@@ -112,10 +112,10 @@ def _write_report(path: str, content: bytes) -> None:
 def write_folder_reports(
     requests: Sequence[ReportRequest], folder: Path, spec_file: Path | None
 ) -> None:
-    """Make the reports of a run folder; it is not even opened if none is asked for.
+    """Write the reports of a run folder; without reports it is not opened.
 
     Raises:
-        RecordError: the folder is no run, or the file system refuses.
+        RecordError: the folder is not a run, or a file cannot be written.
         ReportError: a report cannot be made from this run.
     """
     if not requests:

@@ -61,7 +61,7 @@ def test_a_failure_is_confirmed_by_a_fresh_batch_in_fresh_processes(bench: Bench
     assert done.outcome in {"fail", "inconclusive"}
     if done.outcome == "fail":
         assert done.status == 1
-        assert "confirmed it." in done.stdout
+        assert "Confirmed by a second run in new processes." in " ".join(done.stdout.split())
     again = bench.judge(done.folder, "--format", "json")
     assert again.stdout.encode() == (Path(done.folder) / "result.json").read_bytes()
     # What else happened on the machine stands beside every iteration, and cost none of them.

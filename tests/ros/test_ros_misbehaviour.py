@@ -180,7 +180,7 @@ def test_an_output_that_stops_half_way_is_told_with_where_its_messages_end(
         "/r2b/input (10 messages)"
     )
     assert "; 10 messages" in silence["way"][0]
-    assert "/r2b/out/falls_silent fell silent in rate-20Hz-002." in strange.stdout
+    assert "No more messages on /r2b/out/falls_silent in rate-20Hz-002." in strange.stdout
 
 
 def test_answers_that_come_twice_are_counted_as_duplicates(strange: Finished) -> None:

@@ -1,4 +1,4 @@
-"""A history of runs in one SQLite file: what `run --history` gates by."""
+"""A history of runs in one SQLite file, used by `run --history`."""
 
 from __future__ import annotations
 

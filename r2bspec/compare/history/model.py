@@ -1,4 +1,4 @@
-"""What a history remembers of a run."""
+"""An entry of a history."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ class HistoryMetric:
     """A metric of a whole run: the mean of its iterations, in its SI unit.
 
     Attributes:
-        at_hz: the offered rate; None for the run as a whole.
-        monitor: None for a metric that belongs to none.
+        at_hz: the offered rate; None for the whole run.
+        monitor: None for a metric without one.
         value: None where an iteration had none.
     """
 
@@ -28,8 +28,8 @@ class HistoryEntry:
 
     Attributes:
         host: fingerprint of the kind of machine (`r2bspec.record.machine_fingerprint`).
-        machine: the same in words.
-        plan: names what was measured (`r2bspec.plan.comparability.measured_hash`).
+        machine: a description of it.
+        plan: hash of what was measured (`r2bspec.plan.comparability.measured_hash`).
         dataset: hash of the recorded data.
         outcome: of the verdict. A run that failed is no baseline for the next, unless `accepted`.
         started_at: ISO 8601, UTC.

@@ -9,12 +9,12 @@ import sqlite3
 from typing import Final
 
 APPLICATION_ID: Final = 0x52324253
-"""'R2BS' in ASCII: what tells a history from another program's database."""
+"""'R2BS' in ASCII: distinguishes a history from the database of another program."""
 
 SCHEMA_VERSION: Final = 2
 """Version 1 was never released."""
 
-# A run that failed counts as a baseline once it is accepted: the change for the worse is meant.
+# A failed run counts as a baseline once it is accepted, as an intended regression.
 _STATEMENTS: Final = (
     """
     CREATE TABLE runs (
@@ -53,6 +53,6 @@ def schema_version(connection: sqlite3.Connection) -> int:
 
 
 def create_tables(connection: sqlite3.Connection) -> None:
-    """Make the tables in an empty file, in the caller's transaction."""
+    """Create the tables in an empty file, in the caller's transaction."""
     for statement in _STATEMENTS:
         connection.execute(statement)

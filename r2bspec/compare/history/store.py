@@ -45,7 +45,7 @@ class History:
         self._connection = connection
 
     def add(self, entry: HistoryEntry) -> None:
-        """Remember a run; one of the same id is replaced.
+        """Store a run; one with the same id is replaced.
 
         Raises:
             HistoryError: the file cannot be written.
@@ -79,7 +79,7 @@ class History:
     def comparable_runs(
         self, host: str, plan: str, dataset: str, max_runs: int
     ) -> tuple[HistoryEntry, ...]:
-        """The latest runs that a new one may be compared with, oldest first, with their metrics.
+        """The latest runs that a new run may be compared with, oldest first, with their metrics.
 
         They are of the same plan and data on the same kind of machine. Runs that failed are left
         out unless they were accepted: a regression must not become the baseline of the next run.
@@ -94,7 +94,7 @@ class History:
         return tuple(replace(one, metrics=self.metrics(one.run_id)) for one in found)
 
     def metrics(self, run_id: str) -> tuple[HistoryMetric, ...]:
-        """What is remembered of one run.
+        """The stored metrics of one run.
 
         Raises:
             HistoryError: the file cannot be read.
@@ -111,7 +111,7 @@ class History:
         )
 
     def accept(self, run_id: str) -> bool:
-        """Let a run count as a baseline although it failed; whether there is such a run.
+        """Let a run count as a baseline although it failed; returns whether the run exists.
 
         Raises:
             HistoryError: the file cannot be written.
@@ -123,7 +123,7 @@ class History:
         return bool(done.rowcount)
 
     def remove(self, run_ids: Sequence[str]) -> int:
-        """Forget runs; how many there were.
+        """Delete runs; returns how many there were.
 
         Raises:
             HistoryError: the file cannot be written.
@@ -151,16 +151,16 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
 
     Args:
         path: the file.
-        create: make it, and its folders, if it is not there.
+        create: create it, and its folders, if it does not exist.
 
     Raises:
-        HistoryError: it is not there, is no history, is damaged, has another version of the
-            format, or another program holds it for too long.
+        HistoryError: it does not exist, is not a history, is damaged, has another version of the
+            format, or is locked by another program for too long.
     """
     if not path.exists() and not create:
         raise HistoryError(
-            f"there is no history {path}",
-            hint=f"'r2bspec run SPEC --history {path}' begins one.",
+            f"the history {path} does not exist",
+            hint=f"'r2bspec run SPEC --history {path}' creates it.",
         )
     with contextlib.ExitStack() as stack:
         with _translate_errors(path):
@@ -171,7 +171,7 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
                 empty = _check(path, connection)
             if empty:
                 with _transaction(connection):
-                    # Unless another program has made the tables meanwhile.
+                    # Unless another program has created the tables meanwhile.
                     if _check(path, connection):
                         create_tables(connection)
             _use_write_ahead_log(connection)
@@ -180,7 +180,7 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
 
 
 def _check(path: Path, connection: sqlite3.Connection) -> bool:
-    """See that the file is a history of this version, or empty, before anything is changed.
+    """Check that the file is a history of this version, or empty, before anything is changed.
 
     Returns:
         Whether it is empty.
@@ -202,9 +202,10 @@ def _check(path: Path, connection: sqlite3.Connection) -> bool:
 
 
 def _use_write_ahead_log(connection: sqlite3.Connection) -> None:
-    """Let readers and a writer not wait for each other; the file says so from then on.
+    """Let readers and a writer not wait for each other; the file keeps the setting.
 
-    The switch needs the file to itself, and SQLite's own waiting for a lock does not cover it.
+    The change needs exclusive access to the file, which SQLite's own waiting for a lock does not
+    cover.
     """
     deadline = time.monotonic() + _MAX_LOCK_WAIT_S
     while True:
@@ -235,17 +236,17 @@ def _transaction(
 
 @contextlib.contextmanager
 def _translate_errors(path: Path) -> Iterator[None]:
-    """What SQLite or the file system refuses, as an error with a way out."""
+    """Errors of SQLite or the file system as a `HistoryError` with a hint."""
     try:
         yield
     except sqlite3.OperationalError as error:
         busy = "locked" in str(error) or "busy" in str(error)
-        hint = "Another program holds it; try again." if busy else "See that it can be written."
+        hint = "Another program uses it; try again." if busy else "Check that it is writable."
         raise HistoryError(f"the history {path} cannot be used: {error}", hint=hint) from error
     except sqlite3.Error as error:
         raise HistoryError(
-            f"the history {path} is damaged, or no history: {error}",
-            hint="Put it aside and begin a new one; run folders can be judged without it.",
+            f"the history {path} is damaged, or not a history: {error}",
+            hint="Move it away and start a new one; run folders can be judged without it.",
         ) from error
     except OSError as error:
         raise HistoryError(

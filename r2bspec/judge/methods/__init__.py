@@ -1,1 +1,1 @@
-"""The ways in which a requirement is decided, one module each: a question in, an answer out."""
+"""The methods by which a requirement is decided, one module each: a question in, an answer out."""

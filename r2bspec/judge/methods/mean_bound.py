@@ -1,8 +1,8 @@
 """A bound on a mean, by t over the iterations.
 
-One value for each iteration: messages within one are too much alike to count one by one, and the
-difference between iterations is the noise that a second run would show. Iterations that resemble
-their neighbours count as fewer.
+One value for each iteration: messages within one are correlated, and the difference between
+iterations is the noise that a second run would show. Iterations that are correlated with their
+neighbours have a smaller effective sample size.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from r2bspec.measure.samples import SegmentSamples
 from r2bspec.measure.units import show
 
 _MAX_ITERATIONS = 200
-"""More than this many are not worth proposing."""
+"""More than this many are not proposed."""
 
 _CLOCK_RESOLUTION_S = 1e-6
-"""Times are taken by software between system calls: nothing below a microsecond means anything."""
+"""Times are taken by software between system calls: nothing below a microsecond is meaningful."""
 
 _CPU_TICK_S = 0.01
 """Linux accounts processor time in ticks of 10 ms."""
@@ -43,9 +43,9 @@ def judge_mean(question: Question) -> Answer:
         return Answer(
             outcome="inconclusive",
             method="t over iterations",
-            reason=f"One iteration ({show(estimate, question.info.unit)}) does not show how much "
-            "iterations differ.",
-            settle="At least 2 iterations are needed; 5 or more make a useful interval.",
+            reason=f"One iteration ({show(estimate, question.info.unit)}) does not show the "
+            "variation between iterations.",
+            settle="At least 2 iterations are needed; 5 or more give a useful interval.",
             estimate=estimate,
             n=len(values),
         )
@@ -56,7 +56,7 @@ def judge_mean(question: Question) -> Answer:
         if question.is_upper_bound
         else (interval.lower, interval.upper)
     )
-    outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
+    outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
     return Answer(
         outcome=outcome,
         method="t over iterations",
@@ -71,7 +71,7 @@ def judge_mean(question: Question) -> Answer:
 
 
 def _no_value(question: Question, iteration: SegmentSamples) -> Answer:
-    """An iteration without a value: too few outputs fail, samples not taken decide nothing."""
+    """An iteration without a value: too few outputs fail, too few samples are inconclusive."""
     where = f"iteration {iteration.segment.index}"
     if question.monitor is not None:
         return Answer(
@@ -84,7 +84,7 @@ def _no_value(question: Question, iteration: SegmentSamples) -> Answer:
         outcome="inconclusive",
         method="none",
         reason=f"{question.info.name} was not sampled in {where}.",
-        settle="Longer iterations leave time for more samples.",
+        settle="Make the iterations longer to get more samples.",
     )
 
 
@@ -116,12 +116,12 @@ def _reason(
     unit = question.info.unit
     mean = f"The mean of {n} iterations is {show(interval.mean, unit)}"
     if inflation > 1:
-        mean += f" (each resembles the one before it, so that they count as {n / inflation:.2g})"
+        mean += f" (effective sample size {n / inflation:.2g}, as successive ones are correlated)"
     lower, upper = show(interval.lower, unit), show(interval.upper, unit)
     sure = f"at {question.confidence_text}"
     if outcome == "inconclusive":
         return (
-            f"{mean}; {sure} the true mean is {lower} to {upper}, on both sides of "
+            f"{mean}; {sure} the true mean is {lower} to {upper}, which includes the limit "
             f"{question.limit_text}."
         )
     bound = question.requirement.bound
@@ -138,10 +138,11 @@ def _settle(question: Question, interval: MeanInterval, inflation: float) -> str
     if needed is None:
         return (
             f"The mean is too close to {question.limit_text} for iterations that differ by "
-            f"{show(interval.deviation, question.info.unit)}: move the limit, or calm the machine."
+            f"{show(interval.deviation, question.info.unit)}: change the limit, or use a quieter "
+            "machine."
         )
     needed = max(math.ceil(needed * inflation), len(question.iterations) + 1)
-    return f"About {needed} iterations would settle it, if mean and scatter stay what they are."
+    return f"About {needed} iterations would decide it, if mean and deviation stay the same."
 
 
 DECIDER = Decider(

@@ -1,6 +1,6 @@
-"""Every method by which a requirement is decided: its name, its traits, and who decides by it.
+"""Every method by which a requirement is decided: its name, its traits, and its module.
 
-Another method is a module of this package with a `DECIDER`, and its entries here.
+To add a method, add a module with a `DECIDER` to this package, and its entries here.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ Method = Literal[
     "sequential probe",
     "none",
 ]
-"""How a requirement was decided. ``none``: there was nothing to decide it by."""
+"""How a requirement was decided. ``none``: without a test, for lack of samples."""
 
 
 @dataclass(frozen=True, slots=True)
 class MethodTraits:
-    """What the rest of the program has to know of a method.
+    """What the rest of the program needs to know about a method.
 
     Attributes:
-        grows: whether more iterations can bring it to a decision.
+        grows: whether more iterations can help it to a decision.
         rests_on: what has to be measured again to confirm its FAIL.
     """
 
@@ -58,5 +58,5 @@ DECIDERS: Final = (
     "mean_bound",
     "observation",
 )
-"""The modules that decide requirements on one run: the first that takes a requirement decides it.
+"""The modules that decide requirements on one run: the first that accepts a requirement decides it.
 Ratios to a baseline are decided by `r2bspec.judge.baseline_ratio`."""

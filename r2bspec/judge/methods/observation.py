@@ -1,8 +1,7 @@
-"""Something seen and compared as it is: smallest, largest, counts, and everything with == or !=.
+"""Compares an observed value with the limit: minimum, maximum, counts, and all with == or !=.
 
-An observation says what happened in this run; it is no claim about the next. The rule of three
-says how much may still lie behind it: if none of n messages broke a bound, up to about 3/n of all
-may, at 95 % confidence.
+An observation describes this run, not the next one. The rule of three bounds what it may have
+missed: if none of n messages broke a bound, up to about 3/n of all may, at 95 % confidence.
 """
 
 from __future__ import annotations
@@ -22,24 +21,24 @@ from r2bspec.measure.units import show
 
 _COUNT_METRICS = ("sent", "received", "missed", "duplicates", "reordered", "unmatched")
 _FAULT_COUNTS = ("missed", "duplicates", "reordered", "unmatched")
-"""Counts of which none is the best there can be, so that none seen is worth a rule of three."""
+"""Counts of faults: where none was observed, the rule of three applies."""
 
 
 def judge_observation(question: Question) -> Answer:
-    """Compare what was seen in all iterations with the limit."""
+    """Compare the observed value of all iterations with the limit."""
     seen = observed_value(question)
     if seen is None:
         return Answer(
             outcome="inconclusive",
             method="none",
-            reason=f"There is no value of {question.info.name} in these iterations.",
+            reason=f"{question.info.name} has no value in these iterations.",
         )
     n = _count_messages(question)
-    holds = question.holds(seen)
-    counts = holds and n > 0 and _bounds_single_messages(question, seen)
+    is_met = question.is_met(seen)
+    counts = is_met and n > 0 and _bounds_single_messages(question, seen)
     rule = zero_failure_bound(n, question.confidence) if counts else None
     return Answer(
-        outcome="pass" if holds else "fail",
+        outcome="pass" if is_met else "fail",
         method="observation",
         reason=_reason(question, seen, n, rule),
         estimate=seen,
@@ -85,7 +84,7 @@ def _monitor_samples(question: Question) -> list[MonitorSamples]:
 
 
 def _count_messages(question: Question) -> int:
-    """How many messages were looked at; for processes, which have none, how many iterations."""
+    """The number of observed messages; for processes, which have none, of iterations."""
     info = question.info
     if info.scope == "monitor":
         seen = _monitor_samples(question)
@@ -110,8 +109,8 @@ def _reason(question: Question, seen: float, n: int, rule: float | None) -> str:
     if rule is None:
         return f"{what}."
     return (
-        f"{what}. This was seen, not proved: at {question.confidence_text} up to "
-        f"{show(rule, 'share', 2)} of {counted_noun(question)} may still break it."
+        f"{what}. This is an observation, not a proof: at {question.confidence_text} up to "
+        f"{show(rule, 'share', 2)} of {counted_noun(question)} may still break the limit."
     )
 
 
@@ -121,7 +120,7 @@ def _observation_text(question: Question, seen: float, n: int) -> str:
         extreme = "smallest" if info.part == "min" else "largest"
         if math.isinf(seen):
             missed = sum(one.missed for one in _monitor_samples(question))
-            return f"{show(missed, 'count')} of {show(n, 'count')} outputs never came"
+            return f"{show(missed, 'count')} of {show(n, 'count')} outputs never arrived"
         of = f"{show(n, 'count')} {counted_noun(question)}"
         if info.scope not in {"monitor", "playback"}:
             of = f"{n} iteration{'s' if n > 1 else ''}"
@@ -129,8 +128,8 @@ def _observation_text(question: Question, seen: float, n: int) -> str:
     if info.name in _COUNT_METRICS:
         if question.iterations[0].live:
             count = len(question.iterations)
-            return f"{show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"
-        return f"{show(seen, 'count')} in {show(n, 'count')} steps"
+            return f"Observed {show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"
+        return f"Observed {show(seen, 'count')} in {show(n, 'count')} steps"
     return f"{info.name} is {show(seen, info.unit)}"
 
 

@@ -1,9 +1,9 @@
-"""A bound on the peak rate, by the bracket that the search ended with.
+"""A bound on the peak rate, by the bracket in which the search ended.
 
-The peak lies in [holds, fails): the highest rate that held and the lowest that did not. A bracket
-decides a bound that lies outside it, and only that. Where nothing failed, because the range of the
-search ended or the player could offer no more, the peak is at least `holds` and not bounded above.
-Probes that stayed open leave the bracket wide, and decide nothing within it.
+The peak lies between the highest sustained rate and the lowest rate that was not sustained. A
+bracket decides a bound that lies outside it, and only that. If no rate failed, because the range of
+the search ended or the player could offer no more, the peak has no upper bound. Undecided probes
+leave the bracket wide, and decide nothing within it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def judge_peak(question: Question, search: SearchRecord | None) -> Answer:
         return Answer(
             outcome="inconclusive",
             method="none",
-            reason="This run has not searched for a peak.",
+            reason="This run did not search for a peak.",
             settle="Add benchmark.search to the spec and run again.",
         )
     lower = search.holds_hz
@@ -61,39 +61,42 @@ def _reason(search: SearchRecord, lower: float | None, upper: float | None) -> s
     probes = f"{len(search.probes)} probe{'s' if len(search.probes) > 1 else ''}"
     if lower is None:
         lowest = min(probe.rate_hz for probe in search.probes)
-        return f"In {probes}, not even {show(lowest, 'Hz')} held{_undecided_text(search)}."
+        return (
+            f"{probes}: even the lowest rate, {show(lowest, 'Hz')}, was not sustained"
+            f"{_undecided_text(search)}."
+        )
     if upper is not None:
         between = _undecided_text(search)
-        return f"In {probes}, {show(lower, 'Hz')} held and {show(upper, 'Hz')} did not{between}."
+        return f"{probes}: {show(lower, 'Hz')} was sustained, {show(upper, 'Hz')} was not{between}."
     why = {
-        "range": "which is the end of the search's range",
-        "player": "and the player could offer no more",
-    }.get(search.limited_by, "and then the search was interrupted")
-    return f"In {probes}, {show(lower, 'Hz')} held, {why}."
+        "range": "the upper end of the search range",
+        "player": "the highest rate that the player reached",
+    }.get(search.limited_by, "then the search was interrupted")
+    return f"{probes}: {show(lower, 'Hz')} was sustained, {why}."
 
 
 def _undecided_text(search: SearchRecord) -> str:
-    """What stayed open between the ends of the bracket."""
+    """The undecided rates between the ends of the bracket."""
     rates = search.open_hz
     if not rates:
         return ""
     if len(rates) == 1:
-        return f"; {show(rates[0], 'Hz')} stayed open"
-    return f"; from {show(rates[0], 'Hz')} to {show(rates[-1], 'Hz')} it stayed open"
+        return f"; {show(rates[0], 'Hz')} was undecided"
+    return f"; {show(rates[0], 'Hz')} to {show(rates[-1], 'Hz')} was undecided"
 
 
 def _settle(search: SearchRecord) -> str:
     if search.open_hz:
-        return "Probe for longer (benchmark.search.probe), or move the limit."
+        return "Probe for longer (benchmark.search.probe), or change the limit."
     match search.limited_by:
         case "range":
             return "Raise benchmark.search.max beyond the limit."
         case "player":
             return "Use a faster machine for the player, or smaller messages."
         case "interrupted":
-            return "Let the search end."
+            return "Run again and let the search finish."
         case _:
-            return "Make benchmark.search.precision finer, or move the limit."
+            return "Make benchmark.search.precision finer, or change the limit."
 
 
 DECIDER = Decider(

@@ -1,10 +1,9 @@
 """A bound on a percentile, by the exact binomial test on single messages.
 
 ``latency.p99 < L`` says that at most 1 % of all messages take L or longer. The messages of all
-iterations are pooled, and weighed by how independent they are
-(`r2bspec.judge.statistics.effective_sample_size`). A step that was never answered counts as a
-message on the wrong side of the limit: otherwise a graph that drops its slowest messages would
-improve its percentiles.
+iterations are pooled, with their effective sample size
+(`r2bspec.judge.statistics.effective_sample_size`). A lost message counts as on the wrong side of
+the limit: otherwise a graph that drops its slowest messages would improve its percentiles.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ def judge_percentile(question: Question) -> Answer:
     pieces, lost = _values_by_iteration(question)
     ranked = RankedMessages(pieces)
     if not ranked.n:
-        return Answer(outcome="inconclusive", method="none", reason="There is nothing to judge.")
+        return Answer(outcome="inconclusive", method="none", reason="There is no message to judge.")
     interval = percentile_interval(ranked, quantile, question.confidence)
     share = _share_test(question, ranked, lost, quantile)
     towards, against = (
@@ -43,7 +42,7 @@ def judge_percentile(question: Question) -> Answer:
         if question.is_upper_bound
         else (interval.lower, interval.upper)
     )
-    outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
+    outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
     return Answer(
         outcome=outcome,
         method="exact binomial",
@@ -76,7 +75,7 @@ def _share_test(
 ) -> ShareTest:
     """How many messages are on the wrong side of the limit, and how many may be.
 
-    A floor (> L) fails on the messages that are at or below it: the ceiling's test, negated.
+    A lower limit (> L) fails on the messages at or below it: the test of an upper one, negated.
     """
     # '<' and '>=' share one boundary, '<=' and '>' the other.
     side = "left" if question.requirement.op in {"<", ">="} else "right"

@@ -13,7 +13,7 @@ from r2bspec.judge.verdict_wording import share_sentence
 
 
 def judge_share(question: Question) -> Answer:
-    """Decide a requirement on ``drop_rate``: steps without an answer, of the steps sent."""
+    """Decide a requirement on ``drop_rate``: missed outputs, of the expected ones."""
     seen = [one.monitors[question.monitor or ""] for one in question.iterations]
     sample = effective_sample([np.logical_not(one.steps.answered) for one in seen])
     if not sample.n:
@@ -28,7 +28,7 @@ def judge_share(question: Question) -> Answer:
     towards, against = (
         (test.upper, test.lower) if question.is_upper_bound else (test.lower, test.upper)
     )
-    outcome = decide(passes=question.holds(towards), fails=not question.holds(against))
+    outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
     return Answer(
         outcome=outcome,
         method="exact binomial",
@@ -53,14 +53,14 @@ def share_test(
     lost: int = 0,
     ceiling: bool = True,
 ) -> ShareTest:
-    """The binomial test on counts whose effective number is known.
+    """The binomial test on counts whose effective sample size is known.
 
     Args:
         sample: the counts.
-        allowed: the share that is allowed, or, where `ceiling` is False, demanded.
+        allowed: the share that is allowed, or, where `ceiling` is False, required.
         confidence: of each bound by itself.
         lost: how many of the bad ones never arrived.
-        ceiling: whether few are good.
+        ceiling: whether the share must be small.
     """
     return ShareTest(
         n=sample.n,

@@ -1,13 +1,13 @@
-"""Whether an offered rate is sustained, by the one sequential probe that was made of it.
+"""Whether an offered rate is sustained, by its sequential probe.
 
-The probe is a sequential test with three answers and a stated error
-(`r2bspec.judge.rate_decision`): it was stopped as soon as one of two was clear, and is open where
-neither was in the longest time that a probe may take. To test its samples once more would test a
-sample whose size the first test has chosen, so the answer stands as it was recorded:
+The probe is a sequential test with three outcomes and a stated error
+(`r2bspec.judge.rate_decision`): it was stopped as soon as it was decided, and is undecided if it
+was not in the longest time that a probe may take. Testing its samples again would test a sample
+whose size the first test has chosen, so the recorded outcome counts:
 
-    PASS            the rate held
-    FAIL            the backlog grew, messages were dropped, or a condition of the spec did not hold
-    INCONCLUSIVE    the probe stayed open
+    PASS            the rate was sustained
+    FAIL            the backlog grew, messages were dropped, or a condition of the spec was not met
+    INCONCLUSIVE    the probe was undecided
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from r2bspec.judge.verdict import Outcome
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import Probe
 
-_ANSWER_TEXTS: Final = {True: "held", False: "did not hold", None: "stayed open"}
+_ANSWER_TEXTS: Final = {True: "was sustained", False: "was not sustained", None: "was undecided"}
 _OUTCOMES: Final[dict[bool | None, Outcome]] = {True: "pass", False: "fail", None: "inconclusive"}
 
 _SETTLE = (
@@ -30,10 +30,10 @@ _SETTLE = (
 
 
 def judge_sustained(question: Question, probes: Iterable[Probe]) -> Answer:
-    """Decide ``sustained``: what the probe of the rate has shown.
+    """Decide ``sustained`` by the probe of the rate.
 
     Args:
-        question: what is asked.
+        question: to be decided.
         probes: the sequential probes of the run; the last one at the rate decides.
     """
     found = [
@@ -47,15 +47,15 @@ def judge_sustained(question: Question, probes: Iterable[Probe]) -> Answer:
             outcome="inconclusive",
             method="none",
             reason=f"This run has no probe{where}.",
-            settle="Run the spec that states this objective.",
+            settle="Run the spec of this objective.",
         )
     probe = found[-1]
     said = f": {probe.reason}" if probe.reason else ""
-    came = f"{show(probe.delivered_hz, 'Hz')} came out"
+    throughput = f"throughput {show(probe.delivered_hz, 'Hz')}"
     return Answer(
         outcome=_OUTCOMES[probe.holds],
         method="sequential probe",
-        reason=f"{show(probe.rate_hz, 'Hz')} {_ANSWER_TEXTS[probe.holds]}{said} ({came}).",
+        reason=f"{show(probe.rate_hz, 'Hz')} {_ANSWER_TEXTS[probe.holds]}{said} ({throughput}).",
         settle=_SETTLE if probe.holds is None else "",
         estimate=probe.delivered_hz,
         n=1,

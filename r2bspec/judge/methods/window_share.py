@@ -3,7 +3,8 @@
 Each complete window of each iteration (`r2bspec.measure.windows`) has a value of the metric, and
 either meets the bound or does not. At most a share 1 - SHARE of all windows may not. That is a
 bound on a percentile of the windows' values, and is judged as one: with the effective number of
-windows, for bad windows come in bursts as bad messages do. For a floor the values are negated.
+windows, for bad windows come in bursts as bad messages do. For a lower limit the values are
+negated.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from r2bspec.measure.windows import WindowValues, has_windows, window_values
 
 
 def judge_windows(question: Question) -> Answer:
-    """Decide a requirement that must hold in a share of windows; it names them."""
+    """Decide a requirement that must be met in a share of windows, which it names."""
     windows = question.windows
     if windows is None:
         raise ValueError(f"{question.requirement.text} names no windows")
@@ -42,7 +43,7 @@ def judge_windows(question: Question) -> Answer:
         return Answer(
             outcome="fail",
             method="none",
-            reason=f"{question.info.name} has no value in a window, only in a run.",
+            reason=f"{question.info.name} is a metric of a run, not of a window.",
         )
     worst = math.inf if question.is_upper_bound else -math.inf
     found = [
@@ -62,14 +63,14 @@ def _without_windows(
 ) -> Answer:
     length = show(windows.window_ns / 1e9, "s")
     if any(one.without for one in found):
-        reason = f"A window of {length} holds too few messages for {question.info.name}."
+        reason = f"A window of {length} has too few messages for {question.info.name}."
     else:
-        reason = f"No iteration holds a whole window of {length}."
+        reason = f"No iteration is as long as a window of {length}."
     return Answer(
         outcome="inconclusive",
         method="none",
         reason=reason,
-        settle="Ask for longer windows, or make the iterations longer.",
+        settle="Use longer windows, or make the iterations longer.",
     )
 
 
@@ -79,8 +80,8 @@ def _judge_ordered(question: Question, windows: WindowCondition, pieces: list[Se
     ranked = RankedMessages([sign * piece for piece in pieces])
     interval = percentile_interval(ranked, windows.share, question.confidence)
     outcome = decide(
-        passes=question.holds(sign * interval.upper),
-        fails=not question.holds(sign * interval.lower),
+        passes=question.is_met(sign * interval.upper),
+        fails=not question.is_met(sign * interval.lower),
     )
     bad = sum(int(np.count_nonzero(flags)) for flags in _bad(question, pieces))
     test = _test(question, windows, ranked.effective_sample(bad))
@@ -98,7 +99,8 @@ def _judge_equality(question: Question, windows: WindowCondition, pieces: list[S
 
 def _bad(question: Question, pieces: list[Seconds]) -> list[BadFlags]:
     return [
-        np.array([not question.holds(value) for value in piece], dtype=np.bool_) for piece in pieces
+        np.array([not question.is_met(value) for value in piece], dtype=np.bool_)
+        for piece in pieces
     ]
 
 

@@ -1,1 +1,1 @@
-"""The mathematics behind the verdicts: each module states its test and implements it."""
+"""The statistics of the verdicts: each module states its test and implements it."""

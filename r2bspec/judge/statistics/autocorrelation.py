@@ -1,18 +1,17 @@
-"""How many independent values a few values in the order of time are worth.
+"""The effective sample size of a few values in the order of time.
 
-Iterations follow one another on a machine that warms up, cools down, or is busy for a while: one
-may resemble the one before it. With the lag-1 autocorrelation r of m values, their mean scatters
-like that of m / F independent ones,
+Iterations follow one another on a machine that warms up, cools down, or is busy for a while: they
+may be correlated. With the lag-1 autocorrelation r of m values, their mean scatters like that of
+m / F independent ones,
 
     F = (1 + r) / (1 - r).
 
 Of so few values the estimate r_1 is poor, and too low by (1 + 4 r) / m. Independent values have an
-r_1 of -1 / m on average, with a standard error of 1 / sqrt(m). So only what exceeds that is taken
-for more than chance:
+r_1 of -1 / m on average, with a standard error of 1 / sqrt(m). So only what exceeds that counts:
 
     r = r_1 + (1 + 4 r_1) / m,  at most 0.9,      if  r_1 + 1 / m > 1 / sqrt(m);    0 otherwise.
 
-Fewer than five values say next to nothing about it.
+Fewer than five values do not show it.
 """
 
 from __future__ import annotations

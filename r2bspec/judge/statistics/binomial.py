@@ -11,12 +11,13 @@ Neither can be wrong in more than a share alpha of all runs, and both cannot hol
 alpha < 1/2. The Clopper-Pearson bounds are the same tests turned round: the upper bound is the
 largest p, the lower bound the smallest, that k does not contradict.
 
-Messages that are not independent are worth fewer (`effective`), and neither k nor n need be whole
-then. The binomial distribution function is an incomplete beta function,
+Messages that are not independent have a smaller effective sample size, and neither k nor n need be
+whole then (`effective_sample_size`). The binomial distribution function is an incomplete beta
+function,
 
     P(X <= k | p) = I_(1-p)(n - k, k + 1)        P(X >= k | p) = I_p(k, n - k + 1),
 
-which is defined between whole numbers as well, and serves there in its place.
+which is defined between whole numbers as well, and is used there.
 """
 
 from __future__ import annotations
@@ -50,9 +51,9 @@ def lower_bound(k: float, n: float, confidence: float) -> float:
 
 
 def last_true(holds: Callable[[int], bool], low: int, high: int) -> int:
-    """The largest k in low..high that holds, where every k up to some one holds and none after.
+    """The largest k in low..high with `holds(k)`, which is true up to some k and false after.
 
-    `low` must hold.
+    `holds(low)` must be true.
     """
     while low < high:
         middle = (low + high + 1) // 2
@@ -66,8 +67,8 @@ def last_true(holds: Callable[[int], bool], low: int, high: int) -> int:
 def burst_tolerance(k: float, n: float, allowed: float, confidence: float) -> float | None:
     """The mean length of bursts up to which k of n still show a share of at most `allowed`.
 
-    Bursts of the mean length L inflate the variance by about F = 2 L - 1, so that k and n are
-    worth k / F and n / F. This solves upper_bound(k / F, n / F) = allowed for L, by bisection to
+    Bursts of the mean length L inflate the variance by about F = 2 L - 1, so that k and n count
+    as k / F and n / F. This solves upper_bound(k / F, n / F) = allowed for L, by bisection to
     a thousandth.
 
     Returns:
@@ -92,7 +93,7 @@ def messages_to_settle(
     """About how many messages decide for or against `allowed`, if a share `share` stays over.
 
     The smallest n of a geometric series (steps of 5 %) at which the test with k = round(n share)
-    decides. A forecast, for the reader who asks how much longer to run, and no part of a test.
+    decides. A forecast of how much longer to run, and no part of a test.
 
     Returns:
         None if more than `max_messages` are needed: the share is too close to what is allowed.

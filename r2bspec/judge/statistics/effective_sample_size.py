@@ -1,29 +1,29 @@
-"""How many independent messages a run is worth: bad messages come in bursts.
+"""The effective sample size of a run: bad messages come in bursts.
 
 The binomial test takes messages to be independent. They are not: one stall of the machine makes
 five messages late, a busy second ten more, and one whole iteration may be worse than the others.
 The number of bad messages then scatters more than a binomial one by a factor F, its variance
-inflation, and n messages tell as much as n / F independent ones would. F is the largest of three
-estimates, each of which sees what the others miss. With x_i = 1 where message i is bad and 0
+inflation, and n messages carry the information of n / F independent ones. F is the largest of three
+estimates, each of which covers what the others miss. With x_i = 1 where message i is bad and 0
 otherwise, k their sum, p = k / n, in m iterations:
 
     bursts      A burst is a run of bad messages without a good one between them. A two-state
                 Markov chain with the mean burst L has the lag-1 autocorrelation
                     r = 1 - 1 / (L (1 - p))      and      F = (1 + r) / (1 - r).
                 L is (k + longest burst) / (number of bursts): the longest is counted twice,
-                because few bursts hardly ever hold the longest that there is.
+                because few bursts hardly ever include the longest possible one.
     stretches   Bad messages that are near each other but not next to each other. With the
                 autocorrelations r_1, r_2, .. of x within iterations, up to a quarter of an
                 iteration and at most 200 messages,
                     F = -1 + 2 (r_0 + r_1 + ..),
-                by Geyer's initial monotone sequence (`correlation`).
+                by Geyer's initial monotone sequence (`variance_inflation`).
     iterations  With k_1 .. k_m bad messages in five or more iterations, F is the variance of
                 these counts over the binomial one, n p (1 - p) / m. It is known from m values
                 only, so that the quantiles of t take the place of the normal ones:
                     F = variance / (n p (1 - p) / m) x (t_c(m - 1) / z_c)^2,    c = 0.95.
 
-F is at least 1: counts that scatter less than binomial ones are not held in favour of a run. No
-pair of messages spans two iterations. Where nothing is bad, there is nothing to estimate: F is 1.
+F is at least 1: counts that scatter less than binomial ones do not help a run. No pair of messages
+spans two iterations. Without bad messages there is nothing to estimate: F is 1.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ BadFlags = NDArray[np.bool_]
 """Which of the messages of one iteration are bad, in the order of the steps; shape (n,)."""
 
 _MAX_LAG = 200
-"""Messages; what is correlated over a longer distance shows between iterations."""
+"""Messages; correlation over a longer distance shows between iterations."""
 _LAG_DIVISOR = 4
 
 _MIN_ITERATIONS = 5
-"""Fewer iterations say next to nothing about how much iterations differ."""
+"""Fewer iterations do not show the variation between iterations."""
 
 _REFERENCE_LEVEL = 0.95
 _MAX_AUTOCORRELATION = 0.999
@@ -58,7 +58,7 @@ _MAX_AUTOCORRELATION = 0.999
 
 @dataclass(frozen=True)
 class EffectiveSample:
-    """What a number of messages is worth.
+    """A number of messages and its effective sample size.
 
     Attributes:
         n: messages.
@@ -76,17 +76,17 @@ class EffectiveSample:
 
     @property
     def messages(self) -> float:
-        """Independent ones they are worth: n / F."""
+        """Effective sample size: n / F."""
         return self.n / self.inflation
 
     @property
     def bad_messages(self) -> float:
-        """Of those, bad ones: k / F."""
+        """Bad messages in the effective sample: k / F."""
         return self.bad / self.inflation
 
 
 def effective_sample(pieces: Sequence[BadFlags]) -> EffectiveSample:
-    """What the messages of some iterations are worth.
+    """The effective sample of the messages of some iterations.
 
     Args:
         pieces: one array for each iteration, in the order they were played.
@@ -106,7 +106,7 @@ def pad_rows(pieces: Sequence[NDArray[_Scalar]], fill: object) -> NDArray[_Scala
 
 
 def effective_sample_of_rows(flags: BadFlags, sizes: NDArray[np.int64]) -> EffectiveSample:
-    """What the messages of some iterations are worth, which are the rows of one array.
+    """The effective sample of some iterations, which are the rows of one array.
 
     Args:
         flags: shape (iterations, longest), False behind the end of an iteration.
@@ -125,7 +125,7 @@ def effective_sample_of_rows(flags: BadFlags, sizes: NDArray[np.int64]) -> Effec
         "iterations": _iteration_inflation(counts, sizes, bad / n),
     }
     # Digits that the order of additions decides, which differs between processors, are cut off
-    # before anything is compared. One message is the least that a run with any can be worth.
+    # before anything is compared. The effective sample has at least one message.
     cause, largest = max(
         ((cause, round(found, 6)) for cause, found in estimates.items()), key=lambda one: one[1]
     )

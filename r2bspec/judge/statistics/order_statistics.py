@@ -1,8 +1,9 @@
-"""Confidence bounds on a percentile from order statistics: the binomial test, read in seconds.
+"""Confidence bounds on a percentile from order statistics: the binomial test in units of time.
 
 Whether a percentile q lies below a limit is the question whether at most a share 1 - q of all
-messages is over it. If exactly the k largest messages are over the limit, they are worth k / F of
-n / F independent messages (`effective`), and F depends on which messages these are, hence on k.
+messages is over it. If exactly the k largest messages are over the limit, they count as k / F of
+n / F independent messages (`effective_sample_size`), and F depends on which messages these are,
+hence on k.
 The binomial test on k / F and n / F says 'pass', 'fail' or neither for each k. With
 
     k_pass = the largest k such that it passes for every k' <= k
@@ -10,9 +11,9 @@ The binomial test on k / F and n / F says 'pass', 'fail' or neither for each k. 
 
 the requirement passes exactly if the (k_pass + 1)-th largest message is within the limit, and
 fails exactly if the k_fail-th largest is over it. So these two messages are the upper and the
-lower confidence bound on the percentile: comparing them with the limit is the test itself. Asking
-it of every k' makes the verdict monotone (a looser limit never turns a pass into less) and can
-only make it more careful.
+lower confidence bound on the percentile: comparing them with the limit is the test itself.
+Requiring it for every k' makes the verdict monotone (a looser limit never turns a pass into less)
+and can only make it more conservative.
 
 F is worked out for some k, every one up to 16 and then in steps of a fifth, from either end, and
 is the same from one of them down to the one before.
@@ -63,7 +64,7 @@ class RankedMessages:
     """
 
     def __init__(self, pieces: Sequence[NDArray[np.float64]]) -> None:
-        """Take one array for each iteration; lost messages are +inf or -inf, as is worse."""
+        """Take one array for each iteration; lost messages are +inf or -inf, whichever is worse."""
         self._rows = pad_rows(pieces, fill=math.nan)
         self._sizes = np.array([piece.size for piece in pieces])
         self.ordered = np.sort(np.concatenate([*pieces, np.empty(0)]))
@@ -72,7 +73,7 @@ class RankedMessages:
         self._found: dict[int, tuple[float, Clustering]] = {}
 
     def effective_sample(self, k: int, *, largest: bool = True) -> EffectiveSample:
-        """What the messages are worth if the k largest are bad, or all but those k."""
+        """The effective sample if the k largest messages are bad, or all but those k."""
         level = min(level for level in self._levels if level >= k)
         inflation, cause = self._inflation_at(level)
         edge = self._below(k)
@@ -87,7 +88,7 @@ class RankedMessages:
         return float(self.ordered[self.n - 1 - k]) if k < self.n else -math.inf
 
     def _inflation_at(self, level: int) -> tuple[float, Clustering]:
-        """F at one of the levels, and what makes it so large."""
+        """F at one of the levels, and which estimate it is."""
         if level not in self._found:
             least = self.ordered[self.n - level] if level else math.nan
             found = effective_sample_of_rows(self._rows >= least, self._sizes)
@@ -129,7 +130,7 @@ class RankedMessages:
         return best
 
     def _buckets(self) -> Iterator[tuple[int, int]]:
-        """(a, b) for each stretch a < k <= b that shares the F of b, ascending from (-1, 0)."""
+        """(a, b) for each range a < k <= b with the F of b, ascending from (-1, 0)."""
         yield from zip((-1, *self._levels), self._levels, strict=False)
 
 
@@ -150,7 +151,7 @@ def percentile_interval(
 
     Args:
         pieces: one array for each iteration, in the order of the steps, at least one message in
-            all; messages that were lost are +inf, or -inf where being late is what is asked for.
+            all; messages that were lost are +inf, or -inf for a lower limit.
         q: 0 < q < 1.
         confidence: of each bound by itself.
     """

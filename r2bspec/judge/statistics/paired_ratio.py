@@ -1,6 +1,6 @@
-"""Base against head, measured in pairs on one host: the t test on the logarithms of the ratios.
+"""Base and head, measured in pairs on one host: the t test on the logarithms of the ratios.
 
-Runs are interleaved A B B A (A the base, B the head), each in fresh processes, so that a machine
+Runs are interleaved A B B A (A the base, B the head), each in new processes, so that a machine
 that gets slower slows both. Pair i has the values a_i and b_i of a metric, one iteration each, and
 
     d_i = ln(b_i / a_i),        mean d,  standard deviation s,  over n pairs.
@@ -13,7 +13,7 @@ where rho is the true ratio, so that one-sided bounds on rho, each at the confid
 
 The limit of the requirement is the margin: ``throughput.mean >= 97 % of baseline`` passes if the
 lower bound on rho is at least 0.97, fails if the upper bound is below it. That is a test for
-non-inferiority, and not whether the two 'differ': given enough pairs they always do.
+non-inferiority, not for a difference: given enough pairs any two graphs differ.
 
 A linear drift of the machine adds +delta to the pairs A B and -delta to the pairs B A. It cancels
 in the mean of an even number of pairs, and only widens the interval.
@@ -34,10 +34,10 @@ class RatioInterval:
 
     Attributes:
         ratio: head over base.
-        lower: of the true ratio, at the confidence asked for.
+        lower: of the true ratio, at the requested confidence.
         upper: the same, by itself.
         deviation: the standard deviation of the logarithms; 0.02 is about 2 %.
-        n: how many pairs, or how many earlier runs, are behind it.
+        n: the number of pairs, or of earlier runs.
     """
 
     ratio: float

@@ -1,4 +1,4 @@
-"""What a comparison can see at all: the noise floor, and the smallest regression it finds.
+"""The noise floor of a comparison, and the smallest regression it can detect.
 
 `calibrate` runs a graph against itself. The logarithms d_i of the ratios of such A/A pairs have
 the standard deviation s, the noise floor: by so much two iterations of the same graph differ. If
@@ -8,19 +8,19 @@ the noncentral t distribution with n - 1 degrees of freedom and noncentrality
     lambda = delta sqrt(n) / s
 
 and the test at the confidence c decides with probability P(T > t_c(n - 1)). Let lambda* be the
-lambda for which that is the power asked for. Then
+lambda for which that is the required power. Then
 
     delta* = lambda* s / sqrt(n)
 
 is both the smallest regression beyond the limit that fails with that power, and the smallest
-margin with which a graph that has not changed passes with that power. A margin below it is one
-that this machine can't gate on.
+margin with which a graph that has not changed passes with that power. A smaller margin cannot be
+gated on this machine.
 
 s is itself an estimate from m pairs. `noise_floor` gives its upper confidence bound,
 
     s sqrt((m - 1) / chi2),    chi2 the 1 - c quantile with m - 1 degrees of freedom,
 
-because a margin that is a little too wide costs less than a gate that cries wolf.
+because a margin that is a little too wide costs less than false alarms.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from dataclasses import dataclass
 from r2bspec.judge.statistics.t_interval import mean_interval
 
 DEFAULT_POWER = 0.9
-"""Of ten runs of a changed graph, nine are to be found."""
+"""Nine of ten runs of a changed graph are detected."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class NoiseFloor:
         deviation: estimated from `n` A/A pairs.
         upper: its upper confidence bound.
         bias: the mean of the logarithms; of A against A it should be 0 within its error.
-        biased: whether it is not, at the confidence asked for each way.
+        biased: whether it is not, at the requested confidence each way.
     """
 
     deviation: float
@@ -105,7 +105,7 @@ def smallest_detectable(
         deviation: the noise floor s.
         n: pairs, at least two.
         confidence: of the test.
-        power: with which it is to decide.
+        power: of the decision.
     """
     if deviation <= 0:
         return 0.0

@@ -1,4 +1,4 @@
-"""One new run against a history of runs: the prediction interval.
+"""One new run compared with a history of runs: the prediction interval.
 
 A history holds one value of a metric per earlier run, all of one plan on one kind of machine (the
 same plan hash, the same host fingerprint). With the logarithms h_1 .. h_m of the last m of them,
@@ -12,8 +12,9 @@ does, so that one-sided bounds on rho are
 
     exp(y - h -+ t_c(m - 1) s sqrt(1 + 1/m)).
 
-Here s is what runs differ by, not iterations, which is what makes this honest where Welch's test
-on two runs is not. More iterations per run make s smaller, but not below what runs differ by.
+Here s is the variation between runs, not iterations, so that the error is as stated, unlike that
+of Welch's test on two runs. More iterations per run make s smaller, but not below the variation
+between runs.
 """
 
 from __future__ import annotations

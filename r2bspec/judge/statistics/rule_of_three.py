@@ -1,4 +1,4 @@
-"""What a sample without a single failure proves. Closed forms: needs no SciPy.
+"""What a sample without a failure proves. Closed forms, without SciPy.
 
 If a share p of all messages is over a bound, n independent messages show none with probability
 (1 - p)^n. So after n messages with none over, p is at most the p for which that is 1 - c:
@@ -14,7 +14,7 @@ import math
 
 
 def zero_failure_bound(n: int, confidence: float) -> float:
-    """The upper bound on a share of which n messages showed nothing.
+    """The upper bound on the share of failures after n messages without one.
 
     At 95 % it is close to 3/n, the rule of three, because -ln 0.05 = 2.996.
 

@@ -7,7 +7,7 @@ With values v_1 .. v_m of m independent iterations, their mean v and standard de
 follows Student's t with m - 1 degrees of freedom, if the values are close to normal, which means
 over seconds of messages are. One-sided bounds at the confidence c on the true mean mu are then
 v -+ t_c s / sqrt(m). Where values resemble their neighbours in time, m / F takes the place of m in
-both (`serial`).
+both (`autocorrelation`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class MeanInterval:
-    """A mean with its one-sided lower and upper bounds, each at the confidence asked for."""
+    """A mean with its one-sided lower and upper bounds, each at the requested confidence."""
 
     mean: float
     lower: float
@@ -64,7 +64,7 @@ def mean_interval(
 def iterations_to_settle(
     mean: float, deviation: float, limit: float, confidence: float, max_iterations: int
 ) -> int | None:
-    """About how many iterations bring a bound past `limit`, if mean and deviation stay.
+    """About how many iterations bring a bound past `limit`, if mean and deviation stay the same.
 
     The smallest m with t_c(m - 1) deviation / sqrt(m) < |mean - limit|. A forecast for the
     reader, and no part of a test.

@@ -1,15 +1,15 @@
-"""The slope of a line through values that scatter about it and remember each other.
+"""The slope of a line through values with correlated residuals.
 
 Least squares through n points (t_i, v_i) with residuals e_i. If the e_i were independent, the
-standard error of the slope were
+standard error of the slope would be
 
     sqrt(sum e_i^2 / (n - 2) / sum (t_i - mean t)^2);
 
 they are not, and it is larger by sqrt(F), with the variance inflation F of the residuals
-(`r2bspec.judge.statistics.variance_inflation`). The n points are worth n / F, so that t with n / F
-- 2 degrees of freedom takes the place of the normal distribution. Residuals that wander instead of
-scatter have an F of the order of n: such a line has no slope that is worth stating, and the error
-says so.
+(`r2bspec.judge.statistics.variance_inflation`). The effective sample size is n / F, so that t with
+n / F - 2 degrees of freedom takes the place of the normal distribution. Residuals that wander
+instead of scatter have an F of the order of n: such a line has no meaningful slope, and the error
+shows it.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def trend(times: NDArray[np.float64], values: NDArray[np.float64], confidence: f
     slope = float(t @ v) / spread
     residuals = v - slope * t
     squares = float(residuals @ residuals)
-    # Nothing scatters, but for the last digits: the slope is known.
+    # No scatter beyond the last digits: the slope is exact.
     if squares <= n * (1e-12 * float(np.abs(values).max())) ** 2:
         return Trend(slope, slope, slope)
     products = lagged_products(residuals[np.newaxis], n // _LAG_DIVISOR)

@@ -1,4 +1,4 @@
-"""Two stored runs: Welch's t test on logarithms. It advises, and must not gate.
+"""Two stored runs: Welch's t test on logarithms. Advisory, not for gating.
 
 With the logarithms of m_a and m_b iterations' values, their means, and variances s_a^2 and s_b^2,
 
@@ -6,11 +6,11 @@ With the logarithms of m_a and m_b iterations' values, their means, and variance
     df   = se^4 / ((s_a^2 / m_a)^2 / (m_a - 1) + (s_b^2 / m_b)^2 / (m_b - 1))
 
 one-sided bounds on the true ratio are exp(mean_b - mean_a -+ t_c(df) se). That is exact for
-iterations that were drawn independently, and iterations of one run are not: they share its
-placement in memory, its processes and its hour. Two runs of one and the same graph differ by
-2 to 3 % on a shared machine; the interval does not know of that and shrinks as iterations are
-added, so that A against A looks worse in a third of comparisons, and the more often the longer
-the runs are. Interleaved pairs (`paired`) or a history (`prediction`) do not have this fault.
+independent iterations, and iterations of one run are not: they share its placement in memory, its
+processes and its time of day. Two runs of the same graph differ by 2 to 3 % on a shared machine;
+the interval ignores that and shrinks as iterations are added, so that A compared with A looks worse
+in a third of comparisons, and more often for longer runs. Interleaved pairs (`paired_ratio`) or a
+history (`prediction_interval`) do not have this fault.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Two or more results beside each other: what improved, what got worse, what cannot be told."""
+"""Comparisons of stored results in several formats."""

@@ -1,4 +1,4 @@
-"""A comparison in the format that was asked for."""
+"""A comparison in the requested format."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ HEADER = (
 
 
 def to_csv(comparisons: Sequence[Comparison]) -> bytes:
-    """RFC 4180 with a header line; what is not known is empty."""
+    """RFC 4180 with a header line; unknown values are empty."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\r\n")
     writer.writerow(HEADER)

@@ -16,18 +16,19 @@ _KINDS: dict[Outcome, str] = {
     "can't tell": "notice",
     "improved": "notice",
 }
-"""Stored results advise: nothing is an error. What is the same is not told."""
+"""Comparisons of stored results are advisory: nothing is an error. Metrics that are the same are
+left out."""
 
 
 def to_github(comparisons: Sequence[Comparison]) -> bytes:
-    """The commands, a line each; for each result a summary, then what got worse first."""
+    """The commands, a line each: for each result a summary, then its metrics, the worse first."""
     return "".join(f"{line}\n" for one in comparisons for line in _lines(one)).encode()
 
 
 def _lines(one: Comparison) -> Iterator[str]:
     worse = any(line.outcome == "worse" for line in one.lines)
     yield command("warning" if worse else "notice", title(one), summary(one), {})
-    told = [line for kind in _KINDS for line in one.lines if line.outcome == kind]
-    for line in told[:MAX_ANNOTATIONS]:
+    annotated = [line for kind in _KINDS for line in one.lines if line.outcome == kind]
+    for line in annotated[:MAX_ANNOTATIONS]:
         head = f"{metric_text(line)}: {line.outcome}"
         yield command(_KINDS[line.outcome], head, line.reason, {})

@@ -9,7 +9,7 @@ from html import escape
 from r2bspec.compare.comparison import ADVICE, Comparison, ComparisonLine
 from r2bspec.report.comparison.text import OUTCOME_TEXTS, metric_text, numbers, summary, title
 
-_HEADER = ("", "metric", "base", "head", "ratio", "bounds", "why")
+_HEADER = ("", "metric", "base", "head", "ratio", "bounds", "reason")
 
 _STYLES = {"improved": "pass", "worse": "fail", "same": "", "can't tell": "inconclusive"}
 
@@ -29,7 +29,7 @@ def _page(comparisons: Sequence[Comparison]) -> Iterator[str]:
     for one in comparisons:
         yield f"<section>\n<h2>{_text(title(one))}</h2>\n<p>{_text(summary(one))}</p>"
         if one.differences:
-            yield "<p>They differ in more than their numbers:</p>\n<ul>"
+            yield "<p>Differences between the runs:</p>\n<ul>"
             yield from (f"<li>{_text(each)}</li>" for each in one.differences)
             yield "</ul>"
         yield '<div class="wide" tabindex="0" role="region" aria-label="Table of metrics">'
@@ -52,6 +52,6 @@ def _row(line: ComparisonLine) -> str:
 
 
 def _text(text: str) -> str:
-    """Text as HTML shows it; control characters, which no page can hold, are replaced."""
+    """Text as HTML shows it; control characters, which HTML cannot contain, are replaced."""
     plain = "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in text)
     return escape(plain)

@@ -52,7 +52,7 @@ def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
 
 
 def to_markdown(comparisons: Sequence[Comparison]) -> str:
-    """What is not the same in sight, the rest folded."""
+    """What has changed visible, the rest folded."""
     return "\n".join(line for one in comparisons for line in _markdown(one)) + f"\n{ADVICE}\n"
 
 
@@ -61,7 +61,7 @@ def _markdown(one: Comparison) -> Iterator[str]:
     yield ""
     yield escaped(summary(one))
     yield ""
-    yield from (f"> differs in {escaped(each)}  " for each in one.differences)
+    yield from (f"> Difference: {escaped(each)}  " for each in one.differences)
     yield ""
     header = ("", "metric", "base", "head", "ratio", "bounds")
     rows = {
@@ -72,7 +72,7 @@ def _markdown(one: Comparison) -> Iterator[str]:
         ordered = sorted(rows[True], key=lambda line: _ORDER.index(line.outcome))
         yield from table(header, [_row(line) for line in ordered])
     if rows[False]:
-        yield from folded("The same", table(header, [_row(line) for line in rows[False]]))
+        yield from folded("Unchanged", table(header, [_row(line) for line in rows[False]]))
 
 
 def _row(line: ComparisonLine) -> tuple[str, ...]:
@@ -107,11 +107,11 @@ def metric_text(line: ComparisonLine) -> str:
 
 def title(one: Comparison) -> str:
     """What is compared with what."""
-    return f"{one.head.source} against {one.base.source}"
+    return f"{one.head.source} compared with {one.base.source}"
 
 
 def summary(one: Comparison) -> str:
-    """How many metrics came out how."""
+    """The number of metrics by outcome."""
     counts = {each: sum(line.outcome == each for line in one.lines) for each in _ORDER}
-    said = [f"{count} {outcome}" for outcome, count in counts.items() if count]
-    return f"{', '.join(said)}, at {show(one.confidence, 'share')} confidence."
+    texts = [f"{count} {outcome}" for outcome, count in counts.items() if count]
+    return f"{', '.join(texts)}, at {show(one.confidence, 'share')} confidence."

@@ -57,7 +57,7 @@ def _measures(rate: RateMetrics, monitor: str) -> dict[str, Any]:
             continue
         found[slug] = {"value": value * factor}
         if metric in spread:
-            # Pooled percentiles may lie outside of what single iterations had.
+            # Pooled percentiles may lie outside the range of the iterations.
             found[slug]["lower_value"] = min(spread[metric].low, value) * factor
             found[slug]["upper_value"] = max(spread[metric].high, value) * factor
     return found

@@ -1,4 +1,4 @@
-"""Every number as a line of CSV: tidy, so that spreadsheets and data frames can pivot it."""
+"""Every value as a line of CSV, in long format for spreadsheets and data frames."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ HEADER = ("run_id", "name", "offered_hz", "iteration", "monitor", "metric", "uni
 
 
 def render(report_input: ReportInput) -> bytes:
-    """RFC 4180 with a header line; `iteration` is empty where all of them are pooled."""
+    """RFC 4180 with a header line; `iteration` is empty for pooled values."""
     result = report_input.result
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\r\n")

@@ -1,8 +1,8 @@
 """Workflow commands that GitHub shows as annotations on the lines of the spec.
 
-A failed requirement is an error, an inconclusive one a warning; both stand on the line that states
-them if the spec's file is known. GitHub keeps ten annotations of each kind and step, and drops the
-rest silently: a last line says how many were left out.
+A failed requirement is an error, an inconclusive one a warning; both are placed on the line of the
+requirement if the spec's file is known. GitHub keeps ten annotations of each kind and step, and
+drops the rest without a message: a last line says how many were omitted.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def render(report_input: ReportInput) -> bytes:
 def _lines(report_input: ReportInput) -> Iterator[str]:
     verdict = report_input.result.verdict
     spec_file = report_input.spec_file
-    # GitHub knows files by their path in the repository, which is where a job stands.
+    # GitHub identifies files by their path in the repository, the working folder of a job.
     if spec_file is not None and spec_file.is_absolute() and spec_file.is_relative_to(Path.cwd()):
         spec_file = spec_file.relative_to(Path.cwd())
     locations = read_requirement_locations(spec_file)
@@ -42,17 +42,20 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     title = f"{report_input.result.name}: {verdict.outcome}"
     yield command(kind, title, verdict.reason, {"file": file} if file else {})
     several = several_monitors(verdict)
-    told = [one for outcome in _COMMANDS for one in verdict.requirements if one.outcome == outcome]
-    told.sort(key=lambda one: one.level in _ADVISORY_COMMANDS)
-    for one in told[:MAX_ANNOTATIONS]:
+    annotated = [
+        one for outcome in _COMMANDS for one in verdict.requirements if one.outcome == outcome
+    ]
+    annotated.sort(key=lambda one: one.level in _ADVISORY_COMMANDS)
+    for one in annotated[:MAX_ANNOTATIONS]:
         text = requirement_text(one, name_monitor=several)
         at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
-        said = "\n".join(sentences(one))
+        texts = "\n".join(sentences(one))
         shown = _ADVISORY_COMMANDS.get(one.level, _COMMANDS[one.outcome])
         place = _place(one, locations, file)
-        yield command(shown, f"{one.objective}: {text}{at}", said, place)
-    if len(told) > MAX_ANNOTATIONS:
-        yield f"{len(told) - MAX_ANNOTATIONS} more requirements are not annotated; see the report"
+        yield command(shown, f"{one.objective}: {text}{at}", texts, place)
+    if len(annotated) > MAX_ANNOTATIONS:
+        omitted = len(annotated) - MAX_ANNOTATIONS
+        yield f"{omitted} more requirements are not annotated; see the report"
 
 
 def _place(
@@ -61,7 +64,7 @@ def _place(
     if locations is None:
         return {"file": file} if file else {}
     span: Span = locations.find(one)
-    # A value that came from an option has a place of its own, which is no file.
+    # A value from an option has a location without a file.
     if not span.line or span.file != locations.loaded.file:
         return {"file": file}
     found = {"file": span.file, "line": str(span.line), "endLine": str(span.end_line)}

@@ -1,9 +1,9 @@
 """The latency of one monitor at one rate as HdrHistogram's percentile distribution.
 
-What plots and compares such files reads one distribution from each: where a run has several, the
-path of the report says which, ``--report 'hdrhistogram=latency-{monitor}-{rate}.hgrm'``. Values are
-milliseconds and exact, because all of them were kept. Messages that never came are in no line, as
-the format has no word for them; a comment at the end counts them.
+Programs that plot such files read one distribution from each: if a run has several, the path of the
+report has placeholders, ``--report 'hdrhistogram=latency-{monitor}-{rate}.hgrm'``. Values are
+milliseconds and exact, because all of them were recorded. The format cannot express lost messages;
+a comment at the end counts them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def render(report_input: ReportInput) -> bytes:
 
 
 def _values(report_input: ReportInput) -> tuple[NDArray[np.float64], int | None]:
-    """The latencies, and how many messages are lost; None where nobody knows."""
+    """The latencies, and the number of lost messages; None where it is unknown."""
     samples = report_input.samples
     found = [
         (rate, monitor)
@@ -44,8 +44,8 @@ def _values(report_input: ReportInput) -> tuple[NDArray[np.float64], int | None]
     ]
     if samples is None or len(found) != 1:
         raise ReportError(
-            f"hdrhistogram holds one monitor at one rate, and this run has {len(found)} of them",
-            hint="Let the path tell them apart: "
+            f"hdrhistogram has one monitor at one rate, but this run has {len(found)} of them",
+            hint="Use placeholders in the path: "
             "--report 'hdrhistogram=latency-{monitor}-{rate}.hgrm'",
         )
     ((rate, monitor),) = found
@@ -60,7 +60,7 @@ def _lines(values: NDArray[np.float64], lost: int | None) -> Iterator[str]:
     yield ""
     for share in _shares(n):
         k = rank(share, n) if share else 1
-        # Equal values fall into one line, whose count has all of them.
+        # Equal values share one line, whose count includes all of them.
         count = int(np.searchsorted(values, values[k - 1], side="right"))
         inverse = f"{1 / (1 - share):14.2f}" if share < 1 else f"{'inf':>14}"
         yield f"{values[k - 1]:12.6f} {share:2.12f} {count:10d} {inverse}"

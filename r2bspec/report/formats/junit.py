@@ -1,9 +1,9 @@
 """JUnit XML: a suite for the run, a case for each requirement, and one for the run itself.
 
-What is failed is a failure and what is inconclusive an error, so that neither turns a pipeline
-green; `junit_lenient` calls the latter skipped. A requirement whose level is not ``error`` passes
-with its verdict in the output. A run that is invalid or incomplete is an error of
-the case ``run``.
+A failed requirement is a failure and an inconclusive one an error, so that neither passes a
+pipeline; in `junit_lenient` the latter is skipped. A requirement whose level is not ``error``
+passes with its verdict in the output. A run that is invalid or incomplete is an error of the case
+``run``.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def render(report_input: ReportInput) -> bytes:
 
 
 def to_xml(report_input: ReportInput, *, lenient: bool) -> bytes:
-    """The XML; `lenient` makes what is inconclusive a skipped case instead of an error."""
+    """The XML; with `lenient`, inconclusive requirements are skipped cases instead of errors."""
     from junitparser import JUnitXml, TestSuite
 
     result = report_input.result
@@ -63,18 +63,18 @@ def to_xml(report_input: ReportInput, *, lenient: bool) -> bytes:
 
 
 def _run_case(report_input: ReportInput, name: str) -> TestCase:
-    """Whether the run itself is one that can be judged."""
+    """The test case of the run itself."""
     from junitparser import Error, TestCase
 
     verdict = report_input.result.verdict
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
         case.result = [Error(printable(verdict.reason), verdict.outcome)]
-    said = [
+    texts = [
         printable(note) for note in (*comparison(report_input.result), *notes(report_input.result))
     ]
-    if said:
-        case.system_out = "\n".join(said)
+    if texts:
+        case.system_out = "\n".join(texts)
     return case
 
 

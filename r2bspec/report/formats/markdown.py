@@ -1,7 +1,7 @@
-"""Markdown for a pull request or a step summary: the verdict in sight, the rest folded.
+"""Markdown for a pull request or a step summary: the verdict visible, the rest folded.
 
-GitHub refuses comments of more than 65,536 characters; the tables are cut, with a count of what is
-left out, long before that.
+GitHub rejects comments of more than 65,536 characters; the tables are cut, with a count of the
+omitted rows, long before that.
 """
 
 from __future__ import annotations
@@ -36,14 +36,15 @@ from r2bspec.report.report_wording import (
 )
 
 _MAX_ROWS = 60
+"""The largest number of rows of a table."""
+
 _LATENCIES = (*MAIN_PERCENTILES, "max")
-"""Rows of a table that are shown at most."""
 
 _ORDER = ("fail", "inconclusive", "pass")
 
 
 def render(report_input: ReportInput) -> bytes:
-    """The report: CommonMark with the tables and the folding of GitHub and GitLab."""
+    """The report: CommonMark with the tables and folding of GitHub and GitLab."""
     return "\n".join(_lines(report_input)).encode()
 
 
@@ -64,12 +65,12 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
         yield from _requirements(verdict, own_pace(result.metrics))
     yield from (f"> {escaped(note)}  " for note in notes(result))
     yield ""
-    yield from folded("Measured", _measured(result))
-    yield from folded("Where and with what", _provenance(report_input))
+    yield from folded("Measurements", _measured(result))
+    yield from folded("Environment", _provenance(report_input))
 
 
 def _bounds_heading(verdict: Verdict) -> str:
-    """The heading of the bounds, with their confidence where all have the same."""
+    """The heading of the bounds, with their confidence if it is the same for all."""
     confidences = {one.confidence for one in verdict.requirements}
     return f"{show(confidences.pop(), 'share', 4)} bounds" if len(confidences) == 1 else "bounds"
 
@@ -91,7 +92,7 @@ def _requirements(verdict: Verdict, pace: str) -> Iterator[str]:
             for one in ordered
         ],
     )
-    # Of a ratio that passes, the table does not show what it is of.
+    # The table does not show the values behind a ratio that passes.
     explained = [one for one in ordered if one.outcome != "pass" or one.compared is not None]
     for one in explained[:_MAX_ROWS]:
         yield f"- {_why(one, several=several)}"
@@ -99,8 +100,8 @@ def _requirements(verdict: Verdict, pace: str) -> Iterator[str]:
 
 
 def _why(one: RequirementVerdict, *, several: bool) -> str:
-    said = [f"**{escaped(one.objective)}** {code(requirement_text(one, name_monitor=several))}:"]
-    return " ".join([*said, *map(escaped, sentences(one))])
+    texts = [f"**{escaped(one.objective)}** {code(requirement_text(one, name_monitor=several))}:"]
+    return " ".join([*texts, *map(escaped, sentences(one))])
 
 
 def _measured(result: Result) -> Iterator[str]:
@@ -130,10 +131,10 @@ def _measured(result: Result) -> Iterator[str]:
 
 
 def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
-    """Where the time goes on the way to a monitor; nothing where it is not tapped."""
+    """The latency of the hops to a monitor; nothing where it is not tapped."""
     rows = [
         (
-            show(rate.offered_hz, "Hz"),
+            show_rate(rate.offered_hz, rate.pace),
             escaped(f"{hop.source} → {hop.target}"),
             *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
             show(hop.matched, "count"),
@@ -166,7 +167,7 @@ def _provenance(report_input: ReportInput) -> Iterator[str]:
 
 
 def folded(title: str, lines: Iterable[str]) -> Iterator[str]:
-    """Lines below a title that has to be clicked; nothing if there are none."""
+    """Lines folded below a title; nothing if there are none."""
     content = [*lines]
     if content:
         yield from (f"<details><summary>{escaped(title)}</summary>", "", *content)
@@ -185,11 +186,11 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]
 
 
 def escaped(text: str) -> str:
-    """Text that Markdown shows as it is: no markup, no links, no mentions, on one line."""
+    """Text shown literally by Markdown: no markup, no links, no mentions, on one line."""
     line = " ".join(text.split())
     line = line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     line = re.sub(r"([\\`*_\[\]|~#$])", r"\\\1", line)
-    # An entity keeps '@name' from calling people, and 'http://' from becoming a link.
+    # Entities keep '@name' from being a mention, and 'http://' from being a link.
     return line.replace("@", "&#64;").replace("://", "&#58;//")
 
 

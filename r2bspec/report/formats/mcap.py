@@ -1,10 +1,10 @@
-"""An MCAP file of what was measured, which Foxglove plots beside the recording.
+"""An MCAP file with the metrics over time, for Foxglove.
 
 Topics: ``/r2bspec/MONITOR/latency`` with a message for each step, ``/r2bspec/MONITOR/missed`` with
-one for each step that was never answered, ``/r2bspec/MONITOR/metrics`` at the end of each
-iteration, ``/r2bspec/load/PROCESS`` and ``/r2bspec/phase``. Messages are JSON with a schema; their
-times are those of the system clock, brought from the monotonic one by the stamps of the playback.
-``result.json`` is attached. The messages of the graph itself are not kept by a run.
+one for each missed output, ``/r2bspec/MONITOR/metrics`` at the end of each iteration,
+``/r2bspec/load/PROCESS`` and ``/r2bspec/phase``. Messages are JSON with a schema; their times are
+those of the system clock, converted from the monotonic one by the stamps of the playback.
+``result.json`` is attached. The messages of the graph itself are not recorded in a run.
 """
 
 from __future__ import annotations

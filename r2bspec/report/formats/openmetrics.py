@@ -17,21 +17,21 @@ from r2bspec.report.report_wording import own_pace
 
 _SUMMARIES = {
     "latency": "Time from publication of the input to reception of the output.",
-    "latency_from_due": "Time from when the input was due to reception of the output.",
-    "interval": "Time between one output and the next.",
-    "jitter": "Change between two successive intervals, without its sign.",
+    "latency_from_due": "Time from the due time of the input to reception of the output.",
+    "interval": "Time between consecutive outputs.",
+    "jitter": "Absolute difference of consecutive intervals.",
 }
 
 _COUNTS = {
-    "sent": "Steps that were played.",
-    "answered": "Expected answers that came.",
-    "missed": "Expected answers that never came.",
-    "received": "Messages that arrived, of any kind.",
-    "duplicates": "Answers to a step answered before.",
-    "reordered": "Answers overtaken by a later step's.",
-    "unmatched": "Messages that answer no step.",
-    "late": "Answers that came after the last step's period.",
-    "overdue": "Unmatched messages that answer a step of an earlier segment.",
+    "sent": "Steps played.",
+    "answered": "Expected outputs received.",
+    "missed": "Expected outputs not received.",
+    "received": "Messages received, matched or not.",
+    "duplicates": "Repeated outputs of a step.",
+    "reordered": "Outputs received after that of a later step.",
+    "unmatched": "Messages that match no step.",
+    "late": "Outputs received after the period of the last step.",
+    "overdue": "Unmatched messages that match a step of an earlier segment.",
 }
 
 _OUTCOMES = ("pass", "fail", "inconclusive")
@@ -71,16 +71,19 @@ def _families(report_input: ReportInput) -> Iterator[_Family]:
     result = report_input.result
     named = {"benchmark": result.name}
     yield _info(report_input)
-    yield _states("r2bspec_verdict", "How the run was judged.", named, result.verdict.outcome)
+    yield _states("r2bspec_verdict", "Outcome of the run.", named, result.verdict.outcome)
     yield _requirements(report_input)
     yield _ratios(report_input)
     yield from _of_monitors(result.metrics.rates, named)
     yield from _of_processes(result.metrics.rates, named)
     peak = _Family(
-        "r2bspec_peak_hertz", "gauge", "Highest rate that held; the peak is at least this.", "hertz"
+        "r2bspec_peak_hertz", "gauge", "Highest sustained rate: lower bound of the peak.", "hertz"
     )
     below = _Family(
-        "r2bspec_peak_below_hertz", "gauge", "Lowest rate that the graph did not hold.", "hertz"
+        "r2bspec_peak_below_hertz",
+        "gauge",
+        "Lowest rate not sustained: upper bound of the peak.",
+        "hertz",
     )
     search = result.metrics.search
     if search is not None and search.holds_hz is not None:
@@ -93,7 +96,7 @@ def _families(report_input: ReportInput) -> Iterator[_Family]:
 
 def _info(report_input: ReportInput) -> _Family:
     result = report_input.result
-    family = _Family("r2bspec_run", "info", "Which run this is, and of what.")
+    family = _Family("r2bspec_run", "info", "Identity of the run.")
     labels = {
         "benchmark": result.name,
         "run_id": result.run_id,
@@ -115,7 +118,7 @@ def _states(name: str, about: str, labels: Labels, outcome: str) -> _Family:
 
 def _requirements(report_input: ReportInput) -> _Family:
     name = "r2bspec_requirement"
-    family = _Family(name, "stateset", "How each requirement was judged.")
+    family = _Family(name, "stateset", "Outcome of each requirement.")
     pace = own_pace(report_input.result.metrics)
     for one in report_input.result.verdict.requirements:
         labels = {
@@ -166,14 +169,14 @@ def _of_monitors(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Fam
         family = _Family(f"r2bspec_{key}_seconds", "summary", about, "seconds")
         for labels, metrics in seen:
             times = getattr(metrics, key)
-            # Of a live run, in which nobody knows what was sent, some times are unknown.
+            # In a live run, what was sent is unknown, and so are some times.
             if times.n or metrics.sent is not None:
                 family.samples += _summary(times, labels)
         yield family
     gauge = _Family("r2bspec_throughput_hertz", "gauge", "Outputs per second.", "hertz")
     gauge.samples += [("", labels, metrics.throughput_hz) for labels, metrics in seen]
     yield gauge
-    gauge = _Family("r2bspec_drop_ratio", "gauge", "Missed of sent.", "ratio")
+    gauge = _Family("r2bspec_drop_ratio", "gauge", "Missed outputs / expected outputs.", "ratio")
     gauge.samples += [
         ("", labels, metrics.drop_rate) for labels, metrics in seen if metrics.drop_rate is not None
     ]

@@ -1,10 +1,10 @@
-"""The JSON of NVIDIA's ros2_benchmark, so that what reads its reports can read these.
+"""The JSON of NVIDIA's ros2_benchmark, for programs that read its reports.
 
 Times are milliseconds, rates frames per second, loads percent of all cores. At each fixed rate
 counts and durations are the mean of an iteration, means are over all messages of all iterations,
 and no iteration is left out of a maximum or a minimum. Top-level figures are those of the probe at
-the highest rate that held, or, without a search, of the highest rate that was played. A figure that
-the run does not have is absent, never invented. ``docs/reports.md`` lists every key.
+the highest sustained rate, or, without a search, of the highest rate that was played. Figures that
+the run does not have are absent. ``docs/reports.md`` lists every key.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def render(report_input: ReportInput) -> bytes:
     """The report, from the samples of the run.
 
     Raises:
-        ReportError: only the result is known; it does not have what the keys ask for.
+        ReportError: only the result is known, which lacks the values of some keys.
     """
     run = report_input.require_run("the format ros2_benchmark")
     rates: dict[float, list[Segment]] = {}
@@ -48,7 +48,7 @@ def render(report_input: ReportInput) -> bytes:
     content |= _rate_figures(run, loads, _at_peak(run, rates))
     for rate_hz, segments in sorted(rates.items()):
         if not rate_hz:
-            # What has a rate of its own is played at no other: its figures are those above.
+            # A run at its own rate has only the figures above.
             continue
         content[f"{float(rate_hz)}fps"] = _rate_figures(run, loads, segments)
     content["custom"] = dict(report_input.result.labels)
@@ -71,7 +71,7 @@ def _at_peak(run: Run, rates: dict[float, list[Segment]]) -> list[Segment]:
 
 
 def _rate_figures(run: Run, loads: _MachineLoad, segments: Sequence[Segment]) -> dict[str, Any]:
-    """The figures of some segments at one rate; monitors are told apart where there are several."""
+    """The figures of some segments at one rate; by monitor if there are several."""
     if not segments:
         return {}
     found: dict[str, Any] = {}
@@ -123,7 +123,7 @@ class _MonitorFigures:
     def __init__(
         self, sent: NDArray[np.int64] | None, arrived: NDArray[np.int64], missed: int
     ) -> None:
-        """`sent` is None where nobody knows what was."""
+        """`sent` is None where it is unknown."""
         self.sent = None if sent is None else float(sent.size)
         self.missed = None if sent is None else float(missed)
         sent = np.empty(0, np.int64) if sent is None else sent
@@ -177,7 +177,7 @@ class _MachineLoad:
         self._cpu = used / spans * 100 / self._cores if usable else np.empty(0)
 
     def during(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """Only while messages were played: waiting would dilute the load."""
+        """Only while messages were played; idle time would lower the load."""
         inside = np.zeros(self._times.size, dtype=np.bool_)
         for each in segments:
             inside |= (self._times >= each.began_ns) & (self._times <= each.ended_ns)

@@ -1,4 +1,4 @@
-"""What a terminal shows at the end of a run, as plain text."""
+"""The terminal report as plain text."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """A timeline in the Trace Event Format, which Perfetto and chrome://tracing open.
 
 Phases and segments are slices, messages in flight are asynchronous slices of each monitor, from
-publication to reception, and CPU and memory are counters. A message that never came is a slice
-named ``lost`` that ends with its segment. Times are microseconds since the first event.
+publication to reception, and CPU and memory are counters. A lost message is a slice named ``lost``
+that ends with its segment. Times are microseconds since the first event.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""One self-contained HTML page: no network, and nothing lost without scripts or styles.
+"""One self-contained HTML page: no network, and complete without scripts or styles.
 
-Numbers stand in tables; drawings are inline SVG with presentation attributes; a stylesheet and a
-script, both inside the page, add looks, dark mode, zoom and hover where a policy lets them.
+Numbers are in tables; drawings are inline SVG with presentation attributes; a stylesheet and a
+script, both inside the page, add layout, dark mode, zoom and hover where a policy allows them.
 """
 
 from __future__ import annotations

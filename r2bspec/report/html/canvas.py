@@ -1,4 +1,4 @@
-"""One drawing: the plotting library set up the same for all, and what a script may know of it."""
+"""A chart: the plotting library with the same settings for all, and data for the script."""
 
 from __future__ import annotations
 
@@ -60,14 +60,14 @@ _MARKS: Final = ("o", "s", "^", "D", "v", "P")
 
 @dataclass(frozen=True)
 class Chart:
-    """A finished drawing.
+    """A finished chart.
 
     Attributes:
         name: unique in the page.
         title: the heading of the figure.
-        description: what it shows, in words.
+        description: of the content, in words.
         svg: the drawing itself.
-        note: what was left out of it, or what to know; may be empty.
+        note: what is omitted, or how to read it; may be empty.
     """
 
     name: str
@@ -79,10 +79,10 @@ class Chart:
 
 @dataclass
 class ChartBuilder:
-    """A drawing in the making.
+    """A chart that is being drawn.
 
     Attributes:
-        figure: what is drawn on.
+        figure: to draw on.
         labels: of the series so far.
         note: see `Chart`.
     """
@@ -93,12 +93,12 @@ class ChartBuilder:
     note: str = ""
 
     def series(self, line: Line2D, label: str) -> None:
-        """Make a line one that a reader can point at, with this label."""
+        """Register a line as a series that the script can show, with this label."""
         line.set_gid(f"series-{len(self.labels)}")
         self.labels.append(printable(label))
 
     def register_axes(self, axes: Axes, x_unit: str, y_unit: str) -> None:
-        """Let a script turn positions on these axes back into values of these units."""
+        """Register axes, so that the script can convert positions to values of these units."""
         self.scales[len(self.scales)] = (axes, x_unit, y_unit)
 
 
@@ -108,7 +108,7 @@ def colour(number: int) -> str:
 
 
 def line_style(number: int) -> Any:
-    """The line of a series: not by colour alone."""
+    """The line style of a series, to distinguish it not by colour alone."""
     return _STYLES[number % len(_STYLES)]
 
 
@@ -129,7 +129,7 @@ def draw(
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context(_SETTINGS), warnings.catch_warnings():
-        # A script that the library has no measures for is drawn by the browser all the same.
+        # The browser draws glyphs for which the library has no metrics.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         sketch = ChartBuilder(Figure(figsize=(WIDTH_IN, height_in)))
         paint(sketch)
@@ -147,7 +147,7 @@ def draw(
 
 
 def _scale(axes: Axes, height_in: float, x_unit: str, y_unit: str) -> dict[str, Any]:
-    """Where the axes lie, in the points of the drawing, and what its ends mean."""
+    """The position of the axes, in points, and the values of their ends."""
     box = axes.get_position()
     wide, high = WIDTH_IN * _POINTS_PER_INCH, height_in * _POINTS_PER_INCH
     return {

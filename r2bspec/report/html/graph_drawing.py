@@ -1,7 +1,7 @@
 """The graph of the plan, laid out in layers from the player to the monitors.
 
-Boxes are placed by the longest way that leads to them, and ordered within a layer by the places of
-what they are fed from, which keeps most arrows from crossing.
+Boxes are placed by the longest path to them, and ordered within a layer by the positions of their
+predecessors, which keeps most arrows from crossing.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from r2bspec.plan.figure import Arrow, Box, BoxKind, figure
 from r2bspec.plan.plan import Plan
 
 _CHARACTER_WIDTH = 7.4
-"""Width of a character at the size that the boxes are lettered in."""
+"""Width of a character at the font size of the boxes."""
 
 _MAX_LABEL_CHARACTERS = 34
 _LINE_HEIGHT = 15
@@ -26,7 +26,7 @@ _TITLE_HEIGHT = 26
 
 @dataclass(frozen=True)
 class TextLine:
-    """A line of text in a box; `full` is what was cut off for the drawing."""
+    """A line of text in a box."""
 
     text: str
     x: float
@@ -75,7 +75,7 @@ class Drawing:
     height: float
     frames: tuple[PhaseFrame, ...]
     boxes: tuple[PlacedBox, ...]
-    ways: tuple[Edge, ...]
+    edges: tuple[Edge, ...]
     description: str
 
 
@@ -103,7 +103,7 @@ def lay_out(plan: Plan, annotations: Mapping[str, Sequence[str]]) -> Drawing:
             frames.append(PhaseFrame(title, 0, y, right, bottom - y))
         widest = max(widest, right)
         y = bottom + _ROW_GAP
-    ways = tuple(
+    edges = tuple(
         _route_edge(placed[each.tail], placed[each.head], each.stored) for each in sketch.arrows
     )
     return Drawing(
@@ -111,7 +111,7 @@ def lay_out(plan: Plan, annotations: Mapping[str, Sequence[str]]) -> Drawing:
         height=y,
         frames=tuple(frames),
         boxes=tuple(placed.values()),
-        ways=ways,
+        edges=edges,
         description=_description(sketch.arrows, placed),
     )
 
@@ -144,17 +144,19 @@ def _layers(
 
 
 def _layer_indices(names: list[str], feeds: list[tuple[str, str]]) -> dict[str, int]:
-    """The layer of each box; members of a circle share the layer at which it is entered."""
+    """The layer of each box; the boxes of a cycle share a layer."""
     import networkx as nx
 
     graph: nx.DiGraph[str] = nx.DiGraph()
     graph.add_nodes_from(names)
     graph.add_edges_from(feeds)
-    circles = nx.condensation(graph)
+    components = nx.condensation(graph)
     rank: dict[int, int] = {}
-    for circle in nx.topological_sort(circles):
-        rank[circle] = max((rank[each] + 1 for each in circles.predecessors(circle)), default=0)
-    return {name: rank[circles.graph["mapping"][name]] for name in names}
+    for component in nx.topological_sort(components):
+        rank[component] = max(
+            (rank[each] + 1 for each in components.predecessors(component)), default=0
+        )
+    return {name: rank[components.graph["mapping"][name]] for name in names}
 
 
 def _mean_predecessor_y(
@@ -191,7 +193,7 @@ def _place_box(box: Box, lines: list[str], x: float, y: float, width: float) -> 
 
 
 def _route_edge(tail: PlacedBox, head: PlacedBox, stored: bool) -> Edge:
-    """Out of the right side and into the left one; down and around if that is behind."""
+    """From the right side to the left one; if that is behind, down and around."""
     x0, y0 = tail.x + tail.width, tail.y + tail.height / 2
     x1, y1 = head.x, head.y + head.height / 2
     if x1 > x0:
@@ -216,5 +218,7 @@ def _route_edge(tail: PlacedBox, head: PlacedBox, stored: bool) -> Edge:
 
 
 def _description(arrows: Sequence[Arrow], placed: Mapping[str, PlacedBox]) -> str:
-    said = [f"{placed[a.tail].title} to {placed[a.head].title}" for a in arrows]
-    return "Messages go from " + "; from ".join(said) + "." if said else "Nothing is connected."
+    texts = [f"{placed[a.tail].title} to {placed[a.head].title}" for a in arrows]
+    return (
+        "Messages go from " + "; from ".join(texts) + "." if texts else "There are no connections."
+    )

@@ -1,4 +1,4 @@
-"""The latency's distribution beside that of a baseline."""
+"""The latency's distribution next to that of a baseline."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSample
         return None
     description = (
         f"Share of all messages that arrived at {monitor} within each latency: this run as a full "
-        "line, the baseline as a dashed one. A curve that ends below 100 % has lost the rest."
+        "line, the baseline as a dashed one. The rest of a curve that ends below 100 % was lost."
     )
 
     def paint(sketch: ChartBuilder) -> None:
         axes = sketch.figure.subplots()
         for number, rate in enumerate(rates):
-            for run, style, who in ((samples, "-", "this run"), (baseline, "--", "baseline")):
+            for run, style, side in ((samples, "-", "this run"), (baseline, "--", "baseline")):
                 seen = [one.monitors[monitor] for one in run.iterations[rate]]
                 values = np.sort(np.concatenate([one.times["latency"] for one in seen]))
                 total = values.size + sum(one.missed for one in seen)
                 if not values.size:
                     continue
                 ranks = np.unique(np.linspace(1, values.size, _MAX_POINTS).astype(np.int64))
-                label = f"{show_rate(rate, pace_of(run.mode))}, {who}"
+                label = f"{show_rate(rate, pace_of(run.mode))}, {side}"
                 (line,) = axes.step(
                     values[ranks - 1] * 1e3,
                     ranks / total * 100,
@@ -54,4 +54,4 @@ def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSample
             axes.legend(loc="lower right")
         sketch.register_axes(axes, "ms", "%")
 
-    return draw(name, f"Latency against the baseline: {monitor}", description, 3.2, paint)
+    return draw(name, f"Latency compared with the baseline: {monitor}", description, 3.2, paint)

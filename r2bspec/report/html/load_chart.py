@@ -1,4 +1,4 @@
-"""CPU, memory and pressure over the run, with its phases behind them."""
+"""CPU, memory and pressure over the run, with its phases in the background."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ _MIB = 2**20
 
 
 def loads_chart(name: str, run: Run) -> Chart | None:
-    """Processor time, memory, and where it is known the pressure, one below the other.
+    """Processor time, memory, and, where known, the pressure, one below the other.
 
     None if nothing was sampled.
     """
     rows = run.resources()
     if not rows.size:
         return None
-    around = run.interference()
-    pressed = has_pressure(around)
+    interference = run.interference()
+    pressed = has_pressure(interference)
     start_ns = int(rows["time_ns"].min())
     description = (
-        "Processor time of each process, where 100 % is one core, and its memory below, against "
-        "the time since the first sample. The background tells the phases of the run."
+        "Processor time of each process, where 100 % is one core, and its memory below, over the "
+        "time since the first sample. The background shows the phases of the run."
     )
     if pressed:
         description += (
             " At the bottom, the share of the time in which some task of the machine waited for a "
-            "processor, or the machine itself was kept from working."
+            "processor, or the machine itself was stopped."
         )
 
     def paint(sketch: ChartBuilder) -> None:
@@ -69,7 +69,7 @@ def loads_chart(name: str, run: Run) -> Chart | None:
         sketch.register_axes(upper, "s", "%")
         sketch.register_axes(lower, "s", "MiB")
         if pressed:
-            paint_pressure(sketch, panels[2], around, start_ns)
+            paint_pressure(sketch, panels[2], interference, start_ns)
         if most > 1:
             sketch.note = f"Each point is the mean of up to {most} samples."
 

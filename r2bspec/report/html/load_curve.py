@@ -1,4 +1,4 @@
-"""Throughput and drops against the offered rate: where the graph stops keeping up."""
+"""Throughput and drops by offered rate: where the graph stops keeping up."""
 
 from __future__ import annotations
 
@@ -33,28 +33,28 @@ _MIN_LOG_RATIO = 8.0
 """From this ratio of the highest to the lowest rate on, rates are on a logarithmic axis."""
 
 _PROBE_MARKERS: Final = (
-    (True, "o", "probe that held"),
-    (False, "x", "probe that did not"),
-    (None, "D", "probe that stayed open"),
+    (True, "o", "probe: sustained"),
+    (False, "x", "probe: not sustained"),
+    (None, "D", "probe: undecided"),
 )
 _COLOURS: Final = {True: "good", False: "bad", None: "quiet"}
 
 
 def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verdict) -> Chart:
-    """Above: what came out; below: the share that did not. Probes of the search are hollow."""
+    """Above the throughput, below the drop rate. Probes of the search are hollow."""
     probes = [*(metrics.search.probes if metrics.search is not None else ()), *metrics.sustained]
     rates = [*(rate.offered_hz for rate in metrics.rates), *(probe.rate_hz for probe in probes)]
     description = (
-        "Throughput above and drop rate below, against the offered rate. On the dotted line "
-        "everything that was offered came out. Hollow marks are probes: circles held, crosses did "
-        "not, diamonds stayed open. A band marks where the search found the peak."
+        "Throughput above and drop rate below, by offered rate. On the dotted line all offered "
+        "messages were delivered. Hollow marks are probes: circles were sustained, crosses were "
+        "not, diamonds were undecided. A band marks the peak found by the search."
     )
 
     def paint(sketch: ChartBuilder) -> None:
         upper, lower = sketch.figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         wide = max(rates) > _MIN_LOG_RATIO * min(rates)
         ends = (min(rates) * 0.85, max(rates) * 1.15) if wide else (0, max(rates) * 1.08)
-        upper.plot(ends, ends, ":", color=PALETTE["quiet"], label="all that is offered")
+        upper.plot(ends, ends, ":", color=PALETTE["quiet"], label="offered rate")
         _bracket(metrics, (upper, lower))
         for number, monitor in enumerate(_monitors(metrics)):
             _monitor(sketch, (upper, lower), number, monitor, metrics)
@@ -67,7 +67,7 @@ def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: V
             upper.set_xscale("log")
             plain_numbers(upper.xaxis)
         if wide and _min_delivered(metrics) > 0:
-            # On two logarithmic axes what is offered stays a straight line.
+            # On two logarithmic axes the offered rate stays a straight line.
             upper.set_yscale("log")
             plain_numbers(upper.yaxis)
         else:
@@ -148,14 +148,14 @@ def _probes(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics) -> None:
 
 
 def _probe_drops(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics, run: Run) -> None:
-    """What of the steps of each probe was never answered, at the monitor that missed most."""
-    held = {
+    """The drop rate of each probe, at the monitor that missed most."""
+    outcomes = {
         probe.segment: probe.holds for probe in (metrics.search.probes if metrics.search else ())
     }
     for holds, shape, _ in _PROBE_MARKERS:
         points = []
         for segment in run.record.segments:
-            if segment.id in held and held[segment.id] is holds and segment.kind == "probe":
+            if segment.id in outcomes and outcomes[segment.id] is holds and segment.kind == "probe":
                 lost = [_lost(run, segment, each.name) for each in run.plan.monitors]
                 points.append((segment.rate_hz, max(lost, default=0.0) * 100))
         if points:
@@ -197,7 +197,7 @@ def _bracket(metrics: RunMetrics, panels: tuple[Axes, Axes]) -> None:
 
 
 def _limits(upper: Axes, lower: Axes, verdict: Verdict) -> None:
-    """A short bar at the rate that a requirement on throughput or drops is about."""
+    """A short bar at the rate of each requirement on throughput or drops."""
     for one in verdict.requirements:
         if one.limit is None or one.at_hz is None:
             continue

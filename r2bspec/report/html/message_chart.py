@@ -1,4 +1,4 @@
-"""The latency of every message in the order they were played, with misses marked."""
+"""The latency of every message in the order of playing, with misses marked."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def messages_chart(
     shown = rates[-_MAX_RATES:]
     description = (
         f"Latency of each message at {monitor}, in the order of playing, a row for each offered "
-        "rate. Bars at the top of a row are messages that never came; upright lines separate the "
+        "rate. Bars at the top of a row are missed messages; vertical lines separate the "
         "iterations."
     )
     thin = False
@@ -53,11 +53,11 @@ def messages_chart(
         notes = []
         if thin:
             notes.append(
-                f"Where a row has more than {_MAX_POINTS:,} messages, of each stretch only the "
-                "fastest and the slowest are drawn; misses are always marked."
+                f"In rows of more than {_MAX_POINTS:,} messages, only the fastest and the slowest "
+                "of each interval are drawn; misses are always marked."
             )
         if len(shown) < len(rates):
-            notes.append(f"Of {len(rates)} rates the highest {len(shown)} are drawn.")
+            notes.append(f"The highest {len(shown)} of {len(rates)} rates are drawn.")
         sketch.note = " ".join(notes)
 
     height = 0.5 + 1.5 * len(shown)
@@ -100,10 +100,10 @@ def _row(
     axes.set_xlim(0.5, max(values.size, 1) + 0.5)
     axes.set_ylabel(f"{label}\nms")
     count = int(missed.sum())
-    told = f"{count:,} of {values.size:,} missed" if count else f"none of {values.size:,} missed"
+    text = f"{count:,} of {values.size:,} missed" if count else f"none of {values.size:,} missed"
     axes.set_title(
-        # What the source of a live graph has sent, nobody knows.
-        told if run.plan.inputs else f"{values.size:,} messages",
+        # What the source of a live graph sent is unknown.
+        text if run.plan.inputs else f"{values.size:,} messages",
         loc="right",
         fontsize=8,
         color=PALETTE["bad" if count else "quiet"],

@@ -1,4 +1,4 @@
-"""Numbers on the page that name where in ``result.json`` they stand."""
+"""Numbers on the page with their location in ``result.json``."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
 class Numbers:
     """Writes a value of the result as ``<data value="0.0123" data-path="…">12.3 ms</data>``.
 
-    The exact value goes into the markup beside the rounded text, so that a program, or a test, can
-    read the page and compare it with the file.
+    The exact value is in the markup of the rounded text, so that a program, or a test, can read the
+    page and compare it with the file.
     """
 
     def __init__(self, result: Any) -> None:
         self._result = result
 
     def __call__(self, path: str, unit: str) -> Markup:
-        """The value at a path, written as a JSON pointer without its first slash; or a dash.
+        """The value at a path, a JSON pointer without its first slash; or a dash.
 
         Raises:
             KeyError: the result has no such place.

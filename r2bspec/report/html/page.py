@@ -1,4 +1,4 @@
-"""From a result to the page: the template's context, and the drawings."""
+"""From a result to the page: the template's context, and the charts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from r2bspec.measure.distribution_parts import (
     part_value,
 )
 from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.units import show, show_rate
+from r2bspec.measure.units import at_rate, show, show_rate
 from r2bspec.report.html.canvas import Chart
 from r2bspec.report.html.number_links import Numbers, pointer
 from r2bspec.report.html.svg import PALETTE
@@ -64,7 +64,7 @@ def render(report_input: ReportInput) -> bytes:
     )
     environment.filters["pointer"] = pointer
     page = environment.get_template("page.html.j2")
-    # What no page can hold: control characters, and the lone surrogates of broken file names.
+    # HTML cannot contain control characters and the lone surrogates of broken file names.
     text = _CONTROL_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", page.render(_context(report_input)))
     return text.encode("utf-8", errors="replace") + b"\n"
 
@@ -105,10 +105,10 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
             for number, one in enumerate(result.verdict.requirements)
             if one.compared is not None
         ],
-        "has_surroundings": any(
+        "has_interference": any(
             one.surroundings for rate in metrics.rates for one in rate.iterations
         ),
-        "disturbed": defaultdict(
+        "affected": defaultdict(
             str, {one.segment: "; ".join(one.reasons) for one in result.verdict.disturbed}
         ),
         "monitors": monitors,
@@ -127,6 +127,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "part_title": part_title,
         "show": show,
         "show_rate": show_rate,
+        "at_rate": at_rate,
         "pace": own_pace(metrics),
         "facts": {key: _plain(value) for key, value in result.machine.items()},
         "rmw": loaded_rmw(result),
@@ -209,14 +210,14 @@ def _graph(report_input: ReportInput) -> Drawing | None:
 
 
 def _annotations(metrics: RunMetrics) -> dict[str, list[str]]:
-    """What the drawing says at the player and at each monitor."""
+    """The annotations of the graph at the player and at each monitor."""
     rates = metrics.rates[-_MAX_SHOWN_RATES:]
-    told = {"player": [f"plays {show_rate(rate.offered_hz, rate.pace)}" for rate in rates]}
+    found = {"player": [f"plays {show_rate(rate.offered_hz, rate.pace)}" for rate in rates]}
     for name in dict.fromkeys(name for rate in rates for name in rate.pooled.monitors):
-        told[f"monitor {name}"] = [
+        found[f"monitor {name}"] = [
             f"{show_rate(rate.offered_hz, rate.pace)}: {show(seen.throughput_hz, 'Hz')}, "
             f"{part_title(TAIL_PERCENTILE)} {show(part_value(seen.latency, TAIL_PERCENTILE), 's')}"
             for rate in rates
             if (seen := rate.pooled.monitors[name])
         ]
-    return told
+    return found

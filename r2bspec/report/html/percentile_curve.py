@@ -1,4 +1,4 @@
-"""The percentile curve of a monitor's latency, on an axis that gives the tail its room."""
+"""The percentile curve of a monitor's latency, with an axis that expands the tail."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
     description = (
         f"Latency of {monitor} by percentile, one curve for each of "
         f"{', '.join(show_rate(rate, pace_of(samples.mode)) for rate in rates)}. The horizontal "
-        "axis is logarithmic in the share of messages that take longer."
+        "axis is logarithmic in the share of messages with a longer latency."
     )
 
     def paint(sketch: ChartBuilder) -> None:
@@ -88,7 +88,7 @@ def _curve(
     """A step for each rank k of n: the value at or below which a share of k/n lies."""
     n = values.size + lost
     ranks = _ranks(values.size)
-    over = np.maximum(n - ranks, 0.6)  # the largest of all would lie at infinity
+    over = np.maximum(n - ranks, 0.6)  # the largest one would be at infinity
     x = np.concatenate(([1.0], n / over))
     y = np.concatenate(([values[0]], values[ranks - 1])) * 1e3
     (line,) = axes.step(
@@ -108,7 +108,7 @@ def _curve(
 
 
 def _ranks(n: int) -> NDArray[np.int64]:
-    """Which ranks to draw: more of them the nearer to the largest."""
+    """The ranks to draw, denser near the largest."""
     if n <= _MAX_POINTS:
         return np.arange(1, n + 1)
     from_end = np.unique(np.geomspace(1, n, _MAX_POINTS).astype(np.int64))
@@ -116,7 +116,7 @@ def _ranks(n: int) -> NDArray[np.int64]:
 
 
 def _limit(axes: Axes, one: RequirementVerdict, number: int) -> None:
-    """The limit as a bar across its percentile, and the bounds of the estimate beside it."""
+    """The limit as a bar at its percentile, with the bounds of the estimate."""
     family, _, part = one.metric.rpartition(".")
     q = quantile(part)
     if not family.endswith("latency") or q is None or one.limit is None:
@@ -128,7 +128,7 @@ def _limit(axes: Axes, one: RequirementVerdict, number: int) -> None:
     axes.annotate(
         printable(f"{part} limit {show(one.limit, one.unit)} {at_rate(one.at_hz or 0.0)}"),
         (x, one.limit * 1e3),
-        # On the side of the bar that the curve is not on.
+        # On the side of the bar without the curve.
         xytext=(0, 3 if above else -4),
         textcoords="offset points",
         ha="center",

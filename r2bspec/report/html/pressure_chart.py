@@ -1,4 +1,4 @@
-"""For how much of the time something kept the run waiting: pressure, steal, throttling."""
+"""The share of the time for which the run was kept waiting: pressure, steal, throttling."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ _SERIES = (
 
 
 def has_pressure(rows: Rows) -> bool:
-    """Whether there is anything to draw: the system told at least one of them, twice."""
+    """Whether there is anything to draw: at least one of them was sampled, twice."""
     return rows.size > 2 and any(np.isfinite(rows[field]).all() for field, _ in _SERIES)
 
 
 def paint_pressure(sketch: ChartBuilder, axes: Axes, rows: Rows, start_ns: int) -> None:
-    """Draw each sum of the surroundings as its growth, in % of the time.
+    """Draw each series of host interference as its growth, in % of the time.
 
-    What never happened is not drawn, but for the waiting: a line at zero says that it was looked
-    for.
+    Series that are always zero are not drawn, except the waiting: a line at zero shows that it was
+    sampled.
     """
     rows = rows[spaced_indices(rows["time_ns"])]
     group = max(1, -(-rows.size // _MAX_POINTS))
@@ -60,6 +60,6 @@ def paint_pressure(sketch: ChartBuilder, axes: Axes, rows: Rows, start_ns: int) 
         most = max(most, float(share.max()) * 1.05)
     axes.set_ylim(0, most)
     axes.set_ylabel("pressure, %")
-    # Above the panel: inside, the lines of a busy machine would run through it.
+    # Above the panel: inside, it would cover the lines of a busy machine.
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=len(_SERIES), fontsize=8)
     sketch.register_axes(axes, "s", "%")

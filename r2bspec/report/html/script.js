@@ -1,5 +1,5 @@
 "use strict";
-// Zoom and hover for the charts. The page says everything without this.
+// Zoom and hover for the charts. The page is complete without it.
 (() => {
   const tip = document.createElement("div");
   tip.className = "tip";
@@ -14,7 +14,7 @@
     return `${number(value)} ${unit}`;
   };
 
-  // From a place in the drawing to a value on an axis.
+  // From a position in the drawing to a value on an axis.
   const value = (at, from, to, [low, high, scale]) => {
     const share = (at - from) / (to - from);
     if (scale !== "log") return low + share * (high - low);
@@ -122,7 +122,7 @@
   };
 
   for (const svg of document.querySelectorAll("svg.chart")) {
-    // The browser's own tooltip of the title would cover ours; its text stays the name.
+    // Remove the browser's own tooltip, which would cover ours; its text stays the name.
     const title = svg.querySelector(":scope > title");
     const name = title ? title.textContent : "";
     svg.setAttribute("aria-label", name);

@@ -12,11 +12,11 @@ from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 
 StepLatencies = NDArray[np.float64]
-"""Seconds, one for each answer that the steps let expect, in order; NaN where none came."""
+"""Seconds, one for each expected output, in order; NaN for missed ones."""
 
 
 def step_latencies(run: Run, segment: Segment, monitor: str) -> StepLatencies:
-    """The expected answers of one segment, as one monitor saw them."""
+    """The latencies of the expected outputs of one segment at one monitor."""
     (plan,) = (each for each in run.plan.monitors if each.name == monitor)
     playback, rows, matched = match_segment(run, segment, plan)
     found = np.full(matched.trigger_steps.size, np.nan)
@@ -41,20 +41,20 @@ def iterations_at(run: Run, rate_hz: float) -> Iterator[Segment]:
 def thin_indices(values: StepLatencies, max_points: int) -> NDArray[np.int64]:
     """Which of many values to draw: the extremes of each interval, at most `max_points` in all.
 
-    Nothing extreme is ever left out; missing values are.
+    The extremes are never left out; missing values are.
     """
     known = np.flatnonzero(~np.isnan(values))
     if known.size <= max_points:
         return known
     kept: set[int] = set()
-    for stretch in np.array_split(known, max_points // 2):
-        kept.add(int(stretch[np.argmin(values[stretch])]))
-        kept.add(int(stretch[np.argmax(values[stretch])]))
+    for part in np.array_split(known, max_points // 2):
+        kept.add(int(part[np.argmin(values[part])]))
+        kept.add(int(part[np.argmax(values[part])]))
     return np.array(sorted(kept), dtype=np.int64)
 
 
 def missed_runs(missed: NDArray[np.bool_], max_runs: int = 400) -> list[tuple[int, int]]:
-    """Stretches of missed steps as (first, count); neighbours are joined if there are too many."""
+    """Runs of missed steps as (first, count); neighbours are joined if there are too many."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], missed, [False])).astype(np.int8)))
     runs = [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
     gap = 0

@@ -1,9 +1,9 @@
 """Drawings of the plotting library as inline SVG that needs no styles and no scripts.
 
-What the library writes carries its looks in ``style`` attributes, which a strict content security
-policy blocks, and ids that repeat from one drawing to the next. Here every style becomes
-presentation attributes, every id gets the drawing's own prefix, and every colour of the palette
-also becomes a class, so that a stylesheet can change it where one is allowed (dark mode).
+The library writes ``style`` attributes, which a strict content security policy blocks, and ids that
+repeat from one drawing to the next. Here every style becomes presentation attributes, every id gets
+the drawing's own prefix, and every colour of the palette also becomes a class, so that a stylesheet
+can change it where one is allowed (dark mode).
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ def inline(
     """An SVG document as an element of an HTML page.
 
     Args:
-        svg: what the library wrote.
+        svg: from the library.
         name: letters, digits and ``-``; unique in the page, put before every id.
-        title: of the drawing, for a reader who cannot see it.
+        title: of the drawing, for screen readers.
         description: what it shows, likewise.
         data: further attributes of the root, such as ``data-axes``.
         labels: of the series, whose groups have the ids ``series-0``, ``series-1``, ...
@@ -129,7 +129,7 @@ def _drop(element: ET.Element, tags: set[str]) -> None:
 
 
 def _name_series(root: ET.Element, labels: list[str]) -> None:
-    """Groups of series carry their labels, so that a script can say them."""
+    """Groups of series get their labels, for the script."""
     for element in root.iter("g"):
         kind, _, number = element.get("id", "").partition("-")
         if kind == "series" and number.isdecimal():
@@ -154,9 +154,9 @@ def _set_root(
     root.set("aria-describedby", f"{name}-desc")
     for key, value in data.items():
         root.set(key, value)
-    told = ET.Element("desc", {"id": f"{name}-desc"})
-    told.text = description
-    root.insert(0, told)
-    named = ET.Element("title", {"id": f"{name}-title"})
-    named.text = title
-    root.insert(0, named)
+    desc = ET.Element("desc", {"id": f"{name}-desc"})
+    desc.text = description
+    root.insert(0, desc)
+    heading = ET.Element("title", {"id": f"{name}-title"})
+    heading.text = title
+    root.insert(0, heading)

@@ -1,4 +1,4 @@
-"""The report that a terminal shows at the end of a run: verdicts first, then what was measured."""
+"""The report in the terminal at the end of a run: verdicts first, then measurements."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from r2bspec.report.terminal.monitor_tables import monitor_sections
 from r2bspec.report.terminal.verdict_lines import verdict_section
 
 _MIN_WIDTH = 60
-"""Narrower terminals wrap; the tables do not shrink below this."""
+"""Tables do not shrink below this; narrower terminals wrap."""
 
 
 def show_result(result: Result, output_format: str, folder: Path | None = None) -> None:
@@ -31,7 +31,7 @@ def show_result(result: Result, output_format: str, folder: Path | None = None) 
     Args:
         result: what to write.
         output_format: ``text`` for the report, ``json`` for the content of ``result.json``.
-        folder: the run folder, where the report is to name it.
+        folder: the run folder, to be printed at the end; None for none.
     """
     if output_format == "json":
         # As bytes: JSON is UTF-8, whatever the encoding of the terminal.
@@ -45,9 +45,9 @@ def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
     """Write a verdict by itself to standard output.
 
     Args:
-        title: what was judged.
+        title: of what was judged.
         verdict: what to write.
-        output_format: ``text``, or ``json`` for the verdict as ``result.json`` has it.
+        output_format: ``text``, or ``json`` for the verdict as in ``result.json``.
     """
     if output_format == "json":
         sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(verdict), indent=2) + b"\n")
@@ -61,9 +61,9 @@ def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
 
 
 def _standard_output() -> Console:
-    """Standard output as it likes to be written to."""
+    """A console for standard output."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # A terminal without ✔ shows a question mark, not a traceback.
+        # A terminal that cannot show ✔ gets a question mark, not a traceback.
         sys.stdout.reconfigure(errors="replace")
     colour = wants_colour(sys.stdout)
     return Console(color_system="auto" if colour else None)
@@ -74,8 +74,8 @@ def print_report(result: Result, folder: Path | None, console: Console) -> None:
 
     Args:
         result: what to print.
-        folder: the run folder, which the last line names.
-        console: where to; it knows its width, and whether colours are wanted.
+        folder: the run folder, printed in the last line.
+        console: to print to, with its width and colours.
     """
     width = max(console.width, _MIN_WIDTH)
     sections = (

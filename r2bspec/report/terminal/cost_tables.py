@@ -1,4 +1,4 @@
-"""What the run cost: lateness of the playback, CPU and memory of each process, and the floor."""
+"""Load and overhead: lateness of the playback, CPU and memory, and harness overhead."""
 
 from __future__ import annotations
 
@@ -14,26 +14,27 @@ _MEMORY_WIDTH = 9
 _RATE_WIDTH = 17
 """Columns with their gaps, at their widest: ``1,023 MiB`` and ``251 µs (348 µs)``."""
 
-_PLAYED_LABEL, _LATE_LABEL = "played at", f"late {part_title(TAIL_PERCENTILE)} (max)"
+_PLAYED_LABEL = "playback rate"
+_LATE_LABEL = f"lateness {part_title(TAIL_PERCENTILE)} (max)"
 
 
 def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
-    """A table with a line for each process and a column for each rate; None without rates."""
+    """A line for each process and a column for each rate; None without rates."""
     rates = metrics.rates
     if not rates:
         return None
-    # Many rates are spread over several tables, one below the other.
+    # Many rates are split into several tables.
     names = [name for rate in rates for name in rate.pooled.processes]
     name_width = max(map(len, (*names, _LATE_LABEL))) + 2
     across = max(1, (width - name_width - _MEMORY_WIDTH) // _RATE_WIDTH)
     return Group(
-        heading("load", "CPU mean (max), where 100 % is one core"),
+        heading("load", "CPU mean (max); 100 % is one core"),
         *(_table(rates[start : start + across]) for start in range(0, len(rates), across)),
     )
 
 
 def harness_overhead_section(floor: tuple[FloorRecord, ...]) -> RenderableType | None:
-    """What harness and transport take with nothing under test; None if it was not measured."""
+    """The latency of harness and transport without the graph; None if not measured."""
     if not floor:
         return None
     made = table(["input", "size", "at", "p50", "p99", "received"])
@@ -45,7 +46,10 @@ def harness_overhead_section(floor: tuple[FloorRecord, ...]) -> RenderableType |
             *(_ns(value) for value in (each.latency_p50_ns, each.latency_p99_ns)),
             f"{each.received} of {each.sent}",
         )
-    return Group(heading("floor", "latency without the graph; contained above"), made)
+    return Group(
+        heading("harness overhead", "latency without the graph; included in the latencies above"),
+        made,
+    )
 
 
 def _ns(value: int | None) -> str:
@@ -76,7 +80,7 @@ def _cpu(use: UseMetrics | None) -> str:
 
 
 def _percent(share: float) -> str:
-    """Whole percents from 10 on: processor time is accounted no finer."""
+    """Whole percents from 10 on: processor time has no finer resolution."""
     return significant(share * 100, 2) if share < 0.1 else f"{share * 100:.0f}"
 
 

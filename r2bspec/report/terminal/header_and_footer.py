@@ -1,4 +1,4 @@
-"""The beginning and the end of the report: what was run, the search, what to know, the verdict."""
+"""The beginning and the end of the report: the run, the search, notes, and the verdict."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _STYLES = {True: "green", False: "red", None: "yellow"}
 
 
 def header(result: Result) -> RenderableType:
-    """What was run, with what, and where."""
+    """The benchmark, the machine, the data, and the version."""
     title = result.title or result.name
     where = [
         _known(result.machine, "cpu"),
@@ -40,7 +40,7 @@ def _known(facts: dict[str, Any], key: str) -> str:
 
 
 def search_section(search: SearchRecord | None) -> RenderableType | None:
-    """The peak as a bracket, what limited it, and every probe in the order it was made."""
+    """The peak as a bracket, what limited it, and every probe in the order of probing."""
     if search is None or not search.probes:
         return None
     probes = Text("  ")
@@ -60,15 +60,15 @@ def search_section(search: SearchRecord | None) -> RenderableType | None:
 
 
 def notes_section(result: Result) -> RenderableType | None:
-    """What a reader must know to trust the numbers; None if there is nothing."""
-    said = [*notes(result)]
-    if not said:
+    """The notes; None if there are none."""
+    texts = [*notes(result)]
+    if not texts:
         return None
     return Group(
-        heading("notes"), *(Padding(Text(note), (0, 0, 0, 2), expand=False) for note in said)
+        heading("notes"), *(Padding(Text(note), (0, 0, 0, 2), expand=False) for note in texts)
     )
 
 
 def overall(verdict: Verdict) -> RenderableType:
-    """The one line that everything above comes to."""
+    """The verdict on the run, in one line."""
     return Text.assemble(outcome_text(verdict.outcome), "  ", verdict.reason)

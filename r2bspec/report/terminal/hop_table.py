@@ -1,4 +1,4 @@
-"""Where the time goes on the way to a tapped monitor: one line a hop."""
+"""The latency of the hops on the path to a tapped monitor, one line a hop."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 
 from r2bspec.measure.distribution_parts import SHORT_PERCENTILES, part_title, part_value
 from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.units import show
+from r2bspec.measure.units import at_rate, show
 from r2bspec.report.terminal.style import heading, table
 
 
@@ -26,5 +26,6 @@ def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
                     show(hop.matched, "count"),
                     show(hop.missed, "count"),
                 )
-            aside = f"the way to {name} at {show(rate.offered_hz, 'Hz')}; percentiles do not add up"
+            at = at_rate(rate.offered_hz, rate.pace)
+            aside = f"path to {name} {at}; percentiles do not add up"
             yield Group(heading("hops", aside), made)

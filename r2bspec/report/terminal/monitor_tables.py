@@ -1,4 +1,4 @@
-"""What each monitor saw: one table a monitor, one line a rate, the spread of iterations below."""
+"""The measurements of each monitor: a line for each rate, with the range over iterations below."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from r2bspec.report.terminal.style import DIM_STYLE, heading, table
 
 @dataclass(frozen=True)
 class _Column:
-    """A column: the metric whose spread is shown below the value, and when it may be left out."""
+    """A column: the metric of the range below the value, and the width from which it is shown."""
 
     name: str
     unit: str
@@ -59,7 +59,7 @@ _COLUMNS = (
 )
 
 _PLAYED_COLUMNS, _LIVE_COLUMNS = ("sent", "missed"), ("received",)
-"""Columns where something is played, and where nothing is: nobody knows then what was sent."""
+"""Columns of a run with playback, and of a live run, in which what was sent is unknown."""
 
 
 def monitor_sections(result: Result, width: int) -> Iterator[RenderableType]:
@@ -92,11 +92,11 @@ def _section(
                 Text(f"× {len(rate.iterations)}", style=DIM_STYLE),
                 *(Text(_spread(rate, name, column), style=DIM_STYLE) for column in columns),
             )
-    aside = "latency; below each line, its range over the iterations"
+    aside = "latency; below each line, the range over the iterations"
     return Group(heading(title, aside), made)
 
 
 def _spread(rate: RateMetrics, monitor: str, column: _Column) -> str:
-    """The range of a metric over the iterations, or nothing where there is none to show."""
+    """The range of a metric over the iterations, or nothing if there is none."""
     spread = rate.spread[monitor].get(column.spread)
     return show_range(spread.low, spread.high, column.unit) if spread is not None else ""

@@ -1,4 +1,4 @@
-"""How outcomes look, and the frame that all tables of the report share."""
+"""The style of outcomes, and the layout of all tables of the report."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def outcome_text(outcome: OverallOutcome) -> Text:
 
 
 def verdict_text(one: RequirementVerdict) -> Text:
-    """The same for a requirement, which need not fail the run."""
+    """The same for a requirement, with its level."""
     return Text(verdict_word(one), style=_STYLES[one.outcome])
 
 
 def heading(text: str, aside: str = "") -> Text:
-    """A section's heading, with an aside in a lower voice."""
+    """A section's heading, with a dimmed aside."""
     return Text.assemble((text, "bold"), (f"  {aside}" if aside else "", DIM_STYLE))
 
 

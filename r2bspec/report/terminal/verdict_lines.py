@@ -1,4 +1,4 @@
-"""The verdicts: one line of numbers and one sentence for each requirement."""
+"""The verdicts: one line of values and its sentences for each requirement."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MIN_TEXT_WIDTH = 16
 
 @dataclass(frozen=True)
 class _Line:
-    """The cells of one requirement: what was required, the estimate, and its bounds."""
+    """The cells of one requirement: its text, the estimate, and its bounds."""
 
     verdict: RequirementVerdict
     text: str
@@ -41,7 +41,7 @@ def verdict_section(verdict: Verdict, width: int, pace: str = "") -> RenderableT
     Args:
         verdict: to show.
         width: of the terminal.
-        pace: who said how fast messages came, where no rate was asked for.
+        pace: what set the rate of messages, where none was offered.
     """
     if not verdict.requirements:
         return None
@@ -73,7 +73,7 @@ def _lines(verdict: Verdict) -> list[_Line]:
 
 
 def _widths(lines: list[_Line], width: int) -> tuple[int, int, int, int]:
-    """Column widths that suit all lines; where there is no room, the requirements are wrapped."""
+    """Column widths for all lines; without enough room, the requirements are wrapped."""
     outcome = max(verdict_text(line.verdict).cell_len for line in lines)
     estimate = max(len(line.estimate) for line in lines)
     bounds = max(len(line.bounds) for line in lines)
@@ -88,10 +88,10 @@ def _requirement(line: _Line, widths: tuple[int, int, int, int]) -> list[Rendera
         cells.add_column(width=column, overflow="fold", justify="left" if number < 2 else "right")
     one = line.verdict
     cells.add_row(verdict_text(one), *map(Text, (line.text, line.estimate, line.bounds)))
-    said = [Text(one.reason), *(Text(note, style=DIM_STYLE) for note in one.notes)]
+    texts = [Text(one.reason), *(Text(note, style=DIM_STYLE) for note in one.notes)]
     if one.settle:
-        said.append(Text(one.settle, style=DIM_STYLE))
+        texts.append(Text(one.settle, style=DIM_STYLE))
     return [
         Padding(cells, (0, 0, 0, _INDENT)),
-        *(Padding(text, (0, 0, 0, _REASON_INDENT), expand=False) for text in said),
+        *(Padding(text, (0, 0, 0, _REASON_INDENT), expand=False) for text in texts),
     ]

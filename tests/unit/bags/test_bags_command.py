@@ -30,7 +30,7 @@ def test_lists_what_a_spec_can_name(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     real = write_bag(tmp_path / "real" / "r2b_cafe", chatter())
     monkeypatch.setenv("R2B_DATASETS", str(real.parent))
     lines = run("list").stdout.splitlines()
-    assert lines[0].split() == ["dataset", "comes", "from", "shows"]
+    assert lines[0].split() == ["dataset", "source", "content"]
     assert lines[1].startswith(f"r2b_cafe        {real}")
     assert any(line.startswith("r2b_storage") and "AprilTag" in line for line in lines)
     listed = json.loads(run("list", "--format", "json").stdout)
@@ -85,7 +85,7 @@ def test_informs_about_a_bag(tmp_path: Path) -> None:
 
 
 def test_informs_about_a_dataset_without_making_it(tmp_path: Path) -> None:
-    assert "not made yet" in run("info", "r2b_lounge").stdout
+    assert "not created yet" in run("info", "r2b_lounge").stdout
     assert not (tmp_path / "cache").exists()
 
 
@@ -98,7 +98,7 @@ def test_unknown_names_are_data_errors() -> None:
 def test_verifies_by_exit_code(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", chatter())
     good = run("verify", str(bag))
-    assert (good.exit_code, good.stdout) == (0, f"{bag} is what it says\n")
+    assert (good.exit_code, good.stdout) == (0, f"{bag} is consistent\n")
     (bag / "metadata.yaml").write_text("broken: [")
     bad = run("verify", str(bag), "--format", "json")
     assert bad.exit_code == 1

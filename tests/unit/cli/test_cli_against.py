@@ -186,9 +186,9 @@ class TestHistory:
         assert self.left(path) == ["run5"]
 
     def test_wrong_usage(self, path: Path, tmp_path: Path) -> None:
-        with pytest.raises(click.UsageError, match="say what"):
+        with pytest.raises(click.UsageError, match="name the runs to delete"):
             self.call("prune", "--file", path)
-        with pytest.raises(click.UsageError, match="no date"):
+        with pytest.raises(click.UsageError, match="not a date"):
             self.call("prune", "--file", path, "--before", "yesterday")
         with pytest.raises(HistoryError, match="no run"):
             self.call("accept", "nobody", "--file", path)

@@ -87,7 +87,7 @@ def test_diff_writes_nothing_and_can_be_applied(
     assert spec.read_bytes().decode() == BROKEN
     out, err = capsys.readouterr()
     assert out.startswith("--- a/a.r2b.yaml\n+++ b/a.r2b.yaml\n")
-    assert err == "2 problems to repair by --fix in 1 of 1 files\n"
+    assert err == "2 problems can be repaired by --fix in 1 of 1 files\n"
     subprocess.run(["git", "apply", "-"], input=out.encode(), check=True)  # noqa: S607
     assert spec.read_bytes().decode() == REPAIRED
     assert validate("--diff", str(spec)) == 0

@@ -129,7 +129,7 @@ def test_a_database_of_another_program_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_what_is_not_there_is_said(tmp_path: Path) -> None:
-    with pytest.raises(HistoryError, match="no history"), open_history(tmp_path / "nothing"):
+    with pytest.raises(HistoryError, match="does not exist"), open_history(tmp_path / "nothing"):
         pass
     with pytest.raises(HistoryError), open_history(tmp_path, create=True):
         pass

@@ -79,7 +79,7 @@ def test_a_failure_is_confirmed_by_a_fresh_run_and_is_no_baseline(machine: Machi
         machine.run(simulated(level))
     failed = machine.run(simulated(0.03), simulated(0.03))
     assert (failed.verdict.outcome, failed.verdict.exit_code) == ("fail", 1)
-    assert failed.verdict.reason.endswith("A fresh run confirmed what the history shows.")
+    assert failed.verdict.reason.endswith("A second run confirmed the comparison with the history.")
     assert failed.baseline is not None
     assert failed.baseline.confirmed
     contradicted = machine.run(simulated(0.03), simulated(0.02))

@@ -1,4 +1,4 @@
-"""What may change a verdict after it was reached: a fresh batch, a level."""
+"""What may change a verdict after it was reached: a second session, a level."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class TestConfirmation:
         assert needs_confirmation(first)
         found = confirm_run(first, batch(tmp_path / "second", second))
         assert found.outcome == found.requirements[0].outcome == together
-        assert "fresh" in found.requirements[0].notes[-1]
+        assert "second run" in found.requirements[0].notes[-1]
         assert bool(found.requirements[0].settle) == (together == "inconclusive")
 
     @pytest.mark.parametrize("first", ["pass", "inconclusive"])

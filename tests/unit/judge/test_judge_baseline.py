@@ -153,7 +153,7 @@ class TestOutcomes:
         assert judge_pairs(sampled, BASE, [*HEAD[:-1], None]).outcome == "inconclusive"
         found = judge_pairs(sampled, BASE, [*HEAD[:-1], 0.0])
         assert found.outcome == "inconclusive"
-        assert "0 has no ratio" in found.reason
+        assert "a ratio to 0 is undefined" in found.reason
 
     def test_base_and_head_are_told(self) -> None:
         found = judge_pairs(replace(asked(), unit="Hz"), BASE, HEAD)

@@ -1,4 +1,4 @@
-"""A run that failed and its fresh batch, read from one folder and judged together."""
+"""A run that failed and its confirmation session, read from one folder and judged together."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def search(holds_hz: float, fails_hz: float, segment: str) -> SearchRecord:
 @pytest.mark.parametrize(
     ("second", "together", "said"),
     [
-        (SLOW, "fail", "confirmed it"),
+        (SLOW, "fail", "Confirmed by a second run in new processes."),
         (FAST, "inconclusive", "did not confirm"),
         (SOME, "inconclusive", "did not confirm"),
-        (None, "fail", "No fresh batch"),
+        (None, "fail", "No second run"),
     ],
 )
 def test_a_failure_is_judged_with_its_fresh_batch(
@@ -117,7 +117,7 @@ class TestSearches:
         ).write(tmp_path)
         verdict = result_of(run).verdict
         assert verdict.outcome == "fail"
-        assert "confirmed it" in verdict.reason
+        assert "Confirmed by a second run in new processes." in verdict.reason
 
     def test_its_probes_are_no_iterations(self, tmp_path: Path) -> None:
         samples = read_samples(self.run(tmp_path, search(81, 83, "confirmation-002")))

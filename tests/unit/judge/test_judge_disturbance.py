@@ -1,4 +1,4 @@
-"""Iterations that the machine disturbed: found, played again, and what they may do to a verdict."""
+"""Iterations affected by host interference: found, played again, and judged."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ class TestWhatTheyMayDo:
         samples = run(tmp_path, {"fail": QUIET}, {"fail": QUIET}, {"fail": STOLEN})
         found = judged(samples)
         assert found.outcome == "fail"
-        assert "What was not disturbed fails, too" in found.requirements[0].notes[0]
+        assert "The unaffected part fails, too" in found.requirements[0].notes[0]
 
     @pytest.mark.parametrize("requirement", [ASKED, "latency.mean < 60 ms", "latency.max < 60 ms"])
     def test_what_no_disturbance_explains_stays_a_failure(

@@ -145,7 +145,7 @@ class TestMeans:
         assert one(samples, "latency.mean < 10 ms").outcome == "fail"
         found = one(samples, "latency.mean < 20.5 ms")
         assert (found.outcome, found.method, found.n) == ("inconclusive", "t over iterations", 3)
-        assert "iterations would settle it" in found.settle
+        assert "iterations would decide it" in found.settle
 
     def test_one_iteration_shows_no_scatter(self, tmp_path: Path) -> None:
         found = one(samples_of(tmp_path, Played(30, latencies(300))), "throughput.mean > 1 Hz")
@@ -300,7 +300,7 @@ class TestWhatWasNotMeasured:
 
     def test_stamps_that_match_nothing_are_named_as_the_cause(self, tmp_path: Path) -> None:
         samples = samples_of(tmp_path, Played(30, [NAN] * 30, strangers=30))
-        assert "carries the stamp" in one(samples, "latency.p50 < 1 s").reason
+        assert "has the stamp" in one(samples, "latency.p50 < 1 s").reason
 
     @pytest.mark.parametrize(
         ("requirement", "reason"),
@@ -486,7 +486,7 @@ class TestBursts:
         assert found.effective_n is not None
         assert found.effective_n < 300
         assert "in 2 bursts" in found.reason
-        assert "one by one would have decided" in found.settle
+        assert "independent messages would have decided" in found.settle
 
     def test_what_a_pass_withstands(self, tmp_path: Path) -> None:
         found = one(samples_of(tmp_path, Played(30, latencies(3000))), "latency.p99 < 60 ms")

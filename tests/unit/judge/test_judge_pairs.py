@@ -46,11 +46,11 @@ def test_what_is_the_same_passes_and_says_what_it_is_of(tmp_path: Path) -> None:
 def test_what_is_slower_fails_unless_fresh_pairs_contradict(tmp_path: Path) -> None:
     alone = judged(Comparison(BASE, SLOWER), tmp_path / "alone")
     assert (alone.outcome, alone.exit_code) == ("fail", 1)
-    assert "No fresh pairs" in alone.reason
+    assert "No new pairs" in alone.reason
     fresh = list(zip(BASE, SLOWER, strict=True))
     confirmed = judged(Comparison(BASE, SLOWER, fresh=fresh), tmp_path / "confirmed")
     assert confirmed.outcome == "fail"
-    assert confirmed.reason.endswith("Fresh pairs confirmed it.")
+    assert confirmed.reason.endswith("Confirmed by new pairs.")
     calm = list(zip(BASE, SAME, strict=True))
     contradicted = judged(Comparison(BASE, SLOWER, fresh=calm), tmp_path / "contradicted")
     assert (contradicted.outcome, contradicted.exit_code) == ("inconclusive", 3)
@@ -87,7 +87,7 @@ def test_few_usable_pairs_are_no_comparison(tmp_path: Path) -> None:
     late = dict.fromkeys(range(1, 5), "base: late")
     verdict = judged(Comparison(BASE, SLOWER, unusable=late), tmp_path)
     assert (verdict.outcome, verdict.exit_code) == ("invalid", 4)
-    assert "only 2" in verdict.reason
+    assert "Only 2 of 6" in verdict.reason
     everyone = dict.fromkeys(range(1, 7), "base: late")
     assert judged(Comparison(BASE, SAME, unusable=everyone), tmp_path / "a").outcome == "invalid"
 
@@ -103,7 +103,7 @@ def test_a_disturbed_pair_weakens_a_failure_and_never_a_pass(tmp_path: Path) -> 
     two = {number: busy[number] for number in (1, 2)}
     slower = judged(Comparison(BASE, SLOWER, disturbed=two), tmp_path / "slower")
     assert slower.outcome == "fail"
-    assert any("The machine disturbed pair 1" in note for note in ratio(slower).notes)
+    assert any("Host interference in pair 1" in note for note in ratio(slower).notes)
     passing = judged(Comparison(BASE, SAME, disturbed=busy), tmp_path / "same")
     assert passing.outcome == "pass"
     # What was played again in the place of a disturbed pair must not make a failure a pass.
@@ -167,8 +167,8 @@ def test_a_silent_head_fails_also_where_the_base_is_silent(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("latency.p50 <= 105 % of baseline in 99 % of 1 s windows", "not with windows"),
-        ("latency.p50 == 100 % of baseline", "ever equal"),
+        ("latency.p50 <= 105 % of baseline in 99 % of 1 s windows", "not by windows"),
+        ("latency.p50 == 100 % of baseline", "exactly equal"),
     ],
 )
 def test_what_no_pair_can_answer_is_open_and_says_why(tmp_path: Path, text: str, said: str) -> None:

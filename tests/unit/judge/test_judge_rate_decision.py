@@ -1,6 +1,6 @@
 """Whether a rate holds, on simulated servers with queues of any depth.
 
-Promise: a rate at which the backlog grows does not hold, however deep the queues are.
+Promise: a rate at which the backlog grows is not sustained, however deep the queues are.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def test_what_random_times_do_not_settle_stays_open_and_says_between_what() -> N
     still_open = [each for each in found if each.judgement.holds is None]
     assert len(still_open) >= 10
     assert all(each.stopped_s >= 9.9 for each in still_open)
-    assert all("not clear: the backlog grows by" in each.judgement.reason for each in still_open)
+    assert all("undecided: the backlog grows by" in each.judgement.reason for each in still_open)
 
 
 def test_a_longer_probe_settles_more() -> None:
@@ -171,7 +171,7 @@ def test_an_overload_that_both_waits_and_is_dropped_is_named_as_both() -> None:
 
 
 def test_a_silent_graph_is_named_as_silent() -> None:
-    assert probe(Server(1000.0, loses=1.0), 50.0).judgement.reason == "nothing comes out"
+    assert probe(Server(1000.0, loses=1.0), 50.0).judgement.reason == "no output"
 
 
 def test_looks_share_the_error_and_end_with_the_probe() -> None:

@@ -69,8 +69,8 @@ def test_a_monitor_may_have_the_name_of_a_metric() -> None:
         ("latency.p9x", "there is no metric", "latency.p99"),
         ("detection.latency.p99", "there is no monitor 'detection'", "detections.latency.p99"),
         ("detections.drop_rat", "there is no metric 'drop_rat'", "detections.drop_rate"),
-        ("detections", "names a monitor but no metric", ""),
-        ("detections.peak.rate", "does not belong to a monitor", "peak.rate"),
+        ("detections", "is a monitor, without a metric", ""),
+        ("detections.peak.rate", "is not a metric of a monitor", "peak.rate"),
         ("cpu.apriltg.mean", "there is no metric", "cpu.apriltag.mean"),
     ],
 )

@@ -84,4 +84,4 @@ def test_a_foreign_file_is_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_drawing_and_comparing_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", str(RELAY), "--graph", "dot", "--diff", str(RELAY)]) == 2
-    assert "exclude each other" in capsys.readouterr().err
+    assert "cannot be combined" in capsys.readouterr().err

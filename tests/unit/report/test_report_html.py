@@ -149,10 +149,10 @@ def test_hostile_words_stay_words(tmp_path: Path) -> None:
 
 def test_the_verdict_and_its_reasons_come_first(tmp_path: Path) -> None:
     page = page_of(USUAL, tmp_path)
-    table = page.text.index("Why")
+    table = page.text.index("Reason")
     assert page.text.index("✘ FAIL") < table
     assert table < page.text.index("drop_rate <= 1 %") < page.text.index("✔ PASS", table)
-    assert page.text.index("were never answered") < page.text.index("The graph")
+    assert page.text.index("got no output") < page.text.index("The graph")
 
 
 def test_a_long_run_makes_a_page_of_sane_size_that_says_what_it_left_out(tmp_path: Path) -> None:
@@ -168,7 +168,9 @@ def test_a_long_run_makes_a_page_of_sane_size_that_says_what_it_left_out(tmp_pat
     run = simulation.write(tmp_path / "run")
     content = render(ReportInput(result=result_of(run), run=run))
     assert len(content) < 2_000_000
-    assert "only the fastest and the slowest are drawn" in " ".join(Page(content).text.split())
+    assert "only the fastest and the slowest of each interval are drawn" in " ".join(
+        Page(content).text.split()
+    )
 
 
 def test_without_samples_it_says_which_charts_are_missing(tmp_path: Path) -> None:
@@ -181,7 +183,7 @@ def test_without_samples_it_says_which_charts_are_missing(tmp_path: Path) -> Non
 def test_a_baseline_is_drawn_beside_it(tmp_path: Path) -> None:
     page = page_of(USUAL, tmp_path, baseline=USUAL)
     assert "ecdf-0" in [one.get("id") for one in page.of("svg")]
-    assert "Against the baseline" in page.text
+    assert "Compared with the baseline" in page.text
 
 
 def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -> None:
@@ -193,7 +195,7 @@ def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -
     assert len(told) == 6
     assert [float(value) for value in told.values()] == pytest.approx([0.8] * 6)
     assert page.text.count("other processes used 0.8 cores") >= 6
-    assert "The machine disturbed, at 30 Hz: iteration-004" in page.text
+    assert "Host interference at 30 Hz: iteration-004" in page.text
 
 
 def test_where_nothing_is_known_of_the_surroundings_nothing_is_drawn(tmp_path: Path) -> None:

@@ -88,10 +88,10 @@ def test_the_terminal_shows_each_hop(result: Result) -> None:
 
 def test_the_terminal_tells_where_an_output_stopped_and_what_is_odd(result: Result) -> None:
     text = " ".join(to_text(result).split())
-    assert "/r2b/detections fell silent in rate-30Hz-002. /r2b/a publishes nothing" in text
+    assert "No more messages on /r2b/detections in rate-30Hz-002. /r2b/a publishes nothing" in text
     assert "R2B204: node /r2b/a has no topic 'x' that could be remapped" in text
-    assert "3 answer no input, 2 answer an earlier stretch" in text
-    assert "1 came before the input" in text
+    assert "3 matched no input, 2 arrived in a later segment (counted as missed)" in text
+    assert "1 arrived before the input" in text
 
 
 def test_markdown_has_a_table_of_hops_in_which_names_are_no_markup(result: Result) -> None:

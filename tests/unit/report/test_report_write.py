@@ -35,7 +35,7 @@ def run_folder(tmp_path: Path) -> Path:
     [
         (["html"], "takes FORMAT=PATH"),
         (["html="], "takes FORMAT=PATH"),
-        (["htlm=x"], "no report format 'htlm'"),
+        (["htlm=x"], "unknown report format 'htlm'"),
         (["json=-", "csv=-"], "standard output"),
         (["json=a", "csv=a"], "'a'"),
     ],
