@@ -152,8 +152,6 @@ def test_a_node_that_swallows_messages(bench: Bench) -> None:
 def test_a_remapping_that_changes_nothing_ends_no_run_that_can_go_on(bench: Bench) -> None:
     done = bench.run(chain("Passes", usnued="elsewhere"))
     done.assert_complete()
-    assert (
-        f"warning[{code_with_slug('R2B204')}]: /r2b/second has no topic 'usnued'" in done.stderr
-    )
+    assert f"warning[{code_with_slug('R2B204')}]: /r2b/second has no topic 'usnued'" in done.stderr
     (difference,) = done.result()["differences"]
     assert difference["harmless"]
