@@ -9,9 +9,12 @@ import click
 
 from r2bspec.cli.shared_options import (
     allow_path_option,
+    base_ref_option,
     case_option,
     parse_variables,
     sets_option,
+    untrusted_option,
+    untrusted_specs,
     variables_option,
 )
 
@@ -47,6 +50,8 @@ _SPEC = click.Path(path_type=Path, dir_okay=False)
 @variables_option
 @case_option
 @allow_path_option
+@untrusted_option
+@base_ref_option
 @click.option(
     "--output",
     "-o",
@@ -62,6 +67,8 @@ def command(
     variables: tuple[str, ...],
     case: str,
     allow_paths: tuple[Path, ...],
+    untrusted: bool,
+    base_ref: str,
     output: Path | None,
 ) -> int:
     """Compile SPEC and print its plan.
@@ -71,19 +78,21 @@ def command(
     """
     if sum(each is not None for each in (graph, other, explain_path)) > 1:
         raise click.UsageError("--graph, --diff and --explain exclude each other")
+    common: dict[str, Any] = {
+        "allow_paths": allow_paths,
+        "untrusted": untrusted_specs(untrusted=untrusted, base_ref=base_ref),
+    }
+    options = {"sets": sets, "variables": parse_variables(variables), "case": case, **common}
     if explain_path is not None:
         from r2bspec.language.load_spec import load_spec
 
-        values = parse_variables(variables)
-        loaded = load_spec(spec, sets=sets, variables=values, case=case, allow_paths=allow_paths)
-        _write(_provenance(loaded, explain_path).encode(), output)
+        _write(_provenance(load_spec(spec, **options), explain_path).encode(), output)
         return 0
-    values = parse_variables(variables)
-    plan = _plan(spec, sets=sets, variables=values, case=case, allow_paths=allow_paths)
+    plan = _plan(spec, **options)
     if other is not None:
         from r2bspec.plan.plan_diff import diff_plans
 
-        differences = diff_plans(_plan(other, allow_paths=allow_paths), plan)
+        differences = diff_plans(_plan(other, **common), plan)
         _write("".join(f"{each}\n" for each in differences).encode(), output)
         return 1 if differences else 0
     _write(_render(plan, graph), output)

@@ -10,11 +10,14 @@ import click
 
 from r2bspec.cli.shared_options import (
     allow_path_option,
+    base_ref_option,
     case_option,
     junit_option,
     parse_variables,
     reports_option,
     sets_option,
+    untrusted_option,
+    untrusted_specs,
     variables_option,
 )
 from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_and_report
@@ -36,6 +39,8 @@ if TYPE_CHECKING:
 @variables_option
 @case_option
 @allow_path_option
+@untrusted_option
+@base_ref_option
 @click.option(
     "--against",
     "against",
@@ -73,6 +78,8 @@ def command(
     variables: tuple[str, ...],
     case: str,
     allow_paths: tuple[Path, ...],
+    untrusted: bool,
+    base_ref: str,
     against: tuple[str, ...],
     control: bool,
     pairs: int | None,
@@ -101,7 +108,14 @@ def command(
 
     is_comparison = bool(against) or control
     _check_option_conflicts(against, control, pairs, history, baseline, force=force)
-    selection = SpecSelection(spec, sets, parse_variables(variables), case, allow_paths)
+    selection = SpecSelection(
+        spec,
+        sets,
+        parse_variables(variables),
+        case,
+        allow_paths,
+        untrusted_specs(untrusted=untrusted, base_ref=base_ref),
+    )
     prepared = prepare_and_report(selection)
     name = f"{prepared.plan.name}-pairs" if is_comparison else prepared.plan.name
     folder = output or api.default_run_folder(name)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
+    from r2bspec.language.untrusted_environment import UntrustedSpecs
     from r2bspec.report.write_reports import ReportRequest
 
 sets_option = click.option(
@@ -42,6 +43,37 @@ allow_path_option = click.option(
     metavar="PATH",
     help="A folder from which files may be extended, beside that of the spec; may be repeated.",
 )
+
+
+untrusted_option = click.option(
+    "--untrusted",
+    is_flag=True,
+    help="SPEC is a stranger's: it may read no environment variable that --base-ref does not list.",
+)
+
+base_ref_option = click.option(
+    "--base-ref",
+    default="",
+    metavar="REF",
+    help="With --untrusted: the commit that the change is based on, such as origin/main.",
+)
+
+
+def untrusted_specs(*, untrusted: bool, base_ref: str) -> UntrustedSpecs | None:
+    """What ``--untrusted`` and ``--base-ref`` say; None without the former.
+
+    Raises:
+        click.UsageError: there is a base, and nothing is compared with it.
+        BaseVersionError: the base cannot be read.
+    """
+    if not untrusted:
+        if base_ref:
+            raise click.UsageError("--base-ref needs --untrusted")
+        return None
+    from r2bspec.language.base_version import base_version
+    from r2bspec.language.untrusted_environment import UntrustedSpecs
+
+    return UntrustedSpecs(base_version(base_ref, Path.cwd()) if base_ref else None)
 
 
 def parse_variables(options: Iterable[str]) -> dict[str, str]:

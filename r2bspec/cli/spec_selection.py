@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
     from r2bspec.compare.base_reference import BaseReference
+    from r2bspec.language.untrusted_environment import UntrustedSpecs
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class SpecSelection:
     variables: dict[str, str]
     case: str
     allow_paths: tuple[Path, ...]
+    untrusted: UntrustedSpecs | None = None
 
 
 def prepare_and_report(selection: SpecSelection) -> PreparedBenchmark:
@@ -40,6 +42,7 @@ def prepare_and_report(selection: SpecSelection) -> PreparedBenchmark:
             variables=selection.variables,
             case=selection.case,
             allow_paths=selection.allow_paths,
+            untrusted=selection.untrusted,
         )
     except api.InvalidSpecError as error:
         show(error.diagnostics, error.loaded.texts)

@@ -14,9 +14,12 @@ import click
 
 from r2bspec.cli.shared_options import (
     allow_path_option,
+    base_ref_option,
     case_option,
     parse_variables,
     sets_option,
+    untrusted_option,
+    untrusted_specs,
     variables_option,
 )
 from r2bspec.report.findings.finding_formats import FORMATS
@@ -39,6 +42,8 @@ if TYPE_CHECKING:
 @variables_option
 @case_option
 @allow_path_option
+@untrusted_option
+@base_ref_option
 @click.option(
     "--resolved",
     is_flag=True,
@@ -56,6 +61,8 @@ def command(
     variables: tuple[str, ...],
     case: str,
     allow_paths: tuple[Path, ...],
+    untrusted: bool,
+    base_ref: str,
     resolved: bool,
     offline: bool,
     fix: bool,
@@ -76,6 +83,7 @@ def command(
         allow_paths=allow_paths,
         offline=offline,
         resolved=resolved,
+        untrusted=untrusted_specs(untrusted=untrusted, base_ref=base_ref),
     )
     files = spec_files(paths)
     if fix and (diff or "-" in files):

@@ -88,6 +88,13 @@ class UnsupportedError(RunError):
     exit_code = 2
 
 
+class SecretNotSetError(RunError):
+    """The plan refers to a secret that is not in the environment."""
+
+    code = "R2B122"
+    exit_code = 2
+
+
 class SharedMemoryError(RunError):
     """There is less shared memory than the transport of the plan needs."""
 

@@ -15,6 +15,7 @@ from typing import Any
 
 from r2bspec.language.schema.schema_builder import (
     ALLOWED_WORDS,
+    DEFERRABLE,
     KIND,
     LOADER_ONLY,
     NOUN,
@@ -49,6 +50,7 @@ _IGNORED_KEYWORDS = frozenset(
         NOUN,
         PATH,
         POSITIVE,
+        DEFERRABLE,
         TOPIC_KEYS,
         UNLESS_LIVE,
     }

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path as FilePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from r2bspec.diagnostics import Diagnostic, Path, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
@@ -28,6 +28,9 @@ from r2bspec.language.source_text import Source
 from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
 from r2bspec.language.value_origins import ValueOrigins
+
+if TYPE_CHECKING:
+    from r2bspec.language.untrusted_environment import UntrustedSpecs
 
 _MISSING_VALUE_CODES = ("R2B102", "R2B113")
 _MISSING_FILE_CODES = (
@@ -53,6 +56,7 @@ def load_spec(
     environ: Mapping[str, str] | None = None,
     case: str = "",
     allow_paths: Iterable[FilePath] = (),
+    untrusted: UntrustedSpecs | None = None,
 ) -> LoadedSpec:
     """Load one spec. Never raises for any content: whatever is wrong is in `diagnostics`.
 
@@ -67,14 +71,19 @@ def load_spec(
         environ: where ``$(env X)`` looks; the environment of this process by default.
         case: the case that is meant, as ``threads=2`` or as ``name[threads=2]``.
         allow_paths: folders beside that of the file, from which files may be extended.
+        untrusted: given where the spec is a stranger's; it then reads fewer variables.
     """
     with gc_paused():
-        return _load_one(
-            open_document(source, file, sets, variables or {}, allow_paths), case, environ
-        )
+        document = open_document(source, file, sets, variables or {}, allow_paths)
+        return _load_one(document, case, environ, untrusted)
 
 
-def _load_one(document: ParsedDocument, case: str, environ: Mapping[str, str] | None) -> LoadedSpec:
+def _load_one(
+    document: ParsedDocument,
+    case: str,
+    environ: Mapping[str, str] | None,
+    untrusted: UntrustedSpecs | None,
+) -> LoadedSpec:
     matrix = matrix_of(document.tree) if document.tree is not None else None
     matrix_cases = _select_cases(document, matrix, case)
     if len(matrix_cases) > 1 and matrix is not None:
@@ -85,7 +94,7 @@ def _load_one(document: ParsedDocument, case: str, environ: Mapping[str, str] | 
             Diagnostic("R2B140", Severity.ERROR, message, matrix.span, help=help_text)
         )
         matrix_cases = ()
-    return _load_case(document, matrix_cases[0] if matrix_cases else None, environ)
+    return _load_case(document, matrix_cases[0] if matrix_cases else None, environ, untrusted)
 
 
 def load_cases(
@@ -97,6 +106,7 @@ def load_cases(
     environ: Mapping[str, str] | None = None,
     case: str = "",
     allow_paths: Iterable[FilePath] = (),
+    untrusted: UntrustedSpecs | None = None,
 ) -> tuple[LoadedSpec, ...]:
     """Load every case of a spec, or the one that is named; without a matrix, the spec itself.
 
@@ -107,7 +117,9 @@ def load_cases(
         document = open_document(source, file, sets, variables or {}, allow_paths)
         matrix = matrix_of(document.tree) if document.tree is not None else None
         matrix_cases = _select_cases(document, matrix, case)
-        return tuple(_load_case(document, each, environ) for each in matrix_cases or (None,))
+        return tuple(
+            _load_case(document, each, environ, untrusted) for each in matrix_cases or (None,)
+        )
 
 
 def _select_cases(
@@ -140,7 +152,10 @@ def _select_cases(
 
 
 def _load_case(
-    document: ParsedDocument, matrix_case: MatrixCase | None, environ: Mapping[str, str] | None
+    document: ParsedDocument,
+    matrix_case: MatrixCase | None,
+    environ: Mapping[str, str] | None,
+    untrusted: UntrustedSpecs | None,
 ) -> LoadedSpec:
     """One case of a document, from its values to its types."""
     found, tree = list(document.diagnostics), document.tree
@@ -151,7 +166,11 @@ def _load_case(
         tree = with_case_values(tree, matrix_case)
     if isinstance(tree, MapNode):
         environment = os.environ if environ is None else environ
-        substituted = substitute(tree, schema(), document.sources, environment)
+        refused = untrusted.refused_variables(document.file, tree) if untrusted is not None else {}
+        found += refused.values()
+        substituted = substitute(
+            tree, schema(), document.sources, environment, refused=frozenset(refused)
+        )
         found += substituted.diagnostics
         tree = substituted.tree
         used = substituted.used | _condition_variables(tree)

@@ -23,6 +23,8 @@ class ScalarNode:
         span: where it stands, quotes included.
         style: ``""`` for plain, else the quote or block indicator: ``'``, ``"``, ``|`` or ``>``.
         origin: where the value came from, if a variable brought it here.
+        secret: the environment variable whose value is kept out of the tree: `value` has a
+            reference to it instead.
     """
 
     value: ScalarValue
@@ -30,6 +32,7 @@ class ScalarNode:
     span: Span
     style: str = ""
     origin: Related | None = None
+    secret: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 
+from r2bspec.language.secret_variables import quoted_secret_references
 from r2bspec.language.spec import Container, Launch, Node, ParameterValue
 from r2bspec.wiring.wiring import NodeWiring
 
@@ -88,7 +89,7 @@ def _launch_argv(launch: Launch, wired: NodeWiring) -> tuple[str, ...]:
         *place,
         f"namespace:={wired.namespace}",
         f"remappings:={json.dumps(node.remappings, ensure_ascii=False)}",
-        f"arguments:={json.dumps(arguments, ensure_ascii=False)}",
+        f"arguments:={quoted_secret_references(json.dumps(arguments, ensure_ascii=False))}",
     )
 
 
@@ -117,4 +118,4 @@ def parameter_text(value: ParameterValue) -> str:
         return f"[{', '.join(parameter_text(each) for each in value)}]"
     if isinstance(value, float) and not math.isfinite(value):
         return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
-    return json.dumps(value, ensure_ascii=False)
+    return quoted_secret_references(json.dumps(value, ensure_ascii=False))

@@ -180,6 +180,12 @@ RUN_PAGES = (
         "the run folder under logs/.",
     ),
     error_page(
+        "R2B667",
+        "base version cannot be read",
+        "--untrusted compares a spec with its version in a commit. There must be a git repository "
+        "that has this commit; a shallow clone has to fetch it first.",
+    ),
+    error_page(
         "R2B670",
         "run was interrupted",
         "Ctrl-C or a signal stopped the run. Measurements up to then are kept in the run folder "

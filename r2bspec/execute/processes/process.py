@@ -19,6 +19,8 @@ from r2bspec.ipc import protocol
 _SEND_TIMEOUT_S = 10.0
 _LOG_TAIL_LINES = 12
 _LOG_TAIL_BYTES = 8192
+_LONGEST_SECRET_BYTES = 1 << 17
+"""The kernel allows no longer variable."""
 
 
 class ManagedProcess:
@@ -111,15 +113,19 @@ class ManagedProcess:
             os.killpg(self.pid, which)
 
     def log_tail(self) -> str:
-        """The last lines that the process printed, without the secrets that it was given."""
+        """The last lines that the process printed, without secrets.
+
+        More is read than is shown, so that a secret is complete, and is replaced, before the text
+        is cut.
+        """
         try:
             with self.log.open("rb") as file:
                 file.seek(0, 2)
-                file.seek(max(0, file.tell() - _LOG_TAIL_BYTES))
+                file.seek(max(0, file.tell() - _LOG_TAIL_BYTES - _LONGEST_SECRET_BYTES))
                 text = file.read().decode(errors="replace")
         except OSError:
             return ""
-        return self._redact("\n".join(text.splitlines()[-_LOG_TAIL_LINES:]))
+        return "\n".join(self._redact(text)[-_LOG_TAIL_BYTES:].splitlines()[-_LOG_TAIL_LINES:])
 
 
 def describe_exit(status: int) -> str:

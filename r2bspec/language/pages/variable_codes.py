@@ -1,4 +1,4 @@
-"""R2B120 to R2B129: variables, the environment, and options that replace values."""
+"""R2B120 to R2B129, R2B142, R2B143: variables, the environment, and options for values."""
 
 from __future__ import annotations
 
@@ -83,6 +83,24 @@ VARIABLE_PAGES = (
         "R2B129",
         "too much text is inserted",
         "A long value that is inserted very often can fill any memory.",
+        "",
+        "",
+    ),
+    _page(
+        "R2B142",
+        "a secret where its value is needed",
+        "A variable whose name or value looks like a secret is read only when a process starts, so "
+        "that no message, plan or report can show it. A bag, a duration or a topic is needed "
+        "before. Use another variable, or another name for one that holds no secret.",
+        "environment: [HOME_TOKEN]\nname: $(env HOME_TOKEN)\n",
+        "environment: [HOME_TOKEN]\ntitle: $(env HOME_TOKEN)\n",
+    ),
+    _page(
+        "R2B143",
+        "an environment variable of an untrusted spec",
+        "With --untrusted, a spec may read the environment variables that its version in the base "
+        "(--base-ref) lists, and no other: otherwise a stranger's change could read the secrets of "
+        "the machine that tests it. The error cannot be waived.",
         "",
         "",
     ),

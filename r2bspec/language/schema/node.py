@@ -16,6 +16,7 @@ from r2bspec.language.schema.schema_builder import (
     Schema,
     array,
     boolean,
+    deferrable,
     name_map,
     record,
     scalar,
@@ -51,7 +52,7 @@ _LAUNCH = record(
         "arguments": name_map(
             "The arguments of the launch file.",
             name_patterns.PARAMETER,
-            scalar("The argument's value.", examples=["false"]),
+            deferrable(scalar("The argument's value.", examples=["false"])),
             examples=[{"use_sim_time": "false"}],
         ),
     },
@@ -91,7 +92,7 @@ NODE: Schema = record(
         "command": array(
             "Any program, with its arguments, one item each; no shell reads it. Remappings, "
             "parameters and the namespace are appended in ROS's own way (--ros-args).",
-            text("A word of the command line.", examples=["./build/detector"]),
+            deferrable(text("A word of the command line.", examples=["./build/detector"])),
             at_least=1,
             examples=[["./build/detector", "--fast"]],
         ),
@@ -108,7 +109,7 @@ NODE: Schema = record(
         ),
         "arguments": array(
             "Further words of the command line of an executable.",
-            text("A word of the command line.", examples=["--fast"]),
+            deferrable(text("A word of the command line.", examples=["--fast"])),
             examples=[["--fast"]],
         ),
         "namespace": text(
