@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from r2bspec.compare.base_reference import BaseReference
@@ -37,7 +38,7 @@ class GraphMismatchError(R2bspecError):
         loaded: the document, with the texts that the diagnostics point into.
     """
 
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
     def __init__(
         self, error: R2bspecError, loaded: LoadedSpec, diagnostics: Sequence[Diagnostic]
@@ -56,7 +57,7 @@ class InvalidSpecError(R2bspecError):
     """
 
     code = "R2B602"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
     def __init__(self, loaded: LoadedSpec, diagnostics: Sequence[Diagnostic]) -> None:
         errors = sum(each.severity == "error" for each in diagnostics)
@@ -70,7 +71,7 @@ class UntrustedPlanError(R2bspecError):
     """A stranger's plan that reads environment variables."""
 
     code = "R2B143"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
     def __init__(self, names: Sequence[str]) -> None:
         super().__init__(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from r2bspec.exit_status import ExitStatus
+
 
 class R2bspecError(Exception):
     """A problem that the user can act on.
@@ -12,11 +14,11 @@ class R2bspecError(Exception):
     Attributes:
         code: the diagnostic code, such as ``R2B301``; ``r2bspec explain`` knows each.
         hint: what to do about it, in one sentence; empty where the message says it all.
-        exit_code: the process exit status that this error leads to.
+        exit_code: the exit status that this error leads to.
     """
 
     code: str = "R2B600"
-    exit_code: int = 4
+    exit_code: ExitStatus = ExitStatus.RUN_FAILED
 
     def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
         super().__init__(message)
@@ -29,4 +31,4 @@ class UsageError(R2bspecError):
     """Wrong usage, or an input that the verb cannot use."""
 
     code = "R2B601"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE

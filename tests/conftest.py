@@ -39,6 +39,12 @@ def no_real_datasets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("R2B_DATASETS", raising=False)
 
 
+@pytest.fixture(autouse=True)
+def default_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor must the one that the tester uses for other work."""
+    monkeypatch.delenv("RMW_IMPLEMENTATION", raising=False)
+
+
 @pytest.fixture(scope="session")
 def storage_room(tmp_path_factory: pytest.TempPathFactory) -> SyntheticDataset:
     """A short stretch of r2b_storage with every topic."""

@@ -1,4 +1,4 @@
-"""What a bag holds, learnt from its metadata and cross-checked with its storage."""
+"""The index of a bag, from its metadata, checked against its storage."""
 
 from __future__ import annotations
 
@@ -22,15 +22,18 @@ from r2bspec.bags.metadata import (
     TopicMetadata,
     read_metadata,
 )
-from r2bspec.bags.recording import BagIndex, StorageName, TopicInfo
-from r2bspec.bags.storage.storage import STORAGE_SUFFIXES, Storage, open_storages, storage_paths
-
-_FOLDER_STORAGES = ("mcap", "sqlite3")
-_FORMAT_NOTES = {".bag": ("recorded by ROS 1: messages are converted to those of ROS 2",)}
+from r2bspec.bags.recording import BagIndex, TopicInfo
+from r2bspec.bags.storage.storage import Storage, open_storages, storage_paths
+from r2bspec.language.bag_formats import (
+    SUFFIXES_TEXT,
+    BagFormat,
+    folder_format_names,
+    format_of_suffix,
+)
 
 
 class _StorageSummary(msgspec.Struct):
-    """What the storage files themselves say, summed over all of them."""
+    """The content of all storage files, summed up."""
 
     types: dict[str, str]
     serializations: dict[str, str]
@@ -41,38 +44,39 @@ class _StorageSummary(msgspec.Struct):
 
 
 def index_bag(path: Path) -> BagIndex:
-    """Index a bag folder, or a lone .db3, .mcap or (ROS 1) .bag file, without message bodies.
+    """Index a bag folder, or a lone storage file, without message bodies.
 
-    Where metadata and storage differ in topics, types or counts the bag is refused; where they
-    differ in the times, which some recorders write wrongly, the storage is believed and a note
-    kept. Bags whose files are compressed as a whole are taken at their metadata's word.
+    If metadata and storage differ in topics, types or counts, this is an error; if they differ in
+    times, which some recorders write wrongly, the storage is used, with a note. For bags whose
+    files are compressed as a whole, only the metadata is used.
 
     Raises:
         DataError: R2B301 to R2B305, R2B310 and R2B313, each with a hint.
     """
     path = Path(path)
-    # Unlike those of pathlib, these take a name that is too long for one that is not there.
+    # Unlike those of pathlib, these return False for a name that is too long.
     if os.path.isdir(path):  # noqa: PTH112
         return _index_folder(path)
     if not os.path.exists(path):  # noqa: PTH110
         raise DataError(
             f"{path} does not exist",
             code=BAG_NOT_FOUND,
-            hint="name a bag folder, a .db3, .mcap or .bag file, or a dataset",
+            hint=f"give a bag folder, a {SUFFIXES_TEXT} file, or a dataset",
         )
-    if path.suffix not in STORAGE_SUFFIXES:
+    bag_format = format_of_suffix(path.suffix)
+    if bag_format is None:
         raise DataError(
-            f"{path} is neither a bag folder nor a .db3, .mcap or .bag file",
+            f"{path} is neither a bag folder nor a {SUFFIXES_TEXT} file",
             code=STORAGE_UNREADABLE,
             hint=_unsupported_hint(path),
         )
-    return _index_file(path)
+    return _index_file(path, bag_format)
 
 
 def _unsupported_hint(path: Path) -> str:
     if path.suffix in {".zstd", ".zst"}:
-        return "name the folder that holds metadata.yaml, or unpack it with 'zstd -d'"
-    return "name the folder that holds metadata.yaml"
+        return "give the folder that contains metadata.yaml, or unpack the file with 'zstd -d'"
+    return "give the folder that contains metadata.yaml"
 
 
 def _index_folder(path: Path) -> BagIndex:
@@ -82,7 +86,7 @@ def _index_folder(path: Path) -> BagIndex:
     compression = _compression(path, metadata)
     if compression == "file":
         start_ns, end_ns = metadata.start_ns, metadata.start_ns + metadata.duration_ns
-        notes: tuple[str, ...] = ("compressed as whole files: metadata.yaml is taken at its word",)
+        notes: tuple[str, ...] = ("files are compressed: metadata.yaml was not checked",)
     else:
         with open_storages(paths, compressed_files=False) as storages:
             summary = _summarize(storages)
@@ -106,7 +110,7 @@ def _index_folder(path: Path) -> BagIndex:
     return index if record is None else record.complete_index(index)
 
 
-def _index_file(path: Path) -> BagIndex:
+def _index_file(path: Path, bag_format: BagFormat) -> BagIndex:
     paths = storage_paths(path, ())
     with open_storages(paths, compressed_files=False) as storages:
         summary = _summarize(storages)
@@ -122,25 +126,26 @@ def _index_file(path: Path) -> BagIndex:
     )
     return BagIndex(
         name=path.name,
-        storage=STORAGE_SUFFIXES[path.suffix],
+        storage=bag_format.name,
         topics=_topics(topics, summary.end_ns - summary.start_ns),
         start_ns=summary.start_ns,
         end_ns=summary.end_ns,
         message_count=summary.counts.total(),
         files=(path.name,),
-        notes=(*_FORMAT_NOTES.get(path.suffix, ()), *summary.notes),
+        notes=(*([bag_format.note] if bag_format.note else []), *summary.notes),
     )
 
 
-def _storage_name(path: Path, metadata: BagMetadata) -> StorageName:
-    if metadata.storage not in _FOLDER_STORAGES:
+def _storage_name(path: Path, metadata: BagMetadata) -> str:
+    known = folder_format_names()
+    if metadata.storage not in known:
         raise DataError(
-            f"{path} is stored as {metadata.storage!r}; readable are "
-            f"{' and '.join(_FOLDER_STORAGES)}",
+            f"{path} has the storage format {metadata.storage!r}; supported are "
+            f"{' and '.join(known)}",
             code=METADATA_UNREADABLE,
             hint="convert it with 'ros2 bag convert'",
         )
-    return cast("StorageName", metadata.storage)
+    return metadata.storage
 
 
 def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message", "file"]:
@@ -150,7 +155,7 @@ def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message"
     ):
         raise DataError(
             f"{path} is compressed with {metadata.compression_format!r} by {mode!r};"
-            " readable is zstd by message or by file",
+            " supported is zstd by message or by file",
             code=METADATA_UNREADABLE,
             hint="convert it with 'ros2 bag convert'",
         )
@@ -175,7 +180,7 @@ def _summarize(storages: list[Storage]) -> _StorageSummary:
 
 
 def _check_metadata(path: Path, metadata: BagMetadata, summary: _StorageSummary) -> None:
-    """Refuse a bag whose metadata promises other content than the storage has."""
+    """Raise DataError if the metadata differs from the content of the storage."""
     stated = Counter({topic.name: 0 for topic in metadata.topics})
     for topic in metadata.topics:
         stated[topic.name] += topic.count
@@ -190,13 +195,13 @@ def _check_metadata(path: Path, metadata: BagMetadata, summary: _StorageSummary)
         if summary.types.get(topic.name, topic.type) != topic.type
     ]
     if stated.total() != metadata.message_count:
-        wrong.append(f"in all {metadata.message_count:,} stated, {stated.total():,} by topic")
+        wrong.append(f"total: {metadata.message_count:,} stated, {stated.total():,} by topic")
     if wrong:
         shown = "; ".join(wrong[:3]) + (f"; and {len(wrong) - 3} more" if len(wrong) > 3 else "")
         raise DataError(
-            f"{path / 'metadata.yaml'} disagrees with the storage: {shown}",
+            f"{path / 'metadata.yaml'} does not match the storage: {shown}",
             code=METADATA_DISAGREES,
-            hint=f"if the recording was cut short, 'ros2 bag reindex {path}' writes what is there",
+            hint=f"if the recording was interrupted, run 'ros2 bag reindex {path}'",
         )
 
 
@@ -207,7 +212,7 @@ def _time_notes(metadata: BagMetadata, summary: _StorageSummary) -> list[str]:
     if stated == (summary.start_ns, summary.end_ns):
         return []
     note = (
-        f"metadata.yaml says {stated[0]} to {stated[1]} ns, the storage holds"
+        f"metadata.yaml states {stated[0]} to {stated[1]} ns, the storage has"
         f" {summary.start_ns} to {summary.end_ns} ns"
     )
     return [note]

@@ -1,4 +1,4 @@
-"""Reading messages of a bag in time order, as the bytes that a publisher sent."""
+"""Reading the messages of a bag in order of time, as published bytes."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ def read_messages(
 ) -> Iterator[Message]:
     """Yield the messages of the named topics in time order; equal times in stored order.
 
-    Memory is bounded by a few messages (sqlite3) or chunks (MCAP). Only the named topics are
-    touched: others may have any type or serialization. The arguments are checked before the
-    first message is asked for.
+    Memory is bounded by a few messages (sqlite3) or chunks (MCAP). Only the named topics are read:
+    others may have any type or serialization. The arguments are checked immediately, before the
+    first message is requested.
 
     Args:
         path: bag folder or storage file.
-        topics: names as in the index; a leading slash more or less makes no difference.
+        topics: names as in the index; a leading slash is optional.
         window: relative to the index's `start_ns`; None for everything.
 
     Raises:
-        DataError: as `index_bag`; a topic is not there (R2B308) or not CDR (R2B306); the window
-            lies outside the bag (R2B309); while iterating, damaged storage (R2B304), also where a
-            bag that is read whole gives fewer messages than it states.
+        DataError: as `index_bag`; a topic does not exist (R2B308) or is not CDR (R2B306); the
+            window is outside of the bag (R2B309); while iterating, damaged storage (R2B304), also
+            if a completely read bag has fewer messages than it states.
     """
     path = Path(path)
     index = index_bag(path)
@@ -64,21 +64,21 @@ def resolve_topics(path: Path, index: BagIndex, topics: Collection[str]) -> froz
                 code=TOPIC_NOT_IN_BAG,
                 hint=f"did you mean {close[0]}?"
                 if close
-                else f"it has {', '.join(index.topics) or 'no topics at all'}",
+                else f"its topics: {', '.join(index.topics) or 'none'}",
             )
         if info.serialization != "cdr":
             raise DataError(
-                f"{path} holds {info.name} serialised as {info.serialization!r}; only 'cdr' is"
-                " readable",
+                f"{path} has {info.name} serialised as {info.serialization!r}; only 'cdr' is"
+                " supported",
                 code=SERIALIZATION_UNSUPPORTED,
-                hint="convert the bag with 'ros2 bag convert' where that format is installed",
+                hint="convert the bag with 'ros2 bag convert' on a machine with this format",
             )
         names.add(info.name)
     return frozenset(names)
 
 
 def check_window(path: Path | str, index: BagIndex, window: Window | None) -> None:
-    """Refuse a window that is empty or begins after the last message.
+    """Check that a window is not empty and does not begin after the last message.
 
     Raises:
         DataError: R2B309.
@@ -97,7 +97,7 @@ def check_window(path: Path | str, index: BagIndex, window: Window | None) -> No
             f"the window begins at {window.start_ns / 1e9:g} s, but {path} ends after"
             f" {index.duration_ns / 1e9:g} s",
             code=WINDOW_OUTSIDE_BAG,
-            hint="windows count from the start of the bag",
+            hint="windows are relative to the start of the bag",
         )
 
 
@@ -110,13 +110,13 @@ def _read(
     if window is not None:
         start_ns = index.start_ns + window.start_ns
         stop_ns = None if window.end_ns is None else index.start_ns + window.end_ns
-    # What is read whole can be counted; of a window only the reading tells what is in it.
+    # The number of messages is known for a complete bag, but not for a window.
     missing = Counter({name: index.topics[name].count for name in names} if window is None else ())
     last_ns = index.start_ns
     for message in _read_groups(path, index, names, start_ns, stop_ns):
         if not last_ns <= message.time_ns <= index.end_ns:
             raise DataError(
-                f"{path} gives a message of {message.time_ns} ns after one of {last_ns} ns, in a"
+                f"{path} has a message of {message.time_ns} ns after one of {last_ns} ns, in a"
                 f" recording that ends at {index.end_ns} ns",
                 code=STORAGE_UNREADABLE,
                 hint="its index is damaged; copy or record the bag again",
@@ -129,7 +129,7 @@ def _read(
 
 
 def _report_missing(path: Path, index: BagIndex, missing: Counter[str]) -> None:
-    """Refuse, at the end of a whole reading, a bag that gave other counts than it states.
+    """Raise the error for a completely read bag with other counts than it states.
 
     Raises:
         DataError: R2B304.
@@ -140,7 +140,7 @@ def _report_missing(path: Path, index: BagIndex, missing: Counter[str]) -> None:
         if count
     )
     raise DataError(
-        f"{path} gives other numbers of messages than it states: {wrong}",
+        f"{path} does not have the stated numbers of messages: {wrong}",
         code=STORAGE_UNREADABLE,
         hint="the bag is damaged or incomplete; copy or record it again",
     )
@@ -151,7 +151,7 @@ def _read_groups(
 ) -> Iterator[Message]:
     packed = index.compression == "file"
     paths = storage_paths(path, index.files)
-    # Unpacked files take room: no more of them are there at once than have to be.
+    # Unpacked files take space, so only those needed at the same time are unpacked together.
     spans = {span.name: span for span in read_metadata(path).spans} if packed else {}
     for group in _overlapping_groups(paths, spans, start_ns, stop_ns):
         with open_storages(group, compressed_files=packed) as storages:
@@ -162,7 +162,7 @@ def _read_groups(
                 for file, storage in zip(group, storages, strict=True)
                 if storage.message_count
             ]
-            # The files of a split recording overlap where writers were buffered.
+            # The files of a split recording may overlap, because the recorder buffers messages.
             yield from (
                 streams[0]
                 if len(streams) == 1
@@ -176,9 +176,9 @@ def _overlapping_groups(
     start_ns: int | None,
     stop_ns: int | None,
 ) -> Iterator[tuple[Path, ...]]:
-    """The files to read, those together whose times overlap; files outside are left out.
+    """The files to read, grouped by overlapping times, without files outside of the window.
 
-    Without the times of every file, all of them are one group.
+    If the times of a file are unknown, all of them are one group.
     """
     by_name = {path.name: path for path in paths}
     if not spans or not spans.keys() <= by_name.keys():
@@ -201,7 +201,7 @@ def _overlapping_groups(
 
 
 def _check_span(file: Path, storage: Storage, span: FileSpan | None) -> None:
-    """Refuse a file whose times are not those by which it was chosen.
+    """Check that the times of a file are those in the metadata.
 
     Raises:
         DataError: R2B310.
@@ -210,7 +210,7 @@ def _check_span(file: Path, storage: Storage, span: FileSpan | None) -> None:
         return
     if storage.start_ns < span.start_ns or storage.end_ns > span.end_ns:
         raise DataError(
-            f"{file} holds {storage.start_ns} to {storage.end_ns} ns, metadata.yaml says"
+            f"{file} has {storage.start_ns} to {storage.end_ns} ns, metadata.yaml states"
             f" {span.start_ns} to {span.end_ns} ns",
             code=METADATA_DISAGREES,
             hint=f"unpack the file, and run 'ros2 bag reindex {file.parent}'",
@@ -224,7 +224,7 @@ def _read_file(
     for topic in storage.topics:
         if topic.name in names and types.setdefault(topic.name, topic.type) != topic.type:
             raise DataError(
-                f"{file} holds {topic.name} as {types[topic.name]} and as {topic.type}",
+                f"{file} has {topic.name} as {types[topic.name]} and as {topic.type}",
                 code=STORAGE_UNREADABLE,
                 hint="a topic can be played with one type only",
             )

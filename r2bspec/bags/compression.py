@@ -29,7 +29,7 @@ _MAX_THREADS = 4
 def decompress_message(data: bytes) -> bytes:
     """The CDR of a stored message.
 
-    No flag is needed to tell compressed messages: CDR begins with a zero byte, a zstd frame
+    Compressed messages are recognised without a flag: CDR begins with a zero byte, a zstd frame
     with its magic number.
 
     Raises:
@@ -38,19 +38,19 @@ def decompress_message(data: bytes) -> bytes:
     if data[:4] == _MAGIC:
         data = zstd.decompress(data)
     if data[:1] != b"\x00":
-        msg = f"a message begins with {data[:4].hex(' ') or 'nothing'}, which is no CDR"
+        msg = f"a message begins with {data[:4].hex(' ') or 'no bytes'}, which is not CDR"
         raise ValueError(msg)
     return data
 
 
 def decompress_ahead(stored: Iterator[tuple[Key, bytes]]) -> Iterator[tuple[Key, bytes]]:
-    """The CDR of stored messages, in their order; large ones are uncompressed ahead in threads.
+    """The CDR of stored messages, in their order; large ones are decompressed ahead in threads.
 
-    zstd lets other threads run, so that a camera's messages take as many cores as there are.
-    Memory holds as many messages as there are threads, and one more.
+    zstd releases the interpreter lock, so that large messages are decompressed in parallel. Memory
+    is bounded by one message per thread, and one more.
 
     Raises:
-        ValueError: as `decompress_message`, when the turn of the message comes.
+        ValueError: as `decompress_message`, at the position of the message.
     """
     workers = min(_MAX_THREADS, os.cpu_count() or 1)
     waiting: deque[tuple[Key, bytes | Future[bytes]]] = deque()
@@ -72,13 +72,6 @@ def _decompressed(what: Key, data: bytes | Future[bytes]) -> tuple[Key, bytes]:
     return what, decompress_message(data) if isinstance(data, bytes) else data.result()
 
 
-def uncompressed_size(head: bytes, stored_bytes: int) -> int | None:
-    """Size of a stored message in bytes, from its first bytes; None if they do not tell."""
-    if head[:4] != _MAGIC:
-        return stored_bytes
-    return zstd.get_frame_info(head).decompressed_size
-
-
 @contextmanager
 def unpack(path: Path) -> Iterator[Path]:
     """A file that is one zstd stream, unpacked for as long as the block lasts.
@@ -87,7 +80,7 @@ def unpack(path: Path) -> Iterator[Path]:
         A file in a temporary folder, named like `path` without its last suffix.
 
     Raises:
-        OSError: there is no room in $TMPDIR.
+        OSError: there is no space in $TMPDIR.
         EOFError, zstd.ZstdError: the file is damaged.
     """
     with tempfile.TemporaryDirectory(prefix="r2bspec-") as folder:

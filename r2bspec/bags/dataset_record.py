@@ -1,4 +1,4 @@
-"""dataset.json: where a synthetic dataset came from, written beside its bag."""
+"""dataset.json: the provenance of a synthetic dataset, in its bag folder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DISPARITY_NAME = "disparity.npz"
 
 
 class TopicRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """One topic of a made dataset, with what its index cannot know from the storage."""
+    """One topic of a synthetic dataset, with values that are not in its storage."""
 
     type: str
     count: int
@@ -24,18 +24,18 @@ class TopicRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """The provenance of a made dataset.
+    """The provenance of a synthetic dataset.
 
     Attributes:
-        format: tells this file from any other dataset.json.
+        format: distinguishes this file from any other dataset.json.
         generator: version of the renderer.
         dataset: sequence name.
-        window: stretch of the sequence that was made.
+        window: part of the sequence that was rendered.
         storage: storage format.
         start_ns: start of the sequence, ns since the epoch: the origin of windows.
-        topics: what was made.
-        content_sha256: as `hash_content` computes it for all topics.
-        file_bytes: size of each other file in the folder, to notice damage cheaply.
+        topics: that were rendered.
+        content_sha256: as `ContentHash` computes it for all topics.
+        file_bytes: size of each other file in the folder, for a fast check for damage.
     """
 
     format: Literal["r2bspec-dataset-v1"] = "r2bspec-dataset-v1"
@@ -49,7 +49,7 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
     file_bytes: dict[str, int]
 
     def complete_index(self, index: BagIndex) -> BagIndex:
-        """Add to a storage's index the nominal rates, sizes and the origin of windows."""
+        """Add the nominal rates, the sizes and the origin of windows to an index."""
         topics = {
             name: (
                 info
@@ -66,7 +66,7 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_provenance(folder: Path) -> DatasetRecord | None:
-    """The provenance of a bag folder, or None where r2bspec did not make it."""
+    """The provenance of a bag folder; None if r2bspec did not synthesise it."""
     try:
         return msgspec.json.decode((folder / RECORD_NAME).read_bytes(), type=DatasetRecord)
     except (OSError, msgspec.MsgspecError):
@@ -74,7 +74,7 @@ def read_provenance(folder: Path) -> DatasetRecord | None:
 
 
 def write_provenance(folder: Path, record: DatasetRecord) -> None:
-    """Write dataset.json, formatted to be read.
+    """Write dataset.json, formatted.
 
     Raises:
         OSError: the folder cannot be written.

@@ -1,14 +1,11 @@
-"""Hashes of bags: of their files, and of what they say whatever the format."""
+"""Hashes of bags: of their files, and of their content independent of the format."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection
 from pathlib import Path
 
-from r2bspec.bags.bag_index import index_bag
-from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.recording import Message, Window
+from r2bspec.bags.recording import Message
 from r2bspec.bags.storage.storage import storage_errors, storage_paths
 
 _BLOCK_BYTES = 1 << 20
@@ -17,9 +14,9 @@ _BLOCK_BYTES = 1 << 20
 class ContentHash:
     """SHA-256 over topics, types, relative times and uncompressed CDR.
 
-    Each topic is hashed by itself and the digests are combined in name order: how a storage
-    interleaves messages of equal time does not matter. Numbers go in as 8 bytes, little-endian,
-    and strings and messages with their length in front, so that no two contents look alike.
+    Each topic is hashed separately and the digests are combined in order of names, so that the
+    order of messages with equal times does not matter. Numbers are 8 bytes, little-endian; strings
+    and messages are preceded by their lengths, so that the encoding is unambiguous.
     """
 
     def __init__(self, types: dict[str, str], start_ns: int) -> None:
@@ -31,13 +28,13 @@ class ContentHash:
                 self._topics[name].update(_encode_int(len(encoded)) + encoded)
 
     def add(self, message: Message) -> None:
-        """Take in one message; those of one topic must come in time order."""
+        """Add one message; those of one topic must be in order of time."""
         topic = self._topics[message.topic]
         topic.update(_encode_int(message.time_ns - self._start_ns) + _encode_int(len(message.data)))
         topic.update(message.data)
 
     def hexdigest(self) -> str:
-        """The hash of all that was taken in, 64 hexadecimal digits."""
+        """The hash of everything added, 64 hexadecimal digits."""
         whole = hashlib.sha256()
         for topic in self._topics.values():
             whole.update(topic.digest())
@@ -64,28 +61,6 @@ def hash_files(path: Path) -> str:
             while block := stream.read(_BLOCK_BYTES):
                 whole.update(block)
     return whole.hexdigest()
-
-
-def hash_content(
-    path: Path, topics: Collection[str] | None = None, window: Window | None = None
-) -> str:
-    """Hash what a bag says: independent of storage format, compression, splitting and date.
-
-    Args:
-        path: bag folder or storage file.
-        topics: None for all.
-        window: None for all; times are relative to the bag's start either way.
-
-    Raises:
-        DataError: as `read_messages`.
-    """
-    index = index_bag(path)
-    wanted = list(index.topics) if topics is None else topics
-    infos = [info for name in wanted if (info := index.find(name)) is not None]
-    content = ContentHash({info.name: info.type for info in infos}, index.start_ns)
-    for message in read_messages(path, wanted, window):
-        content.add(message)
-    return content.hexdigest()
 
 
 def _encode_int(value: int) -> bytes:

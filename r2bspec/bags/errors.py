@@ -1,4 +1,4 @@
-"""What can be wrong with recorded data, and what to do about it."""
+"""Errors of recorded data, with hints."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Final
 
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 
 BAG_NOT_FOUND: Final = "R2B301"
 METADATA_UNREADABLE: Final = "R2B302"
@@ -24,16 +25,16 @@ RECORDING_NOT_CLOSED: Final = "R2B313"
 
 
 class DataError(R2bspecError):
-    """A bag or dataset that cannot be used as it was asked for.
+    """A bag or dataset cannot be used as requested.
 
-    The message names the file or the dataset; `hint` says the way out.
+    The message names the file or the dataset; `hint` is the remedy.
     """
 
     code = BAG_NOT_FOUND
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
     def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
-        # Names in bags are the text of strangers, and this goes to a terminal.
+        # Names in bags may contain control characters, and this is printed to a terminal.
         super().__init__(printable(message), hint=printable(hint), code=code)
 
 
@@ -41,7 +42,7 @@ _DAMAGED_HINT = "the file is damaged or incomplete; copy or record it again"
 
 
 def error_text(error: Exception) -> str:
-    """What an error of the system or of a parser says, on one line."""
+    """The message of an error of the system or of a parser, on one line."""
     if isinstance(error, OSError) and error.errno is not None:
         return os.strerror(error.errno)
     if isinstance(error, AssertionError):
@@ -50,12 +51,12 @@ def error_text(error: Exception) -> str:
 
 
 def error_hint(error: Exception, default: str = _DAMAGED_HINT) -> str:
-    """What helps: what the system refuses is no damage; `default` is for what is."""
+    """The hint for an error: of the system, or else `default`, for damaged files."""
     number = error.errno if isinstance(error, OSError) else None
     if number in {errno.EACCES, errno.EPERM}:
-        return "its permissions keep you from reading it; see 'ls -l'"
+        return "you do not have permission to read it; see 'ls -l'"
     if number in {errno.ENOSPC, errno.EDQUOT}:
-        return "compressed files are unpacked while they are read: make room in $TMPDIR"
+        return "compressed files are unpacked while they are read: free space in $TMPDIR"
     if number in {errno.EMFILE, errno.ENFILE}:
         return "too many files are open; see 'ulimit -n'"
     return default

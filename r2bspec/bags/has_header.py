@@ -1,4 +1,4 @@
-"""Whether a message type begins with a std_msgs/Header, told without ROS."""
+"""Whether a message type begins with a std_msgs/Header, without using ROS."""
 
 from __future__ import annotations
 

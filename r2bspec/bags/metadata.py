@@ -1,4 +1,4 @@
-"""Parsing metadata.yaml, the page that rosbag2 writes beside its storage files."""
+"""Parsing metadata.yaml, which rosbag2 writes to the folder of its storage files."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from r2bspec.bags.errors import (
     error_hint,
     error_text,
 )
+from r2bspec.language.bag_formats import SUFFIXES_TEXT
 
 METADATA_NAME = "metadata.yaml"
 
@@ -35,7 +36,7 @@ class TopicMetadata(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FileSpan(msgspec.Struct, frozen=True, kw_only=True):
-    """When the messages of one storage file were recorded, in ns; both ends are inside."""
+    """The times of the first and the last message of one storage file, in ns."""
 
     name: str
     start_ns: int
@@ -68,7 +69,7 @@ def normalise_type(name: str) -> str:
 
 
 def check_not_lfs_pointer(path: Path) -> None:
-    """Raise DataError (R2B305) where a file is the text that a clone without Git LFS leaves.
+    """Raise DataError (R2B305) if a file is a Git LFS pointer.
 
     Raises:
         OSError: the file cannot be opened.
@@ -79,7 +80,7 @@ def check_not_lfs_pointer(path: Path) -> None:
         raise DataError(
             f"{path} is a Git LFS pointer, not the recording itself",
             code=LFS_POINTER,
-            hint="fetch the real file with 'git lfs install && git lfs pull' in that repository",
+            hint="fetch the file with 'git lfs install && git lfs pull' in its repository",
         )
 
 
@@ -87,18 +88,18 @@ def read_metadata(folder: Path) -> BagMetadata:
     """Parse the metadata.yaml of a bag folder.
 
     Raises:
-        DataError: it is missing, no YAML, an LFS pointer, or lacks what every bag has.
+        DataError: it is missing, is not YAML, is an LFS pointer, or lacks a required key.
     """
     path = folder / METADATA_NAME
-    reindex = f"write it anew from the storage files with 'ros2 bag reindex {folder}'"
+    reindex = f"write a new one from the storage files with 'ros2 bag reindex {folder}'"
     try:
         check_not_lfs_pointer(path)
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise DataError(
-            f"{folder} has no {METADATA_NAME}, so it is no complete rosbag",
+            f"{folder} has no {METADATA_NAME}, so it is not a complete rosbag",
             code=METADATA_UNREADABLE,
-            hint=f"{reindex}, or name the .db3, .mcap or .bag file itself",
+            hint=f"{reindex}, or give the {SUFFIXES_TEXT} file itself",
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(
@@ -107,20 +108,20 @@ def read_metadata(folder: Path) -> BagMetadata:
             hint=error_hint(error, reindex),
         ) from error
     try:
-        # BaseLoader leaves every scalar a string: a topic named 'on' or '010' stays what it is.
+        # BaseLoader reads every scalar as a string, so a topic 'on' or '010' is not converted.
         document: Any = yaml.load(text, Loader=_loader())  # noqa: S506 -- builds strings only
         return _from_document(document["rosbag2_bagfile_information"])
     except yaml.YAMLError as error:
         raise DataError(
-            f"{path} is no valid YAML: {error_text(error)}", code=METADATA_UNREADABLE, hint=reindex
+            f"{path} is not valid YAML: {error_text(error)}", code=METADATA_UNREADABLE, hint=reindex
         ) from error
     except KeyError as error:
         raise DataError(
-            f"{path} lacks the key {error}", code=METADATA_UNREADABLE, hint=reindex
+            f"{path} has no key {error}", code=METADATA_UNREADABLE, hint=reindex
         ) from error
     except (TypeError, ValueError, AttributeError, IndexError, RecursionError) as error:
         raise DataError(
-            f"{path} is not what rosbag2 writes: {error}", code=METADATA_UNREADABLE, hint=reindex
+            f"{path} was not written by rosbag2: {error}", code=METADATA_UNREADABLE, hint=reindex
         ) from error
 
 
@@ -132,13 +133,13 @@ def _from_document(info: Any) -> BagMetadata:
     """Build the value; missing keys and wrong kinds raise what Python raises for them."""
     version = int(info["version"])
     if version > _MAX_VERSION:
-        msg = f"its version is {version}, the newest known is {_MAX_VERSION}"
+        msg = f"its version is {version}, the newest supported one is {_MAX_VERSION}"
         raise ValueError(msg)
     compression_mode = info.get("compression_mode", "").lower()
     return BagMetadata(
         version=version,
         storage=info["storage_identifier"],
-        # Early versions wrote the folder's name in front.
+        # Early versions included the name of the folder.
         files=tuple(PurePath(name).name for name in info["relative_file_paths"] or ()),
         start_ns=int(info["starting_time"]["nanoseconds_since_epoch"]),
         duration_ns=int(info["duration"]["nanoseconds"]),

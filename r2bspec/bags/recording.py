@@ -1,4 +1,4 @@
-"""The values that describe recorded data, all frozen; indexes and windows serialise to JSON."""
+"""Frozen values that describe recorded data; indexes and windows serialise to JSON."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Literal
 
 import msgspec
 
-StorageName = Literal["sqlite3", "mcap", "ros1"]
 WritableStorage = Literal["sqlite3", "mcap"]
+"""In which formats datasets are written."""
 
 
 class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,11 +36,11 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
-    """What is known of a bag without reading a message body.
+    """The index of a bag, without message bodies.
 
     Attributes:
         name: dataset name, or the bag folder's name.
-        storage: format of the storage files.
+        storage: name of the format of the storage files, in `BAG_FORMATS`.
         topics: by recorded name, sorted.
         start_ns: origin of windows, ns since the epoch. For recorded bags the first message's
             time; for synthetic ones the start of the sequence, also where the made window
@@ -51,11 +51,11 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
         compression: how the storage is compressed, as metadata.yaml says; chunks of MCAP and
             ROS 1 files are the format's own business.
         synthetic: whether r2bspec renders (or rendered) it.
-        notes: disagreements that do no harm, in words.
+        notes: harmless discrepancies, as text.
     """
 
     name: str
-    storage: StorageName
+    storage: str
     topics: dict[str, TopicInfo]
     start_ns: int
     end_ns: int
@@ -71,7 +71,7 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
         return self.end_ns - self.start_ns
 
     def find(self, topic: str) -> TopicInfo | None:
-        """The topic of that name; a leading slash more or less makes no difference."""
+        """The topic of that name; a leading slash is optional."""
         exact = self.topics.get(topic)
         if exact is not None:
             return exact
@@ -79,7 +79,7 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Window(msgspec.Struct, frozen=True, kw_only=True):
-    """A half-open stretch of time, in ns after the start of the bag.
+    """A half-open interval of time, in ns after the start of the bag.
 
     Attributes:
         start_ns: first instant inside.
@@ -109,7 +109,7 @@ class Message(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BagLocation(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a bag that a spec names comes from.
+    """The location of a bag.
 
     Attributes:
         kind: ``recorded`` for files, ``synthetic`` for a sequence of the catalogue.
@@ -127,8 +127,8 @@ class SyntheticDataset(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         path: bag folder; `ground_truth.json` and `dataset.json` lie in it.
-        content_sha256: hash of the uncompressed content, as `hash_content` gives it.
-        made: False where it was found in the cache.
+        content_sha256: hash of the uncompressed content, as `ContentHash` gives it.
+        made: False if it was found in the cache.
     """
 
     path: Path

@@ -1,4 +1,4 @@
-"""Whether a bag on disk still is what its metadata and its provenance say."""
+"""Verifying a bag on disk against its metadata and its provenance."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ from r2bspec.bags.recording import BagIndex
 
 
 def verify(path: Path) -> list[str]:
-    """Read a whole bag and list what is wrong with it, one sentence each.
+    """Read a complete bag and list its problems, one sentence each.
 
-    Every message must be readable and the counts those of the metadata. Of a synthetic dataset
-    also the content hash, the counts and the file sizes must be those that were recorded when
-    it was made.
+    Every message must be readable, and the counts must match the metadata. For a synthetic
+    dataset, the content hash, the counts and the file sizes must also match its record.
 
     Returns:
-        Nothing where all is well. A bag that cannot be read is a problem, and no exception.
+        The problems; empty if there are none. An unreadable bag is a problem, not an exception.
     """
     path = Path(path)
     try:
@@ -39,7 +38,7 @@ def verify(path: Path) -> list[str]:
     if record is not None:
         problems += _record_mismatches(path, index, record, content)
     elif (path / RECORD_NAME).exists():
-        problems.append(f"{RECORD_NAME} is not what 'r2bspec data make' writes")
+        problems.append(f"{RECORD_NAME} was not written by 'r2bspec data make'")
     return problems
 
 
@@ -60,7 +59,7 @@ def _record_mismatches(
     path: Path, index: BagIndex, record: DatasetRecord, content: str
 ) -> Iterator[str]:
     if content != record.content_sha256:
-        yield f"the content hashes to {content}, {RECORD_NAME} says {record.content_sha256}"
+        yield f"the content hash is {content}, but {record.content_sha256} in {RECORD_NAME}"
     for name in sorted(record.topics.keys() | index.topics.keys()):
         expected = record.topics[name].count if name in record.topics else 0
         actual = index.topics[name].count if name in index.topics else 0
@@ -70,4 +69,4 @@ def _record_mismatches(
         file = path / name
         actual = file.stat().st_size if file.is_file() else 0
         if actual != size_bytes:
-            yield f"{name} has {actual:,} bytes, {size_bytes:,} when it was made"
+            yield f"{name} has {actual:,} bytes, but {size_bytes:,} in {RECORD_NAME}"

@@ -9,7 +9,7 @@ earlier rule suppresses is dropped.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from r2bspec.check.check_context import Context
@@ -71,7 +71,7 @@ def _unwaived_findings(
     found = merge_case_findings(cases, findings)
     texts = {name: text for one in cases for name, text in one.texts.items()}
     complete = complete and all(each is not None and not each.offline for each in contexts)
-    left = apply_waivers(found, texts, known=_known_codes, complete=complete)
+    left = apply_waivers(found, texts, known=_slugs_by_code, complete=complete)
     return sorted(left, key=lambda each: each.sort_key)
 
 
@@ -79,10 +79,10 @@ def _check_document(loaded: LoadedSpec, context: Context | None) -> list[Diagnos
     return [*loaded.diagnostics, *(_apply_rules(context) if context is not None else ())]
 
 
-def _known_codes() -> Collection[str]:
+def _slugs_by_code() -> Mapping[str, str]:
     from r2bspec.check.pages import all_pages
 
-    return all_pages()
+    return {code: page.slug for code, page in all_pages().items()}
 
 
 def _apply_rules(context: Context) -> list[Diagnostic]:

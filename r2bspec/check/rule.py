@@ -36,9 +36,15 @@ class Rule:
     early: bool = False
 
     @property
+    def slug(self) -> str:
+        """The name of the rule's module with dashes, such as ``variable-unused``."""
+        return self.find.__module__.rpartition(".")[2].replace("_", "-")
+
+    @property
     def page(self) -> Page:
         """The page of the rule for `r2bspec explain`."""
         return Page(
+            slug=self.slug,
             code=self.code,
             title=self.title,
             severity=Severity(self.severity),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.quantities import Rate
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Spec
@@ -29,7 +30,7 @@ class LocatedRequirement:
     objective: str = ""
     at: Rate | None = None
     needs_rate: bool = False
-    confidence: float = 0.95
+    confidence: float = CONFIDENCE
 
     @property
     def metric_part(self) -> tuple[int, int]:

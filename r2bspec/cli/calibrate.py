@@ -8,14 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import (
-    allow_path_option,
-    case_option,
-    parse_variables,
-    sets_option,
-    variables_option,
-)
+from r2bspec.cli.shared_options import SpecValues, spec_options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
+from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
@@ -44,10 +39,7 @@ if TYPE_CHECKING:
     help="The folder of the runs; it must be new or empty.  [default: runs/NAME-pairs-TIME]",
 )
 @click.option("--write", is_flag=True, help="Make the proposed changes in SPEC.")
-@sets_option
-@variables_option
-@case_option
-@allow_path_option
+@spec_options
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
 def command(
     spec: Path,
@@ -55,10 +47,7 @@ def command(
     source: Path | None,
     output: Path | None,
     write: bool,
-    sets: tuple[str, ...],
-    variables: tuple[str, ...],
-    case: str,
-    allow_paths: tuple[Path, ...],
+    values: SpecValues,
     quiet: bool,
 ) -> int:
     """Run SPEC against itself, and say how small a change can be told.
@@ -74,7 +63,7 @@ def command(
     from r2bspec.compare.calibration import compute_calibration, store_calibration
     from r2bspec.record.comparison_folder import open_comparison
 
-    selection = SpecSelection(spec, sets, parse_variables(variables), case, allow_paths)
+    selection = SpecSelection(spec, *values)
     prepared = prepare_and_report(selection)
     folder = source or _run(prepared, runs or 20, output, quiet=quiet)
     pairs = open_comparison(folder)
@@ -84,7 +73,7 @@ def command(
     _show(found, prepared.plan.name, pairs)
     click.echo(f"kept in {path}", err=True)
     _propose(selection, prepared, found, write=write)
-    return 0
+    return ExitStatus.OK
 
 
 def _run(prepared: PreparedBenchmark, runs: int, output: Path | None, *, quiet: bool) -> Path:

@@ -38,9 +38,9 @@ class CheckOptions:
     variables: Mapping[str, str] | None = None
     case: str = ""
     allow_paths: tuple[Path, ...] = ()
+    untrusted: UntrustedSpecs | None = None
     offline: bool = False
     resolved: bool = False
-    untrusted: UntrustedSpecs | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from r2bspec.exit_status import ExitStatus
+
 FORMATS = ("text", "json", "markdown", "html", "csv", "github")
 
 _RESULT = click.Path(path_type=Path)
@@ -30,8 +32,8 @@ def command(
 ) -> int:
     """Compare each HEAD with BASE, metric by metric.
 
-    Each is a run folder, the result.json of one, or a report of ros2_benchmark. The exit status is
-    0 whatever comes out: stored results advise, and 'r2bspec run --against' gates.
+    Each is a run folder, the result.json of one, or a report of ros2_benchmark. Differences do
+    not change the exit status: stored results advise, and 'r2bspec run --against' gates.
     """
     from r2bspec.compare.comparison_subject import read_compared_result
     from r2bspec.compare.result_comparison import compare
@@ -45,4 +47,4 @@ def command(
     width = shutil.get_terminal_size((100, 24)).columns
     content = render(found, output_format, width)
     click.echo(content, nl=False)
-    return 0
+    return ExitStatus.OK

@@ -7,11 +7,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
+from r2bspec.bags.recording import WritableStorage
 from r2bspec.errors import UsageError
+from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -97,7 +99,7 @@ def list_datasets(output: str) -> None:
 @click.option("--start", callback=_duration_ns, help="Where the window starts.")
 @click.option("--end", callback=_duration_ns, help="Where it ends; else with the dataset.")
 @click.option(
-    "--storage", type=click.Choice(["sqlite3", "mcap"]), default="sqlite3", show_default=True
+    "--storage", type=click.Choice(get_args(WritableStorage)), default="sqlite3", show_default=True
 )
 @_format_option
 def make(
@@ -148,15 +150,12 @@ def info(bag: str, output: str) -> None:
         _print_index(result, _origin(location), digest)
 
 
-@command.command()
+@command.command(epilog=f"Exit status {ExitStatus.FINDINGS_OR_FAILED} if something is wrong.")
 @click.argument("path", type=click.Path(path_type=Path))
 @_format_option
 @click.pass_context
 def verify(context: click.Context, path: Path, output: str) -> None:
-    """Read the bag at PATH from end to end and compare it with what its files state.
-
-    Exits with 1 where something is wrong.
-    """
+    """Read the bag at PATH from end to end and compare it with what its files state."""
     from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
     from r2bspec.bags.verification import verify as verify_bag
 
@@ -172,7 +171,7 @@ def verify(context: click.Context, path: Path, output: str) -> None:
             click.echo(problem)
         if not problems:
             click.echo(f"{path} is what it says")
-    context.exit(1 if problems else 0)
+    context.exit(ExitStatus.FINDINGS_OR_FAILED if problems else ExitStatus.OK)
 
 
 def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> Window | None:

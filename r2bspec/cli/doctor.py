@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.exit_status import ExitStatus
+
 if TYPE_CHECKING:
     from r2bspec.doctor.checkup import CheckResult, Status
 
@@ -17,7 +19,11 @@ _MARKS: dict[Status, tuple[str, str]] = {
 }
 
 
-@click.command("doctor")
+@click.command(
+    "doctor",
+    epilog=f"Exit status {ExitStatus.FINDINGS_OR_FAILED} if there is a problem; "
+    f"{ExitStatus.OK} with warnings only.",
+)
 @click.option(
     "--clean",
     is_flag=True,
@@ -42,8 +48,7 @@ def command(clean: bool, runs: Path, output_format: str) -> int:
     """Explain this machine: what a benchmark on it needs, what is there, and what to do.
 
     Shared memory of dead ROS programs is removed by --clean whoever started them, as long as it
-    is yours; what a living process uses is never touched. The exit status is 1 if there is a
-    problem, and 0 if there are warnings only.
+    is yours; what a living process uses is never touched.
     """
     from r2bspec.doctor.all_checks import examine
     from r2bspec.doctor.checkup import System, worst_status
@@ -64,7 +69,7 @@ def command(clean: bool, runs: Path, output_format: str) -> int:
         if clean:
             click.echo("" if removed else "nothing to remove\n")
         _show(checks, status)
-    return 1 if status == "problem" else 0
+    return ExitStatus.FINDINGS_OR_FAILED if status == "problem" else ExitStatus.OK
 
 
 def _show(checks: list[CheckResult], status: Status) -> None:

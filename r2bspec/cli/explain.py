@@ -1,4 +1,4 @@
-"""``r2bspec explain``: what a diagnostic code means, with an example of each outcome."""
+"""``r2bspec explain``: what a diagnostic code means, with a failing and a passing example."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import click
 from r2bspec.diagnostics.code_pages import FAMILIES
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import UsageError
+from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics.code_pages import Page
@@ -23,63 +24,67 @@ _WIDTH = 88
 @click.command("explain")
 @click.argument("code", required=False)
 def command(code: str | None) -> int:
-    """Explain the diagnostic CODE, such as R2B204; without one, list all."""
+    """Explain the diagnostic CODE, such as R2B101 or unknown-key; without CODE, list all."""
     from r2bspec.check.pages import all_pages
 
     pages = all_pages()
     lines = _list(pages) if code is None else _explain(_find(code, pages))
     click.echo("\n".join(lines))
-    return 0
+    return ExitStatus.OK
 
 
 def _find(code: str, pages: Mapping[str, Page]) -> Page:
-    """The page of a code, however it is written: ``r2b204`` and ``204`` will do.
+    """The page of a code or a slug; ``r2b101``, ``101`` and ``Unknown_Key`` are accepted, too.
 
     Raises:
         UsageError: there is none.
     """
-    digits = code.upper().removeprefix("R2B")
-    page = pages.get(f"R2B{digits}")
-    if page is None:
-        from r2bspec.diagnostics import did_you_mean
+    number = f"R2B{code.upper().removeprefix('R2B')}"
+    if number in pages:
+        return pages[number]
+    slug = code.lower().replace("_", "-")
+    by_slug = {page.slug: page for page in pages.values()}
+    if slug in by_slug:
+        return by_slug[slug]
+    from r2bspec.diagnostics import did_you_mean
 
-        close = did_you_mean(f"R2B{digits}", pages)
-        raise UsageError(
-            f"there is no code {code!r}",
-            hint=f"did you mean {close}? " * bool(close) + "'r2bspec explain' lists all",
-        )
-    return page
+    close = did_you_mean(number, pages) if number[3:].isdigit() else did_you_mean(slug, by_slug)
+    raise UsageError(
+        f"unknown code {code!r}",
+        hint=f"did you mean {close}? " * bool(close) + "'r2bspec explain' lists all codes",
+    )
 
 
 def _list(pages: Mapping[str, Page]) -> Iterator[str]:
     family = ""
+    width = max(len(page.slug) for page in pages.values())
     for code, page in pages.items():
         if code[3] != family:
             if family:
                 yield ""
             family = code[3]
             yield _heading(FAMILIES.get(family, ""))
-        yield f"  {code}  {page.severity.value:<7}  {page.title}"
+        yield f"  {code}  {page.slug:<{width}}  {page.severity.value:<7}  {page.title}"
 
 
 def _explain(page: Page) -> Iterator[str]:
-    yield _heading(f"{page.code}: {page.title} ({page.severity.value})")
+    yield _heading(f"{page.code} {page.slug}: {page.title} ({page.severity.value})")
     yield ""
     yield from textwrap.wrap(page.why, _WIDTH)
     if page.failing:
         yield ""
-        yield _heading("Found in")
+        yield _heading("Failing example")
         yield from _indent(page.failing)
         yield ""
         yield from _indent(_findings(page))
     if page.passing:
         yield ""
-        yield _heading("Not found in")
+        yield _heading("Passing example")
         yield from _indent(page.passing)
 
 
 def _findings(page: Page) -> str:
-    """What the failing example really leads to, as validate prints it."""
+    """The findings in the failing example, as validate prints them."""
     from r2bspec.check.engine import check
     from r2bspec.language.load_spec import load_spec
     from r2bspec.report.findings import text

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.exit_status import ExitStatus
+
 if TYPE_CHECKING:
     from r2bspec.compare.history import HistoryEntry
 
@@ -50,10 +52,10 @@ def list_runs(file: str, name: str, output_format: str) -> int:
         import msgspec
 
         click.echo(msgspec.json.format(msgspec.json.encode(runs), indent=2).decode())
-        return 0
+        return ExitStatus.OK
     for line in _table(runs):
         click.echo(line)
-    return 0
+    return ExitStatus.OK
 
 
 def _table(runs: tuple[HistoryEntry, ...]) -> list[str]:
@@ -91,7 +93,7 @@ def accept(run_id: str, file: str) -> int:
                 f"the history holds no run {run_id!r}", hint="'r2bspec history list' shows them."
             )
     click.echo(f"run {run_id} counts from now on", err=True)
-    return 0
+    return ExitStatus.OK
 
 
 @command.command("prune")
@@ -125,7 +127,7 @@ def prune(
                 removed_ids |= {one.run_id for one in kept[: max(len(kept) - keep, 0)]}
         number = history.remove(sorted(removed_ids))
     click.echo(f"{number} run{'' if number == 1 else 's'} forgotten", err=True)
-    return 0
+    return ExitStatus.OK
 
 
 def parse_time(text: str) -> datetime.datetime:

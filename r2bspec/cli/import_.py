@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.exit_status import ExitStatus
+
 if TYPE_CHECKING:
     from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
 
@@ -47,7 +49,7 @@ def command(report: Path, output_format: str, output: Path | None) -> int:
         click.echo(to_json(found), nl=False)
     else:
         click.echo(_text(found), nl=False)
-    return 0
+    return ExitStatus.OK
 
 
 def _text(report: ReferenceReport) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from r2bspec.errors import UsageError
+from r2bspec.exit_status import ExitStatus
 
 _SCHEMA = "r2bspec-v1.schema.json"
 _DEFAULT_NAME = "my_benchmark"
@@ -47,13 +48,13 @@ def command(name: str, template: str, show_list: bool) -> int:
     NAME may begin with a folder that exists, as in benchmarks/camera. The JSON Schema, by which
     editors complete and explain every key, is written beside the spec. Nothing is overwritten.
     """
-    from r2bspec.language.schema import published_schema_text
+    from r2bspec.language.schema.derive_strict import published_schema_text
     from r2bspec.language.templates import filled, purpose, templates
 
     if show_list:
         for known, text in templates().items():
             click.echo(f"{known:<14}{purpose(text)}")
-        return 0
+        return ExitStatus.OK
     spec_file = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
     benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
     text = filled(templates()[template], benchmark, f"./{_SCHEMA}")
@@ -64,7 +65,7 @@ def command(name: str, template: str, show_list: bool) -> int:
     click.echo(f"wrote {spec_file}, and {schema} for editors; now:")
     click.echo(f"  r2bspec validate {spec_file}    says what is wrong with it: nothing, yet")
     click.echo(f"  r2bspec run {spec_file}         runs it, and judges it by its 'slos:'")
-    return 0
+    return ExitStatus.OK
 
 
 def _benchmark_name(name: str) -> str:

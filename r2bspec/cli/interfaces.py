@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from r2bspec.cli.shared_options import parse_variables, sets_option, variables_option
+from r2bspec.exit_status import ExitStatus
 
 _HEAD = (
     "# What the node {name} has, recorded by 'r2bspec interfaces'. 'validate' and 'plan' read it;\n"
@@ -15,7 +16,9 @@ _HEAD = (
 )
 
 
-@click.command("interfaces")
+@click.command(
+    "interfaces", epilog=f"Exit status {ExitStatus.RUN_FAILED} if a node could not be looked at."
+)
 @click.argument("spec", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--node", "only", multiple=True, metavar="KEY", help="Only this node; repeatable.")
 @click.option(
@@ -40,7 +43,6 @@ def command(
 
     The topics, types, profiles, services and parameters of a node go to 'interfaces/KEY.yaml'
     beside SPEC, where every other verb finds them. Launch files and external nodes are left out.
-    Exit status 4 if a node could not be looked at.
     """
     from r2bspec.api import load
     from r2bspec.diagnostics import did_you_mean
@@ -68,7 +70,7 @@ def command(
                 click.echo(f"  help: {found.hint}", err=True)
             continue
         click.echo(_write(spec.parent, found.node, found.interface))
-    return 4 if failed else 0
+    return ExitStatus.RUN_FAILED if failed else ExitStatus.OK
 
 
 def _write(folder: Path, name: str, interface: dict[str, Any]) -> str:

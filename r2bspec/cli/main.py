@@ -1,7 +1,6 @@
 """The `r2bspec` command: finds the verb, shows errors as a line and a hint, sets the exit status.
 
-Exit status, for every verb: 0 holds · 1 findings, or an SLO failed · 2 wrong usage, or an input
-that the verb cannot use · 3 inconclusive · 4 the run itself failed or is invalid · 130 interrupted.
+`r2bspec.exit_status` has every exit status, for every verb.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ import click
 
 from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus, exit_status_text
 
 _VERBS = {
     "init": "Write a commented spec to begin with.",
@@ -76,8 +76,7 @@ class _Verbs(click.Group):
 @click.group(
     cls=_Verbs,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit status: 0 holds; 1 findings, or an SLO failed; 2 wrong usage or input; "
-    "3 inconclusive; 4 the run failed or is invalid; 130 interrupted.",
+    epilog=f"Exit status: {exit_status_text()}.",
 )
 @click.version_option(__version__, "-V", "--version", message="r2bspec %(version)s")
 def command() -> None:
@@ -94,18 +93,18 @@ def main(argv: list[str] | None = None) -> int:
         return error.exit_code
     except (click.exceptions.Abort, KeyboardInterrupt):
         click.echo("interrupted", err=True)
-        return 130
+        return ExitStatus.INTERRUPTED
     except click.ClickException as error:
         error.show()
-        return 2
+        return ExitStatus.USAGE
     except click.exceptions.Exit as error:
         return error.exit_code
     except BrokenPipeError:
         # The reader of our output has gone, as `head` does: nothing is left to say, and the
         # interpreter must not try to flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
-    return status if isinstance(status, int) else 0
+        return ExitStatus.OUTPUT_CLOSED
+    return status if isinstance(status, int) else ExitStatus.OK
 
 
 @contextlib.contextmanager
@@ -123,8 +122,10 @@ def _interruptible() -> Iterator[None]:
 
 def _show(error: R2bspecError) -> None:
     """Print an error as a line and a hint."""
+    from r2bspec.report.findings.slugs import code_with_slug
+
     colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
-    label = f"error[{error.code}]"
+    label = f"error[{code_with_slug(error.code)}]"
     click.echo(f"{click.style(label, fg='red', bold=True) if colour else label}: {error}", err=True)
     if error.hint:
         click.echo(f"  help: {error.hint}", err=True)

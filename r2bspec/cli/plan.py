@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import (
-    allow_path_option,
-    base_ref_option,
-    case_option,
-    parse_variables,
-    sets_option,
-    untrusted_option,
-    untrusted_specs,
-    variables_option,
-)
+from r2bspec.cli.shared_options import SpecValues, spec_options
+from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
+from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -37,7 +30,8 @@ _SPEC = click.Path(path_type=Path, dir_okay=False)
     "other",
     type=_SPEC,
     metavar="OTHER",
-    help="Show instead how SPEC differs from OTHER, a spec or a plan; exit status 1 if it does.",
+    help="Show instead how SPEC differs from OTHER, a spec or a plan; exit status "
+    f"{ExitStatus.FINDINGS_OR_FAILED} if it does.",
 )
 @click.option(
     "--explain",
@@ -46,12 +40,7 @@ _SPEC = click.Path(path_type=Path, dir_okay=False)
     help="Show instead where a value came from, such as benchmark.rates[0]: every file, line and "
     "option on its way.",
 )
-@sets_option
-@variables_option
-@case_option
-@allow_path_option
-@untrusted_option
-@base_ref_option
+@spec_options
 @click.option(
     "--output",
     "-o",
@@ -63,12 +52,7 @@ def command(
     graph: str | None,
     other: Path | None,
     explain_path: str | None,
-    sets: tuple[str, ...],
-    variables: tuple[str, ...],
-    case: str,
-    allow_paths: tuple[Path, ...],
-    untrusted: bool,
-    base_ref: str,
+    values: SpecValues,
     output: Path | None,
 ) -> int:
     """Compile SPEC and print its plan.
@@ -78,25 +62,23 @@ def command(
     """
     if sum(each is not None for each in (graph, other, explain_path)) > 1:
         raise click.UsageError("--graph, --diff and --explain exclude each other")
-    common: dict[str, Any] = {
-        "allow_paths": allow_paths,
-        "untrusted": untrusted_specs(untrusted=untrusted, base_ref=base_ref),
-    }
-    options = {"sets": sets, "variables": parse_variables(variables), "case": case, **common}
     if explain_path is not None:
         from r2bspec.language.load_spec import load_spec
 
-        _write(_provenance(load_spec(spec, **options), explain_path).encode(), output)
-        return 0
-    plan = _plan(spec, **options)
+        loaded = load_spec(spec, **values._asdict())
+        _write(_provenance(loaded, explain_path).encode(), output)
+        return ExitStatus.OK
+    plan = prepare_and_report(SpecSelection(spec, *values)).plan
     if other is not None:
         from r2bspec.plan.plan_diff import diff_plans
 
-        differences = diff_plans(_plan(other, **common), plan)
+        other_values = SpecValues(allow_paths=values.allow_paths, untrusted=values.untrusted)
+        other_plan = prepare_and_report(SpecSelection(other, *other_values)).plan
+        differences = diff_plans(other_plan, plan)
         _write("".join(f"{each}\n" for each in differences).encode(), output)
-        return 1 if differences else 0
+        return ExitStatus.FINDINGS_OR_FAILED if differences else ExitStatus.OK
     _write(_render(plan, graph), output)
-    return 0
+    return ExitStatus.OK
 
 
 def _provenance(loaded: LoadedSpec, path: str) -> str:
@@ -115,21 +97,6 @@ def _provenance(loaded: LoadedSpec, path: str) -> str:
         return provenance(loaded, path).text()
     except UnknownPathError as error:
         raise UsageError(str(error), hint=error.hint) from None
-
-
-def _plan(path: Path, **options: Any) -> Plan:
-    """The plan of a spec, or the one in a file; findings go to standard error."""
-    from r2bspec import api
-    from r2bspec.report.findings.print_findings import show
-
-    try:
-        prepared = api.prepare(path, **options)
-    except api.InvalidSpecError as error:
-        show(error.diagnostics, error.loaded.texts)
-        raise
-    if prepared.loaded is not None:
-        show(prepared.diagnostics, prepared.loaded.texts)
-    return prepared.plan
 
 
 def _render(plan: Plan, graph: str | None) -> bytes:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from r2bspec.cli.shared_options import junit_option, reports_option
+from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from r2bspec.report.write_reports import ReportRequest
@@ -21,7 +22,7 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
     width = max(map(len, FORMATS))
     for name, each in FORMATS.items():
         click.echo(f"{name:{width}}  {each.what}")
-    ctx.exit(0)
+    ctx.exit()
 
 
 @click.command("report")
@@ -72,4 +73,4 @@ def command(
         )
     baseline = open_run(against) if against is not None else None
     write_reports(asked, read_report_input(run, spec_file=spec, baseline=baseline))
-    return 0
+    return ExitStatus.OK

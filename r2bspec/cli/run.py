@@ -8,18 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import (
-    allow_path_option,
-    base_ref_option,
-    case_option,
-    junit_option,
-    parse_variables,
-    reports_option,
-    sets_option,
-    untrusted_option,
-    untrusted_specs,
-    variables_option,
-)
+from r2bspec.cli.shared_options import SpecValues, junit_option, reports_option, spec_options
 from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_and_report
 from r2bspec.errors import R2bspecError
 
@@ -35,12 +24,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path, file_okay=False),
     help="The run folder; it must be new or empty.  [default: runs/NAME-TIME]",
 )
-@sets_option
-@variables_option
-@case_option
-@allow_path_option
-@untrusted_option
-@base_ref_option
+@spec_options
 @click.option(
     "--against",
     "against",
@@ -74,12 +58,7 @@ if TYPE_CHECKING:
 def command(
     spec: Path,
     output: Path | None,
-    sets: tuple[str, ...],
-    variables: tuple[str, ...],
-    case: str,
-    allow_paths: tuple[Path, ...],
-    untrusted: bool,
-    base_ref: str,
+    values: SpecValues,
     against: tuple[str, ...],
     control: bool,
     pairs: int | None,
@@ -108,14 +87,7 @@ def command(
 
     is_comparison = bool(against) or control
     _check_option_conflicts(against, control, pairs, history, baseline, force=force)
-    selection = SpecSelection(
-        spec,
-        sets,
-        parse_variables(variables),
-        case,
-        allow_paths,
-        untrusted_specs(untrusted=untrusted, base_ref=base_ref),
-    )
+    selection = SpecSelection(spec, *values)
     prepared = prepare_and_report(selection)
     name = f"{prepared.plan.name}-pairs" if is_comparison else prepared.plan.name
     folder = output or api.default_run_folder(name)

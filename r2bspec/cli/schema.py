@@ -6,8 +6,10 @@ import importlib
 
 import click
 
+from r2bspec.exit_status import ExitStatus
+
 _SCHEMAS = {
-    "spec": "r2bspec.language.schema:published_schema_text",
+    "spec": "r2bspec.language.schema.derive_strict:published_schema_text",
     "plan": "r2bspec.plan.plan_schema:plan_schema_text",
     "result": "r2bspec.report.result_schema:result_schema_text",
 }
@@ -20,4 +22,4 @@ def command(name: str) -> int:
     """Print the JSON Schema of a spec, a plan or a result."""
     module, function = _SCHEMAS[name].split(":")
     click.echo(getattr(importlib.import_module(module), function)(), nl=False)
-    return 0
+    return ExitStatus.OK

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import functools
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -28,14 +29,14 @@ variables_option = click.option(
     help="Give a declared variable another value; may be repeated.",
 )
 
-case_option = click.option(
+_case_option = click.option(
     "--case",
     default="",
     metavar="CASE",
     help="The case of the matrix that is meant, such as threads=2.",
 )
 
-allow_path_option = click.option(
+_allow_path_option = click.option(
     "--allow-path",
     "allow_paths",
     multiple=True,
@@ -45,13 +46,13 @@ allow_path_option = click.option(
 )
 
 
-untrusted_option = click.option(
+_untrusted_option = click.option(
     "--untrusted",
     is_flag=True,
     help="SPEC is a stranger's: it may read no environment variable that --base-ref does not list.",
 )
 
-base_ref_option = click.option(
+_base_ref_option = click.option(
     "--base-ref",
     default="",
     metavar="REF",
@@ -59,7 +60,7 @@ base_ref_option = click.option(
 )
 
 
-def untrusted_specs(*, untrusted: bool, base_ref: str) -> UntrustedSpecs | None:
+def _untrusted_specs(*, untrusted: bool, base_ref: str) -> UntrustedSpecs | None:
     """What ``--untrusted`` and ``--base-ref`` say; None without the former.
 
     Raises:
@@ -89,6 +90,42 @@ def parse_variables(options: Iterable[str]) -> dict[str, str]:
             raise click.UsageError(f"--var takes NAME=VALUE, not {option!r}")
         found[name] = value
     return found
+
+
+class SpecValues(NamedTuple):
+    """What the command line says of a spec; the arguments of `r2bspec.api.prepare`."""
+
+    sets: tuple[str, ...] = ()
+    variables: Mapping[str, str] = {}
+    case: str = ""
+    allow_paths: tuple[Path, ...] = ()
+    untrusted: UntrustedSpecs | None = None
+
+
+def spec_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Give a verb the options of a spec; it takes them as `values`, a `SpecValues`."""
+
+    @sets_option
+    @variables_option
+    @_case_option
+    @_allow_path_option
+    @_untrusted_option
+    @_base_ref_option
+    @functools.wraps(command)
+    def with_values(
+        sets: tuple[str, ...],
+        variables: tuple[str, ...],
+        case: str,
+        allow_paths: tuple[Path, ...],
+        untrusted: bool,
+        base_ref: str,
+        **others: Any,
+    ) -> int:
+        stranger = _untrusted_specs(untrusted=untrusted, base_ref=base_ref)
+        values = SpecValues(sets, parse_variables(variables), case, allow_paths, stranger)
+        return command(values=values, **others)
+
+    return with_values
 
 
 def _parse_reports(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +19,7 @@ class SpecSelection:
 
     spec: Path
     sets: tuple[str, ...]
-    variables: dict[str, str]
+    variables: Mapping[str, str]
     case: str
     allow_paths: tuple[Path, ...]
     untrusted: UntrustedSpecs | None = None
@@ -69,5 +70,5 @@ def base_selection(head: SpecSelection, reference: BaseReference) -> SpecSelecti
     return replace(
         head,
         sets=(*head.sets, *reference.sets),
-        variables=head.variables | dict(reference.variables),
+        variables={**head.variables, **reference.variables},
     )

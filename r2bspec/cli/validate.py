@@ -1,27 +1,18 @@
-"""``r2bspec validate``: prove specs right before anything starts.
+"""``r2bspec validate``: check specs before anything starts.
 
-Nothing that a spec names is executed or imported. Findings go to standard output; the exit
-status is 1 if there is an error among them, and 0 with warnings only.
+Nothing that a spec names is executed or imported. Findings are printed to standard output. The exit
+status is 1 if one of them is an error, and 0 otherwise.
 """
 
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import (
-    allow_path_option,
-    base_ref_option,
-    case_option,
-    parse_variables,
-    sets_option,
-    untrusted_option,
-    untrusted_specs,
-    variables_option,
-)
+from r2bspec.cli.shared_options import SpecValues, spec_options
+from r2bspec.exit_status import ExitStatus
 from r2bspec.report.findings.finding_formats import FORMATS
 
 if TYPE_CHECKING:
@@ -38,69 +29,51 @@ if TYPE_CHECKING:
     default="text",
     help="; ".join(f"{name}: {use}" for name, use in FORMATS.items()) + ".",
 )
-@sets_option
-@variables_option
-@case_option
-@allow_path_option
-@untrusted_option
-@base_ref_option
+@spec_options
 @click.option(
     "--resolved",
     is_flag=True,
-    help="Print the document, every case of it, with all written out, if it has no errors.",
+    help="Print the resolved document, one for each case, if there are no errors.",
 )
-@click.option("--offline", is_flag=True, help="Leave recorded data alone; skip what needs it.")
 @click.option(
-    "--fix", is_flag=True, help="Make the repairs that are safe, in the files themselves."
+    "--offline", is_flag=True, help="Do not read recorded data; skip the rules that need it."
 )
-@click.option("--diff", is_flag=True, help="Show what --fix would change; write nothing.")
+@click.option("--fix", is_flag=True, help="Apply safe fixes to the files.")
+@click.option("--diff", is_flag=True, help="Show the changes of --fix without writing them.")
 def command(
     paths: tuple[str, ...],
     output_format: str,
-    sets: tuple[str, ...],
-    variables: tuple[str, ...],
-    case: str,
-    allow_paths: tuple[Path, ...],
-    untrusted: bool,
-    base_ref: str,
+    values: SpecValues,
     resolved: bool,
     offline: bool,
     fix: bool,
     diff: bool,
 ) -> int:
-    """Check specs and show what is wrong with them.
+    """Check specs and report problems.
 
     PATH is a file, a folder (all *.r2b.yaml below it), a pattern such as 'specs/*.yaml', or -
-    for standard input. Of a spec with a matrix every case is checked, unless --case names one.
+    for standard input. All cases of a matrix are checked, unless --case selects one.
     """
     from r2bspec.cli.check_files import CheckOptions, check_files, check_text
     from r2bspec.cli.spec_files import spec_files
 
-    check_options = CheckOptions(
-        sets=sets,
-        variables=parse_variables(variables),
-        case=case,
-        allow_paths=allow_paths,
-        offline=offline,
-        resolved=resolved,
-        untrusted=untrusted_specs(untrusted=untrusted, base_ref=base_ref),
-    )
+    check_options = CheckOptions(*values, offline=offline, resolved=resolved)
     files = spec_files(paths)
     if fix and (diff or "-" in files):
-        raise click.UsageError("--fix writes files: it goes with neither --diff nor '-'")
+        raise click.UsageError("--fix cannot be combined with --diff or with '-'")
     if fix or diff:
         from r2bspec.cli.fix import repair
 
         changes = repair(files, lambda text, file: check_text(text, file, check_options), write=fix)
         if diff:
-            return 1 if changes else 0
+            return ExitStatus.FINDINGS_OR_FAILED if changes else ExitStatus.OK
     checked = list(check_files(files, check_options))
     failed = any(one.severity == "error" for each in checked for one in each.findings)
     if resolved and not failed:
         _print_resolved(checked)
     else:
         _print_findings(checked, output_format, offline=offline)
-    return 1 if failed else 0
+    return ExitStatus.FINDINGS_OR_FAILED if failed else ExitStatus.OK
 
 
 def _print_findings(checked: list[FileReport], output_format: str, *, offline: bool) -> None:
@@ -130,7 +103,7 @@ def _summary(checked: list[FileReport], found: list[Diagnostic], *, offline: boo
         parts.append("no problems")
     line = ", ".join(parts)
     if not all(each.complete for each in checked):
-        line += "; the graph is checked once the document itself is right"
+        line += "; the graph was not checked, because the document has errors"
     elif offline:
         line += "; rules that read recorded data were skipped (--offline)"
     return line

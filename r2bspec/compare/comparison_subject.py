@@ -15,7 +15,7 @@ from r2bspec.errors import R2bspecError
 from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport, parse_report
 from r2bspec.judge.judge_run import from_json
 from r2bspec.judge.result import Result
-from r2bspec.measure.metric_catalogue import quantile
+from r2bspec.measure.distribution_parts import MAIN_PERCENTILES, part_value, quantile
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.percentiles import rank
 from r2bspec.plan.plan import Plan
@@ -123,7 +123,7 @@ def _of_monitor(
     seen: Sequence[MonitorMetrics],
 ) -> Iterator[tuple[str, str, list[float | None]]]:
     yield "throughput.mean", "Hz", [one.throughput_hz for one in seen]
-    for part in ("mean", "p50", "p90", "p99"):
+    for part in ("mean", *MAIN_PERCENTILES):
         yield f"latency.{part}", "s", [_latency(one, part) for one in seen]
     yield "drop_rate", "share", [one.drop_rate for one in seen]
 
@@ -133,8 +133,7 @@ def _latency(seen: MonitorMetrics, part: str) -> float | None:
     q = quantile(part)
     if q is not None and seen.expected and rank(q, seen.expected) > (seen.answered or 0):
         return None
-    value: float | None = getattr(seen.latency, part)
-    return value
+    return part_value(seen.latency, part)
 
 
 def _peak(search: SearchRecord) -> MetricSeries:

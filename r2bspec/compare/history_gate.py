@@ -16,6 +16,7 @@ from r2bspec.compare.result_comparison import differences_of
 from r2bspec.judge.baseline_requirements import iteration_values, run_value
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.prediction_interval import MAX_HISTORY_RUNS
+from r2bspec.measure.distribution_parts import HISTORY_PARTS
 from r2bspec.measure.errors import MetricError
 from r2bspec.measure.metric_catalogue import MetricInfo, resolve
 from r2bspec.measure.run_samples import read_samples
@@ -31,7 +32,7 @@ from r2bspec.record.run_record import RunRecord
 
 _MONITOR_METRICS = (
     "throughput.mean",
-    *(f"latency.{part}" for part in ("mean", "p50", "p90", "p95", "p99", "max")),
+    *(f"latency.{part}" for part in HISTORY_PARTS),
     "drop_rate",
 )
 

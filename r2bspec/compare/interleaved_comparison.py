@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import WorkspaceError
 from r2bspec.execute.processes.environment import inherited_environment
+from r2bspec.execute.processes.middleware_check import check_middleware
 from r2bspec.execute.progress import NullProgress, Progress
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import to_json
@@ -48,6 +50,7 @@ def prepare_comparison(
 
     Raises:
         IncomparableError: the two are offered different loads, or are the same.
+        MiddlewareError: the middleware of one of them has no such transport.
     """
     differences = graph_differences(base.plan, head.plan)
     if not control and not differences and not base.environment:
@@ -63,6 +66,8 @@ def prepare_comparison(
             hint="--force compares them all the same.",
         )
     _check_environment_inherited(head, base.environment)
+    for one in (base, head):
+        check_middleware(one.plan, {**os.environ, **one.environment})
     return ComparisonSpec(
         base=base,
         head=head,

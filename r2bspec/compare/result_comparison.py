@@ -9,7 +9,7 @@ confidence, a metric of which more is better is
     open         otherwise
 
 and one of which less is better the other way round. The bounds are Welch's on the logarithms of the
-iterations' values (`r2bspec.judge.statistics.welch_test`). Drop rates are compared as the shares
+iterations' values (`r2bspec.judge.statistics.welch_t`). Drop rates are compared as the shares
 that did arrive, with a margin of their own, because 0 has no ratio to anything.
 """
 
@@ -21,8 +21,8 @@ from collections.abc import Iterator, Sequence
 from r2bspec.compare.comparison import Comparison, ComparisonLine, Outcome
 from r2bspec.compare.comparison_subject import ComparedResult, MetricSeries, SeriesKey
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.judge.statistics.welch_test import welch_ratio
-from r2bspec.judge.verdict import CONFIDENCE
+from r2bspec.judge.statistics.welch_t import welch_ratio
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.units import show
 from r2bspec.plan.comparability import graph_differences
 from r2bspec.plan.plan import Plan

@@ -1,4 +1,4 @@
-"""The folder of made datasets: entries appear whole or not at all, once for all processes."""
+"""The cache of synthetic datasets: entries are created atomically, once for all processes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LOCKS = ".locks"
 
 
 def datasets_dir(cache_dir: Path | None = None) -> Path:
-    """Where datasets are kept: `cache_dir`, or the user's cache folder ($XDG_CACHE_HOME)."""
+    """The folder of datasets: `cache_dir`, or the user's cache folder ($XDG_CACHE_HOME)."""
     if cache_dir is not None:
         return Path(cache_dir)
     import platformdirs
@@ -25,9 +25,9 @@ def datasets_dir(cache_dir: Path | None = None) -> Path:
 
 @contextmanager
 def entry_lock(root: Path, name: str) -> Iterator[None]:
-    """Hold an entry's lock; waits while another process makes it.
+    """Hold the lock of an entry; waits while another process creates it.
 
-    The lock is the kernel's: it ends with the process that holds it, however that ends.
+    The kernel releases the lock when its process exits.
 
     Raises:
         DataError: the cache cannot be written (R2B311).
@@ -46,9 +46,9 @@ def entry_lock(root: Path, name: str) -> Iterator[None]:
 
 @contextmanager
 def new_entry(root: Path, name: str) -> Iterator[Path]:
-    """A path to build an entry at; it becomes the entry if the block ends well.
+    """A path for a new entry, which becomes the entry if the block succeeds.
 
-    The caller holds the entry's lock. What the block leaves behind when it fails is removed.
+    The caller holds the lock of the entry. If the block fails, its files are removed.
 
     Yields:
         A path that does not exist yet, named like the entry, on the same file system.
@@ -62,7 +62,7 @@ def new_entry(root: Path, name: str) -> Iterator[Path]:
         with write_errors(root):
             final = root / name
             if final.exists():
-                # A damaged entry: moved away first, for a full folder cannot be replaced.
+                # A damaged entry is moved away first, because only an empty folder can be replaced.
                 final.rename(folder / "damaged")
             (folder / name).replace(final)
     finally:
@@ -70,9 +70,9 @@ def new_entry(root: Path, name: str) -> Iterator[Path]:
 
 
 def remove_stale_entries(root: Path, locked_name: str) -> None:
-    """Remove what processes left that were killed while making an entry.
+    """Remove incomplete entries of killed processes.
 
-    A scratch folder whose lock can be had belongs to nobody.
+    A process holds the lock of its entry, so a free lock means that it has exited.
 
     Args:
         root: the cache.
@@ -104,5 +104,5 @@ def write_errors(root: Path) -> Iterator[None]:
         raise DataError(
             f"the dataset cannot be written to {root}: {reason}",
             code=DATASET_NOT_WRITTEN,
-            hint="make room there, or name another place with XDG_CACHE_HOME",
+            hint="free space on this disk, or select another folder with XDG_CACHE_HOME",
         ) from error

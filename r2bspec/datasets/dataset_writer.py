@@ -1,4 +1,4 @@
-"""Writing a bag through `rosbags`, shaped like the real r2b bags."""
+"""Writing a bag with `rosbags`, like the recorded r2b bags."""
 
 from __future__ import annotations
 

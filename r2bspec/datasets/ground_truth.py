@@ -1,4 +1,4 @@
-"""What is true of a made dataset, written beside its bag to test nodes against."""
+"""The ground truth of a synthetic dataset, in its bag folder, for tests of nodes."""
 
 from __future__ import annotations
 
@@ -102,31 +102,6 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
     body: tuple[StampedPose, ...]
     tag: TagTruth | None
     stereo: dict[str, StereoTruth]
-
-
-def read_ground_truth(folder: Path) -> GroundTruth:
-    """The ground truth of a made dataset.
-
-    Raises:
-        OSError, msgspec.MsgspecError: it is not there, or not what `make` writes.
-    """
-    text = (Path(folder) / GROUND_TRUTH_NAME).read_bytes()
-    return msgspec.json.decode(text, type=GroundTruth)
-
-
-def read_disparity(folder: Path, pair: str, stamp_ns: int) -> NDArray[np.float32]:
-    """True disparity of a pair at a stamp, in pixels of the left image, (height, width).
-
-    Raises:
-        OSError: the dataset holds no disparities.
-        KeyError: it holds none for that pair and stamp.
-    """
-    import numpy as np
-
-    with np.load(Path(folder) / DISPARITY_NAME) as archive:
-        parts = archive[f"{pair}/{stamp_ns}"]
-    disparity: NDArray[np.float32] = parts.astype(np.float32) / np.float32(DISPARITY_PARTS)
-    return disparity
 
 
 def write_ground_truth(folder: Path, truth: GroundTruth) -> None:

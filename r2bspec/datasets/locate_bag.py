@@ -42,7 +42,7 @@ def locate(bag: str, base_dir: Path) -> BagLocation:
 
 
 def locate_dataset(name: str) -> BagLocation:
-    """Find a dataset by its name: the real one if there is one, else the catalogue's.
+    """Find a dataset by its name: the recorded one if there is one, else the synthetic one.
 
     Raises:
         DataError: R2B307; R2B301 where ``$R2B_DATASETS`` is no folder.
@@ -56,7 +56,7 @@ def locate_dataset(name: str) -> BagLocation:
 
 
 def index(location: BagLocation) -> BagIndex:
-    """Index a located bag; a synthetic one is described without being made.
+    """Index a located bag; a synthetic one is not rendered.
 
     Raises:
         DataError: as `index_bag`.
@@ -72,7 +72,7 @@ def _index_synthetic(name: str) -> BagIndex:
 
 
 def known_datasets() -> tuple[str, ...]:
-    """Names that `locate` finds as datasets, sorted: the catalogue's and the real ones'.
+    """The names of all synthetic and recorded datasets, sorted.
 
     Raises:
         DataError: ``$R2B_DATASETS`` is no folder (R2B301).
@@ -83,16 +83,16 @@ def known_datasets() -> tuple[str, ...]:
 
 
 def _datasets_folder() -> Path | None:
-    """The folder of real datasets, or None where the user names none."""
+    """The folder of recorded datasets; None if the variable is not set."""
     value = os.environ.get(DATASETS_VARIABLE, "")
     if not value:
         return None
     folder = Path(os.path.expanduser(value))  # noqa: PTH111
     if not os.path.isdir(folder):  # noqa: PTH112
-        # Falling back to rendered data would measure something else than was asked for.
+        # The synthetic data would be another measurement than the one requested.
         raise DataError(
-            f"${DATASETS_VARIABLE} names {folder}, which is no folder",
+            f"${DATASETS_VARIABLE} is {folder}, which is not a folder",
             code=BAG_NOT_FOUND,
-            hint="point it at the folder that holds the r2b bags, or unset it",
+            hint="set it to the folder of the r2b bags, or unset it",
         )
     return folder

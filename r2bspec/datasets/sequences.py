@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from r2bspec.bags.errors import DATASET_UNKNOWN, TOPIC_NOT_IN_BAG, WINDOW_OUTSIDE_BAG, DataError
-from r2bspec.bags.recording import BagIndex, StorageName, TopicInfo, Window
+from r2bspec.bags.recording import BagIndex, TopicInfo, Window, WritableStorage
 from r2bspec.datasets.scene.rig import HOPE_TOPICS, ROBOT_TOPICS, TopicSource
 from r2bspec.datasets.scene.sizes import message_bytes
 
@@ -80,22 +80,22 @@ def find_sequence(name: str) -> Sequence:
 
 
 def unknown_dataset_error(name: str, known: Collection[str]) -> DataError:
-    """The error for a dataset name that nothing answers to."""
+    """The error for an unknown dataset name."""
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return DataError(
         f"there is no dataset {name!r}",
         code=DATASET_UNKNOWN,
         hint=f"did you mean {close[0]}?"
         if close
-        else f"known are {', '.join(sorted(known))}; a path needs a '/'",
+        else f"known datasets: {', '.join(sorted(known))}; a path needs a '/'",
     )
 
 
 def select_sources(name: str, topics: Collection[str] | None) -> tuple[TopicSource, ...]:
-    """The topics of a sequence that are asked for, sorted by name; None asks for all.
+    """The requested topics of a sequence, sorted by name; None for all.
 
     Raises:
-        DataError: R2B307, or R2B308 for a topic that the sequence does not carry.
+        DataError: R2B307, or R2B308 for a topic that the sequence does not have.
     """
     sources = {source.name: source for source in find_sequence(name).sources}
     if topics is None:
@@ -106,7 +106,9 @@ def select_sources(name: str, topics: Collection[str] | None) -> tuple[TopicSour
         raise DataError(
             f"dataset {name} has no topic {topic}",
             code=TOPIC_NOT_IN_BAG,
-            hint=f"did you mean {close[0]}?" if close else f"it has {', '.join(sorted(sources))}",
+            hint=f"did you mean {close[0]}?"
+            if close
+            else f"its topics: {', '.join(sorted(sources))}",
         )
     return tuple(sources[topic] for topic in sorted(wanted))
 
@@ -121,10 +123,10 @@ def bounded_window(name: str, window: Window | None) -> Window:
     end_ns = DURATION_NS if window.end_ns is None else window.end_ns
     if not 0 <= window.start_ns < end_ns <= DURATION_NS:
         raise DataError(
-            f"the window from {window.start_ns / 1e9:g} s to {end_ns / 1e9:g} s does not lie in"
+            f"the window from {window.start_ns / 1e9:g} s to {end_ns / 1e9:g} s is not inside"
             f" dataset {name}, which lasts {DURATION_NS / 1e9:g} s",
             code=WINDOW_OUTSIDE_BAG,
-            hint="its start must come before its end, and both lie between"
+            hint="its start must be before its end, and both between"
             f" 0 s and {DURATION_NS / 1e9:g} s",
         )
     return Window(start_ns=window.start_ns, end_ns=end_ns)
@@ -150,9 +152,9 @@ def describe(
     topics: Collection[str] | None = None,
     window: Window | None = None,
     *,
-    storage: StorageName = "sqlite3",
+    storage: WritableStorage = "sqlite3",
 ) -> BagIndex:
-    """The index that the made dataset will have; nothing is rendered, counts are exact.
+    """The index that the dataset will have, with exact counts; nothing is rendered.
 
     Args:
         name: sequence name.

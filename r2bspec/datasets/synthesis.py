@@ -1,4 +1,4 @@
-"""Making a synthetic dataset: only the topics and the stretch of time that are asked for."""
+"""Synthesising a dataset: only the requested topics and window."""
 
 from __future__ import annotations
 
@@ -90,10 +90,10 @@ def make(
     cache_dir: Path | None = None,
     progress: Progress | None = None,
 ) -> SyntheticDataset:
-    """Make a synthetic dataset, or find it in the cache.
+    """Synthesise a dataset, or find it in the cache.
 
-    Another process that makes the same dataset is waited for. A process that dies while making
-    leaves nothing under the final name; its remains are removed by the next call.
+    If another process synthesises the same dataset, this function waits for it. A killed process
+    leaves no incomplete dataset; its files are removed by the next call.
 
     Args:
         dataset: name of a sequence.
@@ -110,9 +110,9 @@ def make(
     sources = select_sources(dataset, topics)
     if not sources:
         raise DataError(
-            f"no topic of dataset {dataset} is asked for",
+            f"no topic of dataset {dataset} is selected",
             code=TOPIC_NOT_IN_BAG,
-            hint="name at least one topic",
+            hint="select at least one topic",
         )
     cache_key = _CacheKey(
         generator=GENERATOR_VERSION,
@@ -172,7 +172,7 @@ def _build(
             yield message
             step()
 
-    # Closed whatever happens: no thread may render on when the folder is gone.
+    # Always closed, so that no thread continues to render after the folder is removed.
     with closing(_map_in_order(render, schedule)) as messages:
         write_bag(folder, types, hashed(messages), cache_key.storage)
     if pairs:
@@ -224,7 +224,7 @@ def _disparities(
 
 
 class _StepCounter:
-    """Counts steps and tells who wants to know."""
+    """Counts steps and reports progress."""
 
     def __init__(self, total: int, progress: Progress | None) -> None:
         self._done, self._total, self._progress = 0, total, progress
@@ -240,8 +240,8 @@ def _map_in_order(
 ) -> Generator[_Result]:
     """Apply a function in a few threads, yielding results in the tasks' order.
 
-    Order, and not the threads, decides what is written: the result does not depend on how many
-    processors there are. At most two tasks a thread are under way or waiting to be taken.
+    The results are written in order, so the output does not depend on the number of threads. At
+    most two tasks per thread are in progress or wait to be consumed.
     """
     workers = min(_MAX_WORKERS, len(os.sched_getaffinity(0)))
     waiting: deque[Future[_Result]] = deque()

@@ -1,4 +1,4 @@
-"""Problems as values: where they are, what they are, and the way out."""
+"""Diagnostics: problems with their place, their message and a fix."""
 
 from r2bspec.diagnostics.code_pages import Page
 from r2bspec.diagnostics.diagnostic import (

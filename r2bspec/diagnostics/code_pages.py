@@ -1,4 +1,4 @@
-"""What `r2bspec explain CODE` says: one page for each code."""
+"""The pages of `r2bspec explain`: one for each code."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ FAMILIES = {
     "2": "Names and types in the graph",
     "3": "Recorded data",
     "4": "Playback and monitors",
-    "5": "What is played and what must hold",
+    "5": "Rates and requirements",
     "6": "Files, this machine, and the run",
 }
-"""What the first digit of a code says."""
+"""The family of a code, by its first digit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,14 +23,16 @@ class Page:
     """The explanation of one diagnostic code.
 
     Attributes:
+        slug: the name of the code in words, such as ``unknown-key``: unique, in kebab case.
         code: such as ``R2B204``.
-        title: what is wrong, in a few words, without a full stop.
-        severity: how bad a finding of this code is by default.
-        why: one or two sentences: what would go wrong if it were let through.
-        failing: YAML that leads to this code; a whole spec or the part that matters.
-        passing: the same, put right.
+        title: the problem in a few words, without a full stop.
+        severity: the default severity of its findings.
+        why: one or two sentences on the consequences of the problem, or the rule behind it.
+        failing: YAML with the problem; a whole spec or the relevant part. May be empty.
+        passing: the same without the problem. May be empty.
     """
 
+    slug: str
     code: str
     title: str
     severity: Severity

@@ -1,4 +1,4 @@
-"""The values of which every report of problems is made."""
+"""The types of diagnostics."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 Path = tuple[str | int, ...]
-"""Where a value stands in the document: keys and list indices from the root."""
+"""The place of a value in the document: keys and list indices from the root."""
 
 
 class Severity(StrEnum):
-    """How bad a problem is. Only an error stops a run."""
+    """The severity of a problem. Only an error prevents a run."""
 
     ERROR = "error"
     WARNING = "warning"
@@ -18,7 +18,7 @@ class Severity(StrEnum):
 
 
 class Certainty(StrEnum):
-    """Whether a finding holds everywhere or depends on the machine at hand."""
+    """Whether a finding is true everywhere or depends on this machine."""
 
     CERTAIN = "certain"
     ENVIRONMENT = "environment"
@@ -26,7 +26,7 @@ class Certainty(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A piece of a file. Lines and columns count from 1, in characters; `end_column` is past it."""
+    """A part of a file. Lines and columns count from 1, in characters; the end is exclusive."""
 
     file: str
     line: int
@@ -36,20 +36,13 @@ class Span:
 
     @classmethod
     def of_file(cls, file: str) -> Span:
-        """The beginning of a file, for problems that have no better place."""
+        """The beginning of a file, for problems without a more specific place."""
         return cls(file, 1, 1, 1, 1)
-
-    def part(self, offset: int, length: int = 1) -> Span:
-        """A piece of a one-line span, `offset` characters after its beginning."""
-        if self.line != self.end_line:
-            return self
-        column = min(self.column + offset, self.end_column)
-        return Span(self.file, self.line, column, self.line, max(column + length, column + 1))
 
 
 @dataclass(frozen=True, slots=True)
 class Related:
-    """Another place that explains a problem."""
+    """Another place related to a problem."""
 
     message: str
     span: Span
@@ -57,7 +50,7 @@ class Related:
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """A replacement that is safe to apply by machine."""
+    """A replacement that is safe to apply automatically."""
 
     span: Span
     text: str
@@ -65,13 +58,14 @@ class Edit:
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """One problem, complete: what, how bad, where, and the way out.
+    """One problem: its code, severity, message, place, and how to fix it.
 
     Attributes:
-        code: the rule's code, such as ``R2B204``.
+        code: such as ``R2B204``.
         message: one sentence without a full stop.
-        path: where the value stands in the document.
-        help: the way out, in words; empty if the message says it.
+        path: the place of the value in the document.
+        help: how to fix the problem; empty if the message says it.
+        related: other places that explain the problem.
     """
 
     code: str
@@ -86,12 +80,12 @@ class Diagnostic:
 
     @property
     def sort_key(self) -> tuple[str, int, int, str, str]:
-        """Orders by place, then code, so that a report reads like the file."""
+        """Orders by place, then by code."""
         return (self.span.file, self.span.line, self.span.column, self.code, self.message)
 
 
 def format_path(path: Path) -> str:
-    """Write a path the way a user addresses it: ``graph.nodes.resize.remappings``, ``rates[0]``."""
+    """A path as text: ``graph.nodes.resize.remappings``, ``rates[0]``."""
     text = ""
     for part in path:
         if isinstance(part, int):

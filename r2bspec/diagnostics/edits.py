@@ -1,8 +1,8 @@
-"""Applying machine-applicable edits to a text, and nothing else of it.
+"""Applying edits to a text.
 
-Only the characters that an edit names change: comments, quotes, blank lines and line ends stay as
-they were written. An edit that does not fit is left for a later round, in which its finding,
-should it still be there, brings it anew.
+Only the characters in the span of an edit change; comments, quotes, blank lines and line ends are
+kept. Of overlapping edits, one is applied; the others are left for the next round, if their
+findings are still present then.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from r2bspec.diagnostics.diagnostic import Diagnostic, Edit, Severity, Span
 from r2bspec.diagnostics.source_lines import LINE_BREAK
 
 MAX_ROUNDS = 20
-"""Rounds of editing and checking again. Each repairs at least one finding, so few are needed."""
+"""Rounds of editing and checking. Each round fixes at least one finding, so few are needed."""
 
-_LINE = re.compile(r"[^\n]*\n|[^\n]+")  # as patch breaks lines, which is not as YAML does
+_LINE = re.compile(r"[^\n]*\n|[^\n]+")  # lines as patch splits them, unlike YAML
 _PARSE_ERROR_CODE = re.compile(r"R2B0(?:0[1-3]|1\d|2[0-2])$")
 
 
 @dataclass(frozen=True, slots=True)
 class FixResult:
-    """A text after its repairs.
+    """A text after its edits.
 
     Attributes:
-        text: the repaired text; the original where nothing could be repaired.
-        applied: the findings whose edits were applied, in the order of their rounds.
-        remaining: what is found in `text`.
+        text: the edited text; the original if there was no edit to apply.
+        applied: the findings whose edits were applied, in the order of the rounds.
+        remaining: the findings in `text`.
     """
 
     text: str
@@ -37,12 +37,12 @@ class FixResult:
 
 
 def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]) -> FixResult:
-    """Apply safe edits, look again, and go on until there is nothing left to apply.
+    """Apply safe edits and check again, until there is no edit left.
 
     Args:
         text: the text of the document.
-        file: its name in spans; edits of other files are left alone.
-        findings_of: what is wrong with a text of that name.
+        file: its name in spans; edits of other files are ignored.
+        findings_of: the findings in a text with that name.
     """
     found = findings_of(text)
     applied: list[Diagnostic] = []
@@ -55,7 +55,7 @@ def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]
             break
         after = findings_of(edited)
         if _unreadable(after) and not _unreadable(found):
-            break  # no edit is worth a document that can no longer be read
+            break  # never make a document unreadable
         made = {edit for _, edit in chosen}
         applied += [one for one in found if one.edit in made]
         seen.add(edited)
@@ -64,12 +64,12 @@ def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]
 
 
 def apply_edits(text: str, edits: Iterable[Edit]) -> str:
-    """The text with the edits made; of those that overlap or touch only the first is made."""
+    """The text after the edits; of edits that overlap or touch, only the first is applied."""
     return _spliced(text, _non_overlapping(text, edits))
 
 
 def unified_diff(before: str, after: str, file: str) -> str:
-    """The difference of two texts as ``patch`` reads it; empty where there is none."""
+    """The unified diff of two texts; empty if they are equal."""
     import difflib
 
     name = file.lstrip("/")
@@ -90,7 +90,7 @@ def _spliced(text: str, edits: Iterable[tuple[tuple[int, int], Edit]]) -> str:
 
 
 def _non_overlapping(text: str, edits: Iterable[Edit]) -> list[tuple[tuple[int, int], Edit]]:
-    """The edits that can be made together, each with the offsets of what it replaces."""
+    """Edits that can be applied together, each with the offsets of the text it replaces."""
     starts = [0, *(match.end() for match in LINE_BREAK.finditer(text))]
     placed = [(place, one) for one in set(edits) if (place := _offsets(one.span, starts, text))]
     placed.sort(key=lambda each: (each[0], each[1].text))
@@ -104,7 +104,7 @@ def _non_overlapping(text: str, edits: Iterable[Edit]) -> list[tuple[tuple[int, 
 
 
 def _offsets(span: Span, starts: Sequence[int], text: str) -> tuple[int, int] | None:
-    """The part of the text that a span means, or None where the text has no such part."""
+    """The offsets of a span in the text, or None if it is outside of the text."""
     if not (0 < span.line <= span.end_line <= len(starts) and span.column > 0):
         return None
     start = starts[span.line - 1] + span.column - 1

@@ -1,25 +1,25 @@
-"""Values of a document as they are quoted in messages: short, on one line, harmless."""
+"""Quoting values of a document in messages: short, on one line, without control characters."""
 
 from __future__ import annotations
 
 MAX_SHOWN_CHARS = 60
-"""Characters of a value that a message shows at most."""
+"""The most characters of a value that a message shows."""
 
 
 def printable(text: str) -> str:
-    """The text with every character that a terminal might act on replaced by U+FFFD."""
+    """The text with every control character replaced by U+FFFD."""
     if text.isprintable():
         return text
     return "".join(char if char.isprintable() else "\ufffd" for char in text)
 
 
 def clip(text: str, max_length: int = MAX_SHOWN_CHARS) -> str:
-    """The text on one line, cut to `max_length` characters."""
+    """The text on one line, truncated to `max_length` characters."""
     short = text[: max_length + 1]
     line = printable(short.replace("\n", "⏎").replace("\t", " "))
     return line if len(line) <= max_length else line[: max_length - 1] + "…"
 
 
 def quote(text: str) -> str:
-    """The text in single quotes, clipped."""
+    """The text in single quotes, truncated."""
     return f"'{clip(text)}'"

@@ -1,4 +1,4 @@
-"""Did-you-mean: the known name that a wrong one most resembles."""
+"""Did-you-mean: the known name most similar to an unknown one."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ _MAX_NAME_LENGTH = 100
 
 
 def did_you_mean(wrong: str, known: Iterable[str]) -> str:
-    """The known name closest to `wrong`, or an empty string if none is close.
+    """The known name most similar to `wrong`, or an empty string if none is similar.
 
-    Case is ignored; 0.6 is the ratio of `difflib`, at which one typing error in a word of
-    three letters is still found. Of very many known names only the first thousand are looked at,
-    so that a large file with many mistakes is still answered at once.
+    Case is ignored. 0.6 is a ratio of `difflib`, at which one typing error in a word of three
+    letters is still found. Only the first thousand names are compared, so that a large file with
+    many mistakes does not take long.
     """
     if len(wrong) > _MAX_NAME_LENGTH:
         return ""

@@ -1,8 +1,9 @@
-"""Waivers: ``# r2bspec: ignore[CODE] reason``, on the line of a finding or just above it.
+"""Waivers: ``# r2bspec: ignore[CODE] reason``, on the line of a finding or on the line above it.
 
-A waiver says to readers why something that looks wrong is meant. Without a reason it says nothing
-and waives nothing. Errors that keep the document from being read cannot be waived: there would be
-nothing to run. Several codes stand in one pair of brackets, separated by commas.
+A waiver tells readers why something that looks wrong is intended. A waiver without a reason has no
+effect. Errors that make the document unreadable cannot be waived: there would be nothing to run.
+A code is written as a number (``R2B512``) or as its slug (``unknown-key``); several are separated
+by commas.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ from __future__ import annotations
 import contextlib
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from r2bspec.diagnostics.diagnostic import Diagnostic, Severity, Span
@@ -25,13 +26,13 @@ UNUSED_WAIVER = "R2B042"
 NOT_WAIVABLE = "R2B043"
 
 MAX_FINDINGS = 1000
-"""Findings beyond which none about waivers are added: more help nobody."""
+"""Findings beyond which no findings about waivers are added: more would not help."""
 
 _WAIVER_SYNTAX = "# r2bspec: ignore[CODE] reason"
 _COMMENT = re.compile(r"(?<![^\s\ufeff])#[ \t]*r2bspec[ \t]*:[ \t]*ignore\b")
 _CODES_AND_REASON = re.compile(r"\s*\[([^\]]*)\]:?\s*(.*)")
 _MACHINE_DEPENDENT = re.compile(r"R2B(?:202|[36]\d\d)$")
-"""Findings that depend on the machine or its data: a waiver without one here may have one there."""
+"""Findings that depend on the machine or its data: a waiver unused here may be used elsewhere."""
 _UNREADABLE_CODE = re.compile(r"R2B[01]\d\d$")
 
 
@@ -40,38 +41,41 @@ class Waiver:
     """One code that one comment waives.
 
     Attributes:
-        code: as written, in capitals; empty where the comment names none.
-        reason: why; empty where the comment does not say.
+        written: the code or the slug as written; empty where the comment names none.
+        reason: why; empty where the comment gives none.
         span: the code, or the whole comment where it names none.
-        line: the line whose findings are meant.
+        line: the line whose findings are waived.
+        code: the code that is meant; empty until it is looked up, and for an unknown one.
     """
 
-    code: str
+    written: str
     reason: str
     span: Span
     line: int
+    code: str = ""
 
 
 def apply_waivers(
     found: Iterable[Diagnostic],
     texts: Mapping[str, str],
     *,
-    known: Callable[[], Collection[str]],
+    known: Callable[[], Mapping[str, str]],
     complete: bool,
 ) -> list[Diagnostic]:
-    """What is left of the findings, and what is wrong with the waivers themselves.
+    """The findings that are not waived, and what is wrong with the waivers themselves.
 
     Args:
-        found: everything that was found.
+        found: all findings.
         texts: the texts that the findings point into, by file name.
-        known: gives every code there is; called only where there are waivers.
-        complete: whether everything has been looked at, so that a waiver without a finding
-            is a waiver too many.
+        known: gives the slug of every code; called only where there are waivers.
+        complete: whether everything was checked, so that a waiver without a finding is unused.
     """
     found = list(found)
     waivers = [one for file, text in texts.items() for one in waivers_in(text, file)]
     if not waivers:
         return found
+    slugs = known()
+    waivers = [_with_code(one, slugs) for one in waivers]
     usable = {(one.span.file, one.line, one.code): one for one in waivers if one.reason}
     used: set[tuple[str, int, str]] = set()
     left: list[Diagnostic] = []
@@ -84,17 +88,16 @@ def apply_waivers(
         if _is_waivable(one):
             continue
         left += [one, _not_waivable(usable[key])]
-    codes = known()
     for waiver in waivers:
         if len(left) >= MAX_FINDINGS:
             break
         key = (waiver.span.file, waiver.line, waiver.code)
-        left += _check_waiver(waiver, codes, unused=complete and key not in used)
+        left += _check_waiver(waiver, slugs, unused=complete and key not in used)
     return left
 
 
 def may_contain_waiver(text: str) -> bool:
-    """Whether a text may hold a waiver; quick, and wrong where a value looks like a comment."""
+    """Whether a text may contain a waiver: quick; a value that looks like a comment counts, too."""
     return _COMMENT.search(text) is not None
 
 
@@ -123,13 +126,13 @@ def _waivers(line: str, offset: int, whole: Span, target_line: int) -> Iterator[
     for word in re.finditer(r"[^,\s]+", match[1]):
         column = match.start(1) + word.start() + 1
         span = Span(whole.file, whole.line, column, whole.line, column + len(word[0]))
-        yield Waiver(word[0].upper(), match[2].strip(), span, target_line)
+        yield Waiver(word[0], match[2].strip(), span, target_line)
 
 
 def _target_lines(lines: list[str]) -> list[int]:
-    """For the line of each number the line of which its comment speaks.
+    """For each line number, the line to which a comment on a line of its own applies.
 
-    That is the first line below that holds more than a comment, or the last line of all.
+    That is the first line below that has more than a comment, or the last line of the text.
     """
     below = [0] * (len(lines) + 1)
     following = len(lines)
@@ -141,14 +144,14 @@ def _target_lines(lines: list[str]) -> list[int]:
 
 
 class _SpanSet:
-    """A set of places in a text, given by the beginnings and ends of its stretches, in order."""
+    """A set of places in a text, given by the starts and ends of its spans, in order."""
 
     def __init__(self) -> None:
         self._starts: list[tuple[int, int]] = []
         self._ends: list[tuple[int, int]] = []
 
     def add(self, start: Any, end: Any) -> None:
-        """Add the stretch between two marks of the parser."""
+        """Add the span between two marks of the parser."""
         self._starts.append((start.line + 1, start.column + 1))
         self._ends.append((end.line + 1, end.column + 1))
 
@@ -158,12 +161,12 @@ class _SpanSet:
 
 
 def _value_spans(text: str) -> _SpanSet:
-    """Places that are part of a value, such as a line of a block of text with a '#' in it."""
+    """Places that are part of a value, such as a line of a block scalar with a '#' in it."""
     import yaml
 
     loader: Any = getattr(yaml, "CLoader", yaml.Loader)
     places = _SpanSet()
-    # What cannot be scanned is reported where the document is read.
+    # Syntax errors are reported where the document is read.
     with contextlib.suppress(yaml.YAMLError):
         for token in yaml.scan(text, Loader=loader):
             if isinstance(token, yaml.ScalarToken) and not token.plain:
@@ -175,33 +178,44 @@ def _is_waivable(found: Diagnostic) -> bool:
     return found.severity is not Severity.ERROR or not _UNREADABLE_CODE.match(found.code)
 
 
-def _check_waiver(waiver: Waiver, known: Collection[str], *, unused: bool) -> Iterator[Diagnostic]:
-    if not waiver.code:
+def _with_code(waiver: Waiver, slugs: Mapping[str, str]) -> Waiver:
+    """The waiver with the code that it names by number or by slug."""
+    code = waiver.written.upper()
+    if code in slugs:
+        return replace(waiver, code=code)
+    slug = waiver.written.lower()
+    return replace(waiver, code=next((code for code in slugs if slugs[code] == slug), ""))
+
+
+def _check_waiver(
+    waiver: Waiver, slugs: Mapping[str, str], *, unused: bool
+) -> Iterator[Diagnostic]:
+    if not waiver.written:
         yield _warning(
             WAIVER_WITHOUT_REASON,
-            "this waiver does not say which code it means",
+            "this waiver names no code",
             waiver,
             f"write '{_WAIVER_SYNTAX}'",
         )
-    elif waiver.code not in known:
-        close = did_you_mean(waiver.code, known)
+    elif not waiver.code:
+        close = did_you_mean(waiver.written, (*slugs, *slugs.values()))
         yield _warning(
             UNKNOWN_CODE,
-            f"there is no code {quote(waiver.code)} to waive",
+            f"unknown code {quote(waiver.written)}: this waiver has no effect",
             waiver,
             f"did you mean {close}? " * bool(close) + "'r2bspec explain' lists all codes",
         )
     elif not waiver.reason:
         yield _warning(
             WAIVER_WITHOUT_REASON,
-            f"the waiver of {waiver.code} gives no reason, so it waives nothing",
+            f"the waiver of {waiver.written} has no effect: it gives no reason",
             waiver,
-            f"say why behind the brackets: '{_WAIVER_SYNTAX}'",
+            f"add the reason after the brackets: '{_WAIVER_SYNTAX}'",
         )
     elif unused and not _MACHINE_DEPENDENT.match(waiver.code):
         yield _warning(
             UNUSED_WAIVER,
-            f"nothing is left for this waiver of {waiver.code} to waive",
+            f"unused waiver: its line has no finding {waiver.written}",
             waiver,
             "remove it",
         )
@@ -210,9 +224,9 @@ def _check_waiver(waiver: Waiver, known: Collection[str], *, unused: bool) -> It
 def _not_waivable(waiver: Waiver) -> Diagnostic:
     return _warning(
         NOT_WAIVABLE,
-        f"{waiver.code} cannot be waived: the document could not be used",
+        f"{waiver.written} cannot be waived: it leaves no spec that could run",
         waiver,
-        "put right what it reports, and remove the waiver",
+        "fix the error and remove the waiver",
     )
 
 

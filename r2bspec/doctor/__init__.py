@@ -1,1 +1,1 @@
-"""What the machine is fit for: one file per topic, each a function from a `System` to checks."""
+"""Checks of the machine: one file per topic, each a function from a `System` to results."""

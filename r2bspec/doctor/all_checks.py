@@ -13,7 +13,7 @@ from r2bspec.doctor.ros_installation import check_ros
 from r2bspec.doctor.shared_memory import check_shared_memory
 from r2bspec.doctor.socket_buffers import check_sockets
 
-# The processor first: what the other checks start would show in its load.
+# The processor first, because the processes that other checks start add to its load.
 CHECKS: tuple[Callable[[System], list[CheckResult]], ...] = (
     check_processor,
     check_shared_memory,
@@ -26,6 +26,6 @@ CHECKS: tuple[Callable[[System], list[CheckResult]], ...] = (
 
 
 def examine(system: System) -> Iterator[CheckResult]:
-    """Make every check; each is yielded as soon as it is made."""
+    """Run all checks; yields each result immediately."""
     for check in CHECKS:
         yield from check(system)

@@ -1,4 +1,4 @@
-"""The values that checks take and give."""
+"""The input and the results of checks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.execute.host.machine import interpreter
-from r2bspec.middleware.shm_files import SHARED_MEMORY
+from r2bspec.middleware.middleware import SHARED_MEMORY
 
 Status = Literal["ok", "warn", "problem"]
 
@@ -19,10 +19,10 @@ _WORST: tuple[Status, ...] = ("problem", "warn", "ok")
 
 
 class CheckResult(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing looked at.
+    """The result of one check.
 
-    `found` says what is there, `advice` what to do about it (empty where nothing need be done),
-    and `data` holds the numbers for programs.
+    `found` is the observation, `advice` what to do about it (empty if nothing), and `data` has the
+    values for programs.
     """
 
     topic: str
@@ -35,7 +35,7 @@ class CheckResult(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class System:
-    """Where checks look, so that a test can show them another machine."""
+    """The paths and the environment that checks use; tests replace them."""
 
     proc: Path = Path("/proc")
     sys: Path = Path("/sys")
@@ -46,13 +46,13 @@ class System:
 
 
 def worst_status(checks: list[CheckResult]) -> Status:
-    """The worst status of all, which is that of the machine."""
+    """The worst status, which is that of the machine."""
     found = {check.status for check in checks}
     return next((status for status in _WORST if status in found), "ok")
 
 
 def read_text(path: Path) -> str | None:
-    """What a file of the kernel says, or None where this kernel has no such file."""
+    """The content of a file of the kernel; None if it does not exist."""
     try:
         return path.read_text(errors="replace").strip()
     except OSError:
@@ -60,6 +60,6 @@ def read_text(path: Path) -> str | None:
 
 
 def read_int(path: Path) -> int | None:
-    """The number in a file of the kernel, or None where there is none."""
+    """The number in a file of the kernel; None if there is none."""
     text = read_text(path)
     return int(text) if text is not None and text.removeprefix("-").isdigit() else None

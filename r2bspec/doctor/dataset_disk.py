@@ -1,4 +1,4 @@
-"""The cache of datasets: how large it is, and whether its disk has room."""
+"""The cache of datasets: its size, and the free space of its disk."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from r2bspec.measure.units import show
 TOPIC = "datasets"
 
 _MIN_FREE_BYTES = 4 << 30
-"""What a few seconds of every topic of the largest synthetic dataset take."""
+"""The size of a few seconds of all topics of the largest synthetic dataset."""
 
 
 def check_datasets(system: System, cache: Path | None = None) -> list[CheckResult]:
-    """The cache, and the folder of recorded datasets if one is named."""
+    """Check the cache, and the folder of recorded datasets if R2B_DATASETS is set."""
     checks = [_cache(cache or datasets_dir())]
     named = system.environ.get("R2B_DATASETS")
     if named and not Path(named).is_dir():
@@ -26,7 +26,7 @@ def check_datasets(system: System, cache: Path | None = None) -> list[CheckResul
                 topic=TOPIC,
                 name="recorded",
                 status="problem",
-                found=f"R2B_DATASETS names {named}, which is no folder",
+                found=f"R2B_DATASETS is {named}, which is not a folder",
                 advice="correct it, or unset it to use synthetic datasets",
             )
         )
@@ -38,16 +38,16 @@ def _cache(folder: Path) -> CheckResult:
     size = sum(_size(each) for each in entries)
     free = shutil.disk_usage(_nearest_existing_folder(folder)).free
     data = {"path": str(folder), "entries": len(entries), "bytes": size, "free_bytes": free}
-    held = f"{show(size, 'B')} in {len(entries)} datasets" if entries else "empty"
-    tight = free < _MIN_FREE_BYTES
+    used = f"{show(size, 'B')} in {len(entries)} datasets" if entries else "empty"
+    too_little = free < _MIN_FREE_BYTES
     return CheckResult(
         topic=TOPIC,
         name="cache",
-        status="warn" if tight else "ok",
-        found=f"{held}, {show(free, 'B')} free; {folder}",
-        advice="made datasets can be removed, they are made again when needed; "
-        "or name another disk with XDG_CACHE_HOME"
-        if tight
+        status="warn" if too_little else "ok",
+        found=f"{used}, {show(free, 'B')} free; {folder}",
+        advice="remove synthetic datasets, which are created again when needed, "
+        "or select another disk with XDG_CACHE_HOME"
+        if too_little
         else "",
         data=data,
     )
@@ -61,7 +61,7 @@ def _entries(folder: Path) -> list[Path]:
 
 
 def _size(path: Path) -> int:
-    """The bytes of a file, or of all files below a folder; what vanishes meanwhile counts 0."""
+    """The bytes of a file, or of all files in a folder; files that disappear count 0."""
     total = 0
     for each in (path, *path.rglob("*")):
         with contextlib.suppress(OSError):
@@ -70,5 +70,5 @@ def _size(path: Path) -> int:
 
 
 def _nearest_existing_folder(folder: Path) -> Path:
-    """The nearest folder above that exists: the one whose disk it will be on."""
+    """The nearest existing parent, which is on the same disk."""
     return next(each for each in (folder, *folder.parents) if each.exists())

@@ -1,7 +1,7 @@
-"""Imports modules and says what came of it: ``python -m r2bspec.doctor.import_probe NAME…``.
+"""Imports modules and prints the results: ``python -m r2bspec.doctor.import_probe NAME…``.
 
-Runs in a process of its own, so that each import is timed from a fresh interpreter and a broken
-installation cannot take the doctor down. ``module:function`` also calls the function.
+It runs in its own process, so that imports are timed in a new interpreter and a broken
+installation cannot crash the doctor. ``module:function`` also calls the function.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 
 def probe(name: str) -> dict[str, Any]:
-    """Import one module: seconds, version, file and what the function said, or the error."""
+    """Import one module: seconds, version, file and the result of the function, or the error."""
     module_name, _, function = name.partition(":")
     began = time.perf_counter()
     try:
@@ -33,11 +33,11 @@ def probe(name: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Probe what the command line names; prints one JSON object."""
-    # What modules print while they are imported must not get between.
+    """Probe the names on the command line; prints one JSON object."""
+    # Modules may print while they are imported; standard output is for the result.
     with contextlib.redirect_stdout(sys.stderr):
         found = {name: probe(name) for name in sys.argv[1:]}
-    print(json.dumps(found))  # noqa: T201 - the answer
+    print(json.dumps(found))  # noqa: T201 - the result
 
 
 if __name__ == "__main__":

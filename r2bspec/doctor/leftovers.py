@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from r2bspec.doctor.checkup import CheckResult, System
-from r2bspec.doctor.dead_segments import DeadShmFile, dead_shm_files
+from r2bspec.doctor.dead_shm_files import DeadShmFile, dead_shm_files, remove_dead_shm_files
 from r2bspec.doctor.run_processes import Process, find_runs
 from r2bspec.doctor.scratch_folders import abandoned_scratch, unfinished_datasets
 from r2bspec.ipc.process_cleanup import end_run_processes
 from r2bspec.measure.units import show
-from r2bspec.middleware.shm_files import remove_dead_shm_files
 
 TOPIC = "runs"
 
@@ -64,8 +63,7 @@ def clean(system: System, cache: Path | None = None) -> list[str]:
             shutil.rmtree(folder)
             removed.append(f"folder {folder}")
     # Last: the segments of processes that were just ended are dead only now.
-    dead = remove_dead_shm_files(system.shared_memory, system.proc)
-    removed += [f"segment {name}" for name in dead]
+    removed += [f"segment {name}" for name in remove_dead_shm_files(system)]
     return removed
 
 

@@ -9,7 +9,7 @@ TOPIC = "OpenCV"
 
 
 def check_vision(system: System) -> list[CheckResult]:
-    """Whether it can be imported. A graph of one's own needs it only if its nodes do."""
+    """Check whether it can be imported. Other nodes than the reference nodes may not need it."""
     found = probe_imports(system, "cv2")["cv2"]
     if "error" in found:
         return [
@@ -18,7 +18,7 @@ def check_vision(system: System) -> list[CheckResult]:
                 name="version",
                 status="warn",
                 found=found["error"],
-                advice="the reference nodes for images need it; pip install 'r2bspec[vision]'",
+                advice="the reference nodes for images need it: pip install 'r2bspec[vision]'",
             )
         ]
     return [

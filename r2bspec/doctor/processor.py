@@ -1,4 +1,4 @@
-"""The processor: cores, frequency, clock, and whether anything else is using it."""
+"""The processor: cores, frequency governor, clock source and load."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def _cores(system: System) -> CheckResult:
             topic=TOPIC,
             name="cores",
             status="warn",
-            found=f"{cores}, of which a control group grants the time of {quota:g}",
-            advice="processes stop for the rest of each period; give the container more, or "
-            "whole cores instead of a quota",
+            found=f"{cores}, limited to the CPU time of {quota:g} by a control group",
+            advice="processes are throttled when the quota of a period is used up; increase the "
+            "quota of the container, or assign cores instead",
             data=data,
         )
     if cores < _MIN_CORES:
@@ -45,15 +45,15 @@ def _cores(system: System) -> CheckResult:
             name="cores",
             status="warn",
             found=f"{cores}",
-            advice="player, monitor and graph share them: compare results of this machine "
-            "with this machine only",
+            advice="player, monitor and graph share the cores; compare results of this machine "
+            "only with each other",
             data=data,
         )
     return CheckResult(topic=TOPIC, name="cores", status="ok", found=f"{cores}", data=data)
 
 
 def _quota(system: System) -> float | None:
-    """How many cores' worth of time the control group grants, or None for no limit."""
+    """The CPU time that the control group allows, in cores; None for no limit."""
     text = read_text(system.sys / "fs/cgroup/cpu.max")
     words = text.split() if text else []
     if len(words) != 2 or not all(word.isdigit() for word in words):
@@ -66,7 +66,7 @@ def _governor(system: System) -> CheckResult:
     governors = sorted({text for file in files if (text := read_text(file))})
     data = {"governors": governors}
     if not governors:
-        found = "not told by this machine (usual in virtual ones)"
+        found = "unknown (usual for virtual machines)"
         return CheckResult(topic=TOPIC, name="governor", status="ok", found=found, data=data)
     if governors == ["performance"]:
         return CheckResult(
@@ -77,7 +77,7 @@ def _governor(system: System) -> CheckResult:
         name="governor",
         status="warn",
         found=", ".join(governors),
-        advice="at low rates latency shows the cores waking up; "
+        advice="at low rates, latencies include the wake-up of the cores: "
         "sudo cpupower frequency-set -g performance",
         data=data,
     )
@@ -94,7 +94,7 @@ def _clock(system: System) -> CheckResult | None:
         name="clock",
         status="ok" if fast else "warn",
         found=source,
-        advice="" if fast else "reading it is a system call that costs a microsecond and more",
+        advice="" if fast else "reading it is a system call that takes a microsecond or more",
         data={"clocksource": source},
     )
 
@@ -116,8 +116,8 @@ def _load(system: System, sleep: Callable[[float], object]) -> CheckResult | Non
             topic=TOPIC,
             name="idle load",
             status="warn",
-            found=f"{found}, {stolen:.1%} taken by the host of this virtual machine",
-            advice="nothing inside can be measured while it is stopped; use a dedicated host",
+            found=f"{found}, {stolen:.1%} taken by the host of this virtual machine (steal)",
+            advice="the virtual machine does not run during this time; use a dedicated host",
             data=data,
         )
     return CheckResult(
@@ -125,13 +125,13 @@ def _load(system: System, sleep: Callable[[float], object]) -> CheckResult | Non
         name="idle load",
         status="warn" if busy > _MAX_BUSY_SHARE else "ok",
         found=found,
-        advice="end what else runs, or results will contain it" if busy > _MAX_BUSY_SHARE else "",
+        advice="stop other programs, which affect the results" if busy > _MAX_BUSY_SHARE else "",
         data=data,
     )
 
 
 def _ticks(system: System) -> list[int] | None:
-    """Time spent so far by all cores together, in ticks: the first eight fields of ``cpu``."""
+    """The total time of all cores in ticks: the first eight fields of ``cpu``."""
     text = read_text(system.proc / "stat")
     words = text.splitlines()[0].split() if text else []
     if len(words) < 9 or words[0] != "cpu":

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import importlib.metadata
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.import_check import probe_imports
 from r2bspec.measure.units import show
+from r2bspec.middleware.rmw_registry import (
+    RMW_VARIABLE,
+    middleware_named,
+    refuse_transport,
+    selected_rmw,
+)
 
 TOPIC = "ROS 2"
 
 _MIDDLEWARE = "rclpy:get_rmw_implementation_identifier"
-_FAST_DDS = "rmw_fastrtps"
 _MAX_IMPORT_S = 2.0
 _MESSAGES = ("std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "stereo_msgs")
 _WHEEL = re.compile(r"ros-(?:(?P<distribution>[a-z]+)-)?rclpy")
@@ -93,18 +99,31 @@ def _middleware(system: System, used: str) -> CheckResult:
         | {used}
     )
     others = [each for each in here if each != used]
-    fast_dds = used.startswith(_FAST_DDS)
+    advice = [*_refused_transport(system, used), *_overridden_discovery(system, used)]
     return CheckResult(
         topic=TOPIC,
         name="middleware",
-        status="ok" if fast_dds else "warn",
+        status="warn" if advice else "ok",
         found=used + (f" (also here: {', '.join(others)})" if others else ""),
-        advice=""
-        if fast_dds
-        else "transport: shared_memory and udp configure Fast DDS only; "
-        "unset RMW_IMPLEMENTATION, or state transport: inherit",
+        advice="; ".join(advice),
         data={"used": used, "here": here},
     )
+
+
+def _refused_transport(system: System, used: str) -> Iterator[str]:
+    """Why runs with the default transport are refused, or configure another one."""
+    refusal = refuse_transport("shared_memory", used)
+    if refusal is not None:
+        yield f"the default {refusal.message}: {refusal.help}"
+    selected = selected_rmw(system.environ)
+    if selected != used:
+        yield f"runs configure {selected}: set {RMW_VARIABLE}={used}"
+
+
+def _overridden_discovery(system: System, used: str) -> Iterator[str]:
+    for name in middleware_named(used).override_variables:
+        if system.environ.get(name):
+            yield f"{name} is set, and can let nodes of a run discover those of other hosts"
 
 
 def _messages(system: System) -> CheckResult:

@@ -1,8 +1,8 @@
-"""Which runs live, and which processes of runs have lost their controller.
+"""Active runs, and processes of runs without a controller.
 
-Every process of a run carries the run's id in its environment. A run lives as long as its
-watchdog does: the watchdog outlives the controller by the seconds that it needs to end the rest.
-Only where both were killed do processes stay.
+Every process of a run has the id of the run in its environment. A run is active as long as its
+watchdog runs: it runs until it has ended all other processes. Processes are left only if both
+controller and watchdog were killed.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 
 _WATCHDOG = "r2bspec.harness.watchdog"
 _CONTROLLERS = ("python", "r2bspec", "pytest")
-"""How the programs are called that can be a controller. A parent of another name, such as the
-first process of a system or container, has adopted an orphan."""
+"""Prefixes of the names of programs that can be a controller. A parent with another name, such as
+the first process of a system or container, has adopted an orphan."""
 
 
 @dataclass(frozen=True)
 class Process:
-    """A living process, as far as it concerns runs; `run_id` is empty for one of no run."""
+    """A running process; `run_id` is empty if it does not belong to a run."""
 
     pid: int
     parent: int
@@ -33,7 +33,7 @@ class Process:
 
     @property
     def watched_run(self) -> str:
-        """The run that this process is the watchdog of, or nothing."""
+        """The run of which this process is the watchdog; empty if it is none."""
         if _WATCHDOG not in self.argv:
             return ""
         after = self.argv[self.argv.index(_WATCHDOG) + 1 :]
@@ -42,16 +42,16 @@ class Process:
 
 @dataclass(frozen=True)
 class RunProcesses:
-    """All runs that processes tell of: the ids that live, and the orphans of those that do not."""
+    """The ids of active runs, and the orphaned processes of others."""
 
     living: frozenset[str]
     orphans: tuple[Process, ...]
 
 
 def find_runs(system: System) -> RunProcesses:
-    """Look at every process that may be looked at.
+    """Find the runs of all processes that this user may inspect.
 
-    The run that this process is itself a part of is never taken for dead.
+    The run to which this process itself belongs counts as active.
     """
     processes = {each.pid: each for each in _processes(system.proc)}
     living = {each.watched_run for each in processes.values()} - {""}
@@ -59,7 +59,7 @@ def find_runs(system: System) -> RunProcesses:
     for each in processes.values():
         parent = processes.get(each.parent)
         if each.run_id and parent and not parent.run_id and parent.name.startswith(_CONTROLLERS):
-            # Its watchdog was killed, but the controller is there.
+            # Its watchdog was killed, but the controller still runs.
             living.add(each.run_id)
     orphans = [each for each in processes.values() if each.run_id and each.run_id not in living]
     return RunProcesses(frozenset(living), tuple(sorted(orphans, key=lambda each: each.pid)))
@@ -72,7 +72,7 @@ def _processes(proc: Path) -> Iterator[Process]:
             argv = (folder / "cmdline").read_bytes()
         except OSError:
             continue
-        # The name stands in parentheses and may hold any character, these included.
+        # The name is in parentheses and may contain any character, including parentheses.
         head, _, rest = status.rpartition(")")
         state, parent, _group, session = rest.split()[:4]
         if state in {"Z", "X"}:
@@ -91,7 +91,7 @@ def _run_id(folder: Path) -> str:
     try:
         variables = (folder / "environ").read_bytes().split(b"\0")
     except OSError:
-        # Another user's: not ours to judge.
+        # It belongs to another user.
         return ""
     wanted = f"{RUN_ID_VARIABLE}=".encode()
     values = [each.removeprefix(wanted) for each in variables if each.startswith(wanted)]

@@ -1,4 +1,4 @@
-"""Scratch folders that killed runs have left, and datasets that were never finished."""
+"""Scratch folders of killed runs, and datasets that were not completed."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from r2bspec.datasets.dataset_cache import datasets_dir
 from r2bspec.doctor.checkup import System
 
 _MIN_AGE_S = 10.0
-"""A run makes its folder a moment before the processes by which it can be known to live."""
+"""A run creates its folder shortly before the processes that mark it as active."""
 
 
 def abandoned_scratch(system: System, living: Set[str]) -> list[Path]:
-    """Scratch folders of dead runs, in the folder of runs or in the run folder that it is."""
+    """Scratch folders of ended runs; `system.runs` is a folder of runs or a run folder."""
     folders = [*system.runs.glob("*/.scratch-*"), *system.runs.glob(".scratch-*")]
     return sorted(each for each in folders if _is_old(each) and _run_id(each.parent) not in living)
 
 
 def unfinished_datasets(cache: Path | None = None) -> list[Path]:
-    """What was being made in the cache of datasets by processes that are gone.
+    """Incomplete datasets in the cache whose process has exited.
 
-    Whoever makes a dataset holds its lock, so one whose lock can be had is nobody's.
+    A process holds the lock of the dataset that it creates, so a free lock means that it exited.
     """
     root = cache or datasets_dir()
     return sorted(each for each in root.glob(".making-*") if _is_old(each) and _is_free(root, each))
@@ -38,7 +38,7 @@ def _is_old(folder: Path) -> bool:
 
 
 def _run_id(folder: Path) -> str:
-    """The run that a folder belongs to; empty if its record cannot be read."""
+    """The run of a folder; empty if its record cannot be read."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         return str(json.loads((folder / "record.json").read_bytes())["run_id"])
     return ""

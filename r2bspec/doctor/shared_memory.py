@@ -5,8 +5,9 @@ from __future__ import annotations
 import shutil
 
 from r2bspec.doctor.checkup import CheckResult, Status, System
-from r2bspec.execute.processes.environment import segment_bytes
 from r2bspec.measure.units import show
+from r2bspec.middleware.middleware import Middleware, Transport
+from r2bspec.middleware.rmw_registry import middleware_of
 
 TOPIC = "shared memory"
 
@@ -14,11 +15,14 @@ _PARTICIPANTS = 4
 """Player, monitor and two nodes: each has a segment of its own."""
 
 _SIZES = (("1280x720 rgb8", 1280 * 720 * 3), ("1920x1200 rgb8", 1920 * 1200 * 3))
-_MIN_FREE_BYTES = _PARTICIPANTS * segment_bytes(0)
 
 
 def check_shared_memory(system: System) -> list[CheckResult]:
     """How much is free, and how many processes that exchange images it holds."""
+    middleware = middleware_of(system.environ)
+    if not middleware.uses_shared_memory:
+        found = f"not used by a run with {middleware.name}"
+        return [CheckResult(topic=TOPIC, name="size", status="ok", found=found)]
     try:
         usage = shutil.disk_usage(system.shared_memory)
     except OSError as error:
@@ -31,8 +35,8 @@ def check_shared_memory(system: System) -> list[CheckResult]:
                 advice="mount a tmpfs there, or state transport: udp",
             )
         ]
-    room = {name: usage.free // segment_bytes(size) for name, size in _SIZES}
-    status = _status(usage.free, room)
+    room = {name: usage.free // _segment_bytes(middleware, size) for name, size in _SIZES}
+    status = _status(usage.free, _PARTICIPANTS * _segment_bytes(middleware, 0), room)
     return [
         CheckResult(
             topic=TOPIC,
@@ -49,8 +53,12 @@ def check_shared_memory(system: System) -> list[CheckResult]:
     ]
 
 
-def _status(free: int, room: dict[str, int]) -> Status:
-    if free < _MIN_FREE_BYTES:
+def _segment_bytes(middleware: Middleware, message_bytes: int) -> int:
+    return middleware.segment_bytes(Transport("shared_memory", message_bytes))
+
+
+def _status(free: int, required: int, room: dict[str, int]) -> Status:
+    if free < required:
         return "problem"
     return "ok" if min(room.values()) >= _PARTICIPANTS else "warn"
 

@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 from r2bspec.doctor.checkup import CheckResult, System, read_int, read_text
-from r2bspec.execute.processes.environment import SOCKET_BUFFER_BYTES
 from r2bspec.measure.units import show
+from r2bspec.middleware.rmw_registry import middleware_of
 
 TOPIC = "network"
 
-_BUFFERS = (("receive", "rmem_max"), ("send", "wmem_max"))
 _IFF_UP = 0x1
 
 
 def check_sockets(system: System) -> list[CheckResult]:
     """The largest socket buffers that the kernel grants, and whether loopback is up."""
-    return [_buffer(system, *each) for each in _BUFFERS] + _loopback(system)
+    middleware = middleware_of(system.environ)
+    requested = middleware.socket_buffers
+    return [
+        _buffer(system, middleware.name, "receive", "rmem_max", requested.receive),
+        _buffer(system, middleware.name, "send", "wmem_max", requested.send),
+        *_loopback(system),
+    ]
 
 
-def _buffer(system: System, direction: str, name: str) -> CheckResult:
+def _buffer(
+    system: System, middleware: str, direction: str, name: str, requested: int
+) -> CheckResult:
     limit = read_int(system.proc / "sys/net/core" / name)
     title = f"{direction} buffers"
     if limit is None:
         return CheckResult(topic=TOPIC, name=title, status="ok", found="not told by this kernel")
-    data = {f"net.core.{name}": limit, "wanted": SOCKET_BUFFER_BYTES}
-    if limit >= SOCKET_BUFFER_BYTES:
+    data = {f"net.core.{name}": limit, "wanted": requested}
+    if limit >= requested:
         return CheckResult(
             topic=TOPIC, name=title, status="ok", found=f"up to {show(limit, 'B')}", data=data
         )
@@ -31,10 +38,9 @@ def _buffer(system: System, direction: str, name: str) -> CheckResult:
         topic=TOPIC,
         name=title,
         status="warn",
-        found=f"at most {show(limit, 'B')}, while the transports ask for "
-        f"{show(SOCKET_BUFFER_BYTES, 'B')}",
+        found=f"at most {show(limit, 'B')}, while {middleware} asks for {show(requested, 'B')}",
         advice="large messages over UDP will be lost and sent again; "
-        f"sudo sysctl -w net.core.{name}={SOCKET_BUFFER_BYTES}",
+        f"sudo sysctl -w net.core.{name}={requested}",
         data=data,
     )
 

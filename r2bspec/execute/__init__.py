@@ -1,1 +1,1 @@
-"""The controller: carries a plan out on real ROS 2 and leaves a run folder behind."""
+"""The controller: executes a plan on ROS 2 and writes a run folder."""

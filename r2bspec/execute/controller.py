@@ -1,7 +1,7 @@
-"""The controller: carries a plan out, phase by phase, and records what it sees.
+"""The controller: executes a plan phase by phase and writes the run record.
 
-Whatever happens, three things hold at the end: no process of the run is left, the run folder has
-what was observed until then, and its record says whether that is all.
+At the end of a run, even of a failed one, no process of the run is left, the run folder contains
+everything that was measured, and its record states whether the run is complete.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
+from r2bspec.execute.processes.middleware_check import check_middleware
 from r2bspec.execute.processes.redaction import make_redactor
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.secret_references import SecretReferences
@@ -70,24 +71,24 @@ def run_plan(
     spec_text: str,
     progress: Progress,
 ) -> RunRecord:
-    """Carry out a plan; the run folder is complete when this returns or raises.
+    """Execute a plan; the run folder is written completely when this returns or raises.
 
     Args:
-        plan: what to do.
+        plan: of the run.
         base_dir: the folder of the spec, to which its paths are relative.
-        folder: where everything observed goes.
+        folder: receives the samples, logs and the record.
         run_id: names the run; also marks its processes.
         spec_text: the resolved spec, for the record.
-        progress: is told what happens.
+        progress: receives phases, notes and progress.
 
     Raises:
-        RunError: the run failed; its record is marked as incomplete and says why.
-        DataError: the bag is not there or not readable.
-        InterruptedRunError: a signal asked for an end.
+        RunError: the run failed; its record is marked as incomplete and gives the reason.
+        DataError: the bag does not exist or cannot be read.
+        InterruptedRunError: a signal interrupted the run.
     """
     folder.write_plan(canonical_json(plan).decode())
     folder.write_spec(spec_text)
-    # Beside the samples, where the user chose to have room, and gone with the run.
+    # In the run folder, because the user chose a disk with space for it; removed after the run.
     with (
         Interrupts() as interrupts,
         tempfile.TemporaryDirectory(prefix=".scratch-", dir=folder.path) as scratch,
@@ -125,7 +126,7 @@ class _Controller:
         self._events: list[tuple[int, str]] = []
         self._clocks = ClockOffsetTracker()
         self._datasets: tuple[ResolvedDataset, ...] = ()
-        # Looked at several times a second, and empty for most plans.
+        # Checked several times a second, and empty for most plans.
         self._memory_limits = {
             each.name: each.memory_limit_bytes for each in plan.processes if each.memory_limit_bytes
         }
@@ -143,7 +144,7 @@ class _Controller:
         self._budget = TimeBudget(plan.gate.time_budget_ns, self._note)
 
     def run(self) -> RunRecord:
-        """Carry the plan out, clean up, and write the record, in that order, whatever happens."""
+        """Execute the plan; then, even after a failure, clean up and write the record."""
         failure: BaseException | None = None
         try:
             self._write_partial_record()
@@ -159,16 +160,16 @@ class _Controller:
         return record
 
     def _finish(self, failure: BaseException | None) -> RunRecord:
-        """End all that still runs, and write what is known."""
+        """End all processes that still run, and write the samples and the record."""
         killed = self._supervisor.close()
         if killed:
-            self._note(f"had to be killed: {', '.join(sorted(set(killed)))}")
+            self._note(f"killed, because they did not exit: {', '.join(sorted(set(killed)))}")
         if cut := self._supervisor.truncated_logs:
-            self._note(f"logs that were too long were cut: {', '.join(each.name for each in cut)}")
+            self._note(f"truncated large logs: {', '.join(each.name for each in cut)}")
         record = self._record(failure)
-        # Should the disk be full, then this is what the record finds room in.
+        # If the disk is full, this frees the space for the record.
         shutil.rmtree(self._buffer_dir, ignore_errors=True)
-        # Of several failures the first one is to be told.
+        # If there are several failures, the first one is reported.
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._resources.stop()
             self._write_resource_samples()
@@ -178,6 +179,7 @@ class _Controller:
 
     def _execute(self) -> None:
         self._check_supported()
+        check_middleware(self._plan, os.environ)
         SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
         self._resources.start()
         with self._domain() as domain:
@@ -195,37 +197,37 @@ class _Controller:
                     self._note,
                 )
             self._measure(domain)
-            # One that died at the last message did not survive the run either.
+            # Detect a process that exited after the last message, which also fails the run.
             self._supervisor.pump(0.0)
-            self._phase("collect", "collecting")
-            # Inside the reservation: the domain is free for others only when all are gone.
+            self._phase("collect", "stopping all processes and collecting the samples")
+            # Before the domain is released, so that no other run sees these processes.
             self._supervisor.end(list(self._supervisor))
 
     def _check_supported(self) -> None:
         missing = unsupported_features(self._plan)
         if missing:
             raise UnsupportedError(
-                "this version does not carry out "
+                "this version cannot run "
                 + "; ".join(f"{each.what} ({each.path})" for each in missing),
-                hint="The spec is right, and can be validated and planned; it cannot be run yet.",
+                hint="The spec is valid; 'validate' and 'plan' accept it, but 'run' does not yet.",
             )
 
     def _check_programs_installed(self) -> None:
-        """See that every program is there before any is started; a setup step may have made it."""
+        """Check that every program exists before any is started, but after the setup steps."""
         for process in self._plan.processes:
             resolve_argv(process)
 
     def _domain(self) -> contextlib.AbstractContextManager[int]:
-        """A domain of the run's own; the user's where nodes of theirs take part."""
+        """A reserved domain; the user's own domain if the graph has external nodes."""
         if self._plan.external:
             return contextlib.nullcontext(int(os.environ.get("ROS_DOMAIN_ID", "0")))
         return reserved_domain()
 
     def _check(self) -> None:
-        """Called whenever the controller waits: signals, and limits of memory.
+        """Check for signals and memory limits; called whenever the controller waits.
 
         Raises:
-            InterruptedRunError: a signal has asked for an end.
+            InterruptedRunError: a signal has arrived.
             MemoryLimitError: a process uses more than the spec allows.
         """
         self._interrupts.check()
@@ -237,24 +239,25 @@ class _Controller:
             resident = self._resources.resident(child.pid)
             if limit is not None and resident > limit and not child.exit_expected:
                 raise MemoryLimitError(
-                    f"process {child.name} uses {Size(resident)}; its limit is {Size(limit)}",
-                    hint="Raise memory_limit, or find out what grows.",
+                    f"process {child.name} uses {Size(resident)} of memory; "
+                    f"its limit is {Size(limit)}",
+                    hint="Increase 'memory_limit', or reduce the memory use of the process.",
                 )
 
     def _note_clock_steps(self) -> None:
-        told, before_ns = self._clocks.steps, self._clocks.total_step_ns
+        steps_before, before_ns = self._clocks.steps, self._clocks.total_step_ns
         self._clocks.update()
-        if self._clocks.steps > told:
+        if self._clocks.steps > steps_before:
             moved_s = (self._clocks.total_step_ns - before_ns) / 1e9
             self._note(
-                f"the system clock was set by {moved_s:+.3f} s; the times of this run are "
-                "monotonic, and not moved by that"
+                f"the system clock was set by {moved_s:+.3f} s; this does not affect the times of "
+                "this run, which are on the monotonic clock"
             )
 
     def _set_up(self, domain: int) -> None:
         if not self._plan.setup:
             return
-        self._phase("setup", "setting up")
+        self._phase("setup", "running the setup steps")
         environment = self._environment(domain)
         for step in self._plan.setup:
             run_setup_step(
@@ -274,9 +277,9 @@ class _Controller:
         self._interrupts.check()
 
     def _launcher(self, domain: int) -> Launcher:
-        """A launcher whose transport fits the largest message that is buffered by now.
+        """A launcher whose transport is sized for the largest buffered message.
 
-        Preprocessors may publish larger messages than the bag holds, so each phase gets its own.
+        Preprocessors may publish larger messages than those in the bag, so each phase has its own.
         """
         made = Launcher(self._supervisor, self._environment(domain), self._folder, self._base_dir)
         self._launchers.append(made)
@@ -295,19 +298,19 @@ class _Controller:
         )
 
     def _measure(self, domain: int) -> None:
-        """Play the batch that decides and, if it fails, a fresh one that confirms it or not."""
+        """Measure in one session and, if the run fails, in a second one that must also fail."""
         began_s = time.monotonic()
         measurement = self._bring_up(domain, self._judge_so_far)
         verdict, iterations = measurement.measure()
         if not self._plan.gate.confirm or not needs_confirmation(verdict):
             return
         if self._plan.external:
-            self._note("no fresh batch: nodes that somebody else runs cannot be started anew")
+            self._note("no confirmation run: r2bspec cannot restart external nodes")
             return
-        if not self._budget.allows("no fresh batch", time.monotonic() - began_s):
+        if not self._budget.allows("no confirmation run", time.monotonic() - began_s):
             return
         self._supervisor.pump(0.0)
-        self._phase("confirm", "the run fails: starting a fresh batch to confirm that")
+        self._phase("confirm", "the run fails: starting the confirmation run in new processes")
         self._supervisor.end(list(self._supervisor))
         peak_hz = measurement.peak_hz
         measurement = self._bring_up(
@@ -319,7 +322,7 @@ class _Controller:
     def _bring_up(
         self, domain: int, judge_so_far: Callable[[], Verdict], *, confirms: bool = False
     ) -> Measurement:
-        """Bring up a batch of new processes."""
+        """Start a session: new processes."""
         reporter = RunReporter(
             self._phase, self._note, self._write_partial_record, self._progress, self._resources
         )
@@ -340,18 +343,18 @@ class _Controller:
         return measurement
 
     def _judge_so_far(self) -> Verdict:
-        """The verdict on the first batch if the run ended now."""
+        """The verdict on the first session if the run ended now."""
         return judge(self._plan.objectives, self._samples_so_far(), decision_policy(self._plan))
 
     def _judge_confirmation(self, first: Verdict) -> Verdict:
-        """The verdict on the fresh batch if the run ended now, after that on the first."""
+        """The verdict on the confirmation run if it ended now, given that on the first session."""
         fresh = self._samples_so_far().confirmation
         assert fresh is not None  # noqa: S101 - it is being played
         return judge_confirmation(self._plan.objectives, fresh, first)
 
     def _samples_so_far(self) -> RunSamples:
-        """The samples of all that has been played, as if the run had ended now."""
-        # Should the run be killed before its next look, its folder has what this one rests on.
+        """The samples of everything that has been played, as if the run had ended now."""
+        # If the run is killed before its next look, its folder has the samples of this one.
         self._write_resource_samples()
         samples = {
             name: each for session in self._sessions for name, each in session.samples.items()
@@ -360,15 +363,15 @@ class _Controller:
             self._record(None),
             self._plan,
             lambda segment: samples[segment.id],
-            HostSamples(self._resources.rows(), self._resources.surroundings()),
+            HostSamples(self._resources.rows(), self._resources.interference()),
         )
 
     def _write_resource_samples(self) -> None:
         self._folder.write_resources(self._resources.rows())
-        self._folder.write_interference(self._resources.surroundings())
+        self._folder.write_interference(self._resources.interference())
 
     def _write_partial_record(self) -> None:
-        """Write the record as it stands, so that a killed run can be read, too."""
+        """Write the current record, so that a killed run can also be read."""
         self._folder.write_record(self._record(RunError("the run was killed", code="R2B671")))
 
     def _phase(self, name: str, text: str) -> None:
@@ -380,17 +383,21 @@ class _Controller:
         self._progress.note(text)
 
     def _provenance(self) -> dict[str, Any]:
-        """Which recordings were read; those after the first under ``also``."""
+        """The recordings that were read; those after the first are under ``also``."""
         if not self._datasets:
             return {}
         first, *others = (each.provenance for each in self._datasets)
         return first | ({"also": others} if others else {})
 
     def _differences(self, failure: BaseException | None) -> tuple[Difference, ...]:
-        """What of the real graph is not as the plan says, each once."""
+        """The differences between the graph and the plan, without duplicates."""
         found = [each for launcher in self._launchers for each in launcher.differences]
         found += failure.differences if isinstance(failure, GraphMismatchError) else ()
         return tuple(dict.fromkeys(found))
+
+    def _loaded_rmw(self) -> dict[str, str]:
+        """The middleware as a process of the harness says; empty until one has."""
+        return next(({"rmw": each.rmw} for each in self._launchers if each.rmw), {})
 
     def _record(self, failure: BaseException | None) -> RunRecord:
         status: Literal["complete", "incomplete"] = "incomplete" if failure else "complete"
@@ -405,7 +412,7 @@ class _Controller:
             reason=_reason(failure),
             dataset=self._provenance(),
             machine=self._machine,
-            versions=self._versions,
+            versions=self._versions | self._loaded_rmw(),
             processes=self._supervisor.records(),
             segments=tuple(each for session in self._sessions for each in session.segments),
             search=first.search if first else None,
@@ -423,7 +430,7 @@ def _unwritable(error: OSError | RecordError, folder: Path) -> RunError:
     text = str(error)
     if isinstance(error, OSError):
         text = f"{error.filename or folder} cannot be written: {error.strerror or error}"
-    hint = "Make room on that disk, or choose another folder with --output."
+    hint = "Free space on this disk, or choose another folder with --output."
     return UnwritableRunError(text, hint=hint)
 
 

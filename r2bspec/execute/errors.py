@@ -1,61 +1,62 @@
-"""What can go wrong with a run. Each is a `RunError`: the run failed, not the input."""
+"""Errors of a run."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 from r2bspec.record.errors import RUN_UNWRITABLE
 from r2bspec.record.run_record import Difference
 
 
 class RunError(R2bspecError):
-    """The run itself failed; what it had observed is kept. Safe to try again."""
+    """The run failed, not its input; its measurements are kept, and it can be repeated."""
 
     code = "R2B630"
-    exit_code = 4
+    exit_code = ExitStatus.RUN_FAILED
 
 
 class NotInstalledError(RunError):
     """Something that the plan needs is not installed on this machine."""
 
     code = "R2B620"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
 
 class DatasetMismatchError(RunError):
-    """The bag is not the one that the spec pins."""
+    """The hash of the bag differs from the one in the spec."""
 
     code = "R2B312"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
 
 class ProcessDiedError(RunError):
-    """A process ended although nobody had told it to."""
+    """A process exited before it was stopped."""
 
     code = "R2B631"
 
 
 class ProcessFailedError(RunError):
-    """A process said why it could not go on."""
+    """A process reported an error."""
 
     code = "R2B630"
 
 
 class NotReadyError(RunError):
-    """The graph did not come up as planned within the time allowed."""
+    """The graph was not ready, as planned, within its timeout."""
 
     code = "R2B640"
 
 
 class GraphMismatchError(RunError):
-    """The real graph is not the one of the spec: to try again would not help.
+    """The running graph differs from the spec; another attempt would not help.
 
     Attributes:
-        differences: in what; at least one.
+        differences: at least one.
     """
 
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
     def __init__(self, differences: Sequence[Difference], message: str, hint: str = "") -> None:
         super().__init__(message, hint=hint, code=differences[0].code)
@@ -63,59 +64,63 @@ class GraphMismatchError(RunError):
 
 
 class NoOutputError(RunError):
-    """The graph stands but nothing comes out."""
+    """All endpoints are matched, but there is no output."""
 
     code = "R2B641"
 
 
 class InterruptedRunError(RunError):
-    """The user or the system asked for an end."""
+    """A signal of the user or the system interrupted the run."""
 
     code = "R2B670"
-    exit_code = 130
+    exit_code = ExitStatus.INTERRUPTED
 
 
 class StepFailedError(RunError):
-    """A setup step, or a step once the graph stood, did not do what it should."""
+    """A `setup` or `after_ready` step failed."""
 
     code = "R2B648"
 
 
 class UnsupportedError(RunError):
-    """The plan asks for something that this version does not carry out."""
+    """The plan needs a feature that this version cannot run."""
 
     code = "R2B619"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
+
+
+class MiddlewareError(UnsupportedError):
+    """The plan asks for something that the selected middleware (RMW) cannot be configured for."""
 
 
 class SecretNotSetError(RunError):
     """The plan refers to a secret that is not in the environment."""
 
     code = "R2B122"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
 
 class SharedMemoryError(RunError):
-    """There is less shared memory than the transport of the plan needs."""
+    """There is less shared memory than the transport needs."""
 
     code = "R2B664"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
 
 class MemoryLimitError(RunError):
-    """A process uses more memory than the spec allows it."""
+    """A process uses more memory than its limit in the spec."""
 
     code = "R2B635"
 
 
 class UnwritableRunError(RunError):
-    """The file system refuses in mid-run what the run has to write."""
+    """The run cannot write its files."""
 
     code = RUN_UNWRITABLE
 
 
 class WorkspaceError(RunError):
-    """The environment that a run should be made in is not there, or cannot be sourced."""
+    """The environment of a run does not exist, or cannot be sourced."""
 
     code = "R2B657"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE

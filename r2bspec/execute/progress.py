@@ -1,4 +1,4 @@
-"""What the controller tells whoever shows the run to a user."""
+"""The interface through which the controller reports its progress to a user interface."""
 
 from __future__ import annotations
 
@@ -7,42 +7,42 @@ from typing import Protocol
 
 
 class SegmentProgress(Protocol):
-    """A stretch while it is being played; what is not asked for costs nothing."""
+    """The progress of a segment; each value is computed only when it is requested."""
 
     def sent(self) -> int:
         """How many steps have been published."""
 
     def received(self) -> int:
-        """How many messages have come: the least over all monitors."""
+        """How many messages have been received: the minimum over all monitors."""
 
     def p99_ns(self) -> int | None:
-        """The p99 of the latencies so far; None before the first message."""
+        """The p99 of the latest latencies; None before the first message."""
 
     def cores(self) -> Mapping[str, float]:
-        """Processor time per time of each process lately; 1 is one core."""
+        """The recent CPU use of each process, in cores."""
 
 
 class Progress(Protocol):
-    """A listener; every method returns at once and never raises."""
+    """Receives progress; every method returns immediately and never raises."""
 
     def phase(self, name: str, text: str) -> None:
         """A phase of the plan begins."""
 
     def step(self, done: int, total: int) -> None:
-        """How much of a phase that can be counted is done."""
+        """How much of a countable phase is done."""
 
     def segment(self, title: str, steps: int) -> None:
-        """A stretch of `steps` steps begins to be played."""
+        """A segment of `steps` steps begins."""
 
     def playing(self, view: SegmentProgress) -> None:
-        """How far the segment is; told four times a second."""
+        """The progress of the current segment; called four times a second."""
 
     def note(self, text: str) -> None:
-        """Something worth a line."""
+        """A one-line message for the user."""
 
 
 class NullProgress:
-    """Shows nothing."""
+    """Discards all progress."""
 
     def phase(self, name: str, text: str) -> None:
         """Ignore."""

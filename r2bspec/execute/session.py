@@ -1,7 +1,7 @@
-"""A batch: fresh processes of a plan, brought up in order, and warm when they are handed over.
+"""A session: the processes of a plan, started once in order, and warmed up.
 
-A run is one batch. If it fails, its processes are ended, and a second batch of new ones has to
-fail, too (`r2bspec.judge.confirmation`).
+A run has one session. If it fails, its processes are ended, and a second session, the confirmation
+run, must also fail (`r2bspec.judge.confirmation`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from r2bspec.execute.bringup.launcher import (
 from r2bspec.execute.bringup.readiness import wait_for_probe
 from r2bspec.execute.bringup.spec_mismatches import related_differences
 from r2bspec.execute.bringup.start_deadline import StartDeadline
-from r2bspec.execute.diagnosis.find_break import full_path, path_lines
+from r2bspec.execute.diagnosis.find_fault import full_path, path_lines
 from r2bspec.execute.diagnosis.graph_facts import GraphFacts
 from r2bspec.execute.diagnosis.observe_graph import (
     TRACE_RATE_HZ,
@@ -37,7 +37,7 @@ from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_rate_hz
 from r2bspec.execute.measurement.live_mode import LiveSegmentWatcher
 from r2bspec.execute.measurement.run_reporter import RunReporter
-from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentPlayer
+from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
@@ -49,19 +49,19 @@ from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import FloorRecord, Segment, SilenceRecord
 
 MEASURE_PHASE = "measure"
-"""The phase of the processes that are up while something is measured."""
+"""The phase of the processes that run during the measurement."""
 
 _WARM_UP_HZ = 10.0
 _WARM_UP_STEPS = 10
 _WARM_UP_RETRY_NS = 1_000_000_000
-"""How long an attempt lasts after one in which nothing came."""
+"""The length of each further attempt after one without output."""
 
 
 class Session:
-    """One batch.
+    """One session.
 
     Attributes:
-        floor: what the harness alone takes, once the batch has been brought up.
+        floor: the overhead of the harness alone; empty before `bring_up`.
         silences: outputs that have stopped since then.
     """
 
@@ -95,19 +95,19 @@ class Session:
 
     @property
     def segments(self) -> tuple[Segment, ...]:
-        """What has been played so far."""
+        """The segments that have been played."""
         return tuple(self._segment_player.segments) if self._segment_player else ()
 
     @property
     def samples(self) -> Mapping[str, SegmentSamples]:
-        """The samples of what counts for a verdict, by segment; see `SegmentPlayer.samples`."""
+        """The samples of the segments that are judged, by id; see `SegmentPlayer.samples`."""
         return self._segment_player.samples if self._segment_player else {}
 
     def bring_up(self) -> SegmentPlayer:
-        """Start everything and warm it up.
+        """Start all processes and warm them up.
 
         Raises:
-            RunError: it did not come up, or nothing comes out of it.
+            RunError: the graph is not ready in time, or has no output.
         """
         self._rows_dir.mkdir()
         self._reporter.phase("start", "starting player and monitor")
@@ -138,7 +138,7 @@ class Session:
         return segment_player
 
     def _start_harness(self) -> tuple[ManagedProcess | None, ManagedProcess]:
-        """The player and the monitor, and what they take with no graph between them.
+        """Start the player and the monitor, and measure the overhead of the harness.
 
         A live run has no player.
         """
@@ -153,7 +153,7 @@ class Session:
             ),
         )
         if player is not None:
-            self._reporter.phase("floor", "measuring what player, monitor and transport take alone")
+            self._reporter.phase("floor", "measuring the harness overhead")
             self.floor = measure_harness_overhead(
                 self._supervisor,
                 player,
@@ -167,7 +167,7 @@ class Session:
         return player, monitor
 
     def _start_player(self) -> ManagedProcess:
-        """The player, with everything that it will play in its memory."""
+        """Start the player and load into its memory all messages that it will play."""
         plan, launcher = self._plan, self._launcher
         player = self._parts.start("player")
         ready = launcher.configure(
@@ -186,7 +186,7 @@ class Session:
     def _start_graph(
         self, player: ManagedProcess | None, monitor: ManagedProcess, deadline: StartDeadline
     ) -> None:
-        """The nodes after the writers and before the readers; then wait until all are matched."""
+        """Start the nodes, then the subscriptions of the monitor; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
         self._launcher.start_nodes(
             (
@@ -218,24 +218,24 @@ class Session:
         wait_for_mutual_discovery(supervisor, self._launcher, ends)
 
     def _wait_until_ready(self, monitor: ManagedProcess) -> None:
-        """What the spec says must be so, and be done, before anything is played."""
+        """Wait for the readiness probes, then run the `after_ready` steps."""
         plan = self._plan
         if plan.ready:
-            self._reporter.phase("ready", "waiting for what the spec says must be ready")
+            self._reporter.phase("ready", "waiting for the readiness probes")
             for probe in plan.ready:
                 wait_for_probe(probe, self._supervisor, monitor, self._folder, self._base_dir)
         if plan.after_ready:
-            self._reporter.phase("after_ready", "doing what the spec says once the graph stands")
+            self._reporter.phase("after_ready", "running the after_ready steps")
             for step in plan.after_ready:
                 self._launcher.run_step(step)
 
     def _warm_up(
         self, segment_player: SegmentPlayer, monitor: ManagedProcess, deadline: StartDeadline
     ) -> None:
-        """Play until every monitor has seen something, at least for the planned time.
+        """Play until every monitor has received a message, and at least for the planned time.
 
-        The first messages cost ten times the median: pages are touched for the first time, and
-        nodes set themselves up. Nothing measured may contain that.
+        The first messages take ten times the median: pages are touched for the first time, and
+        nodes initialise themselves. The measurements must not contain them.
         """
         plan = self._plan
         self._reporter.phase("warm_up", "warming up")
@@ -245,12 +245,9 @@ class Session:
         title = f"warm-up at {rate_hz:g} Hz" if rate_hz else "warm-up"
         for attempt in range(1, 1000):
             segment_player.play_for(
-                "warm_up",
-                f"warm_up-{attempt:03d}",
+                SegmentHeading("warm_up", f"warm_up-{attempt:03d}", title, attempt),
                 rate_hz,
                 max(plan.warm_up_ns, 0 if attempt == 1 else _WARM_UP_RETRY_NS),
-                title=title,
-                index=attempt,
                 min_steps=_WARM_UP_STEPS,
             )
             silent = [name for name, count in segment_player.received().items() if not count]
@@ -264,16 +261,16 @@ class Session:
                 raise graph_error(
                     self._launcher,
                     faults,
-                    f"nothing arrived on {', '.join(topics)}: "
+                    f"no messages on {', '.join(topics)}: "
                     f"{fault_report(facts, topics, faults, also)}",
                     otherwise=NoOutputError,
-                    hint="The inputs were played, but the graph published nothing there."
+                    hint="The inputs were played, but the graph published nothing on these topics."
                     if plan.inputs
-                    else "The graph stands, but its source, or what comes after it, is silent.",
+                    else "All nodes run, but the source, or a node after it, publishes nothing.",
                 )
 
     def _trace_messages(self, segment_player: SegmentPlayer, monitor: ManagedProcess) -> GraphFacts:
-        """Play some steps and see what passes on each topic."""
+        """Play some steps and count the messages on each topic."""
         known = self._launcher.endpoints_in(self._plan, MEASURE_PHASE)
         observer = GraphObserver(self._supervisor, monitor, self._plan, MEASURE_PHASE, known)
 
@@ -281,7 +278,7 @@ class Session:
             if self._plan.inputs:
                 segment_player.play_unrecorded(TRACE_RATE_HZ, TRACE_STEPS)
             else:
-                # The graph has a source of its own: it need only be given time.
+                # The graph has its own source, which publishes during this time.
                 self._supervisor.pump_for(TRACE_STEPS / TRACE_RATE_HZ)
 
         facts = observer.trace(self._rows_dir, play)
@@ -295,16 +292,14 @@ class Session:
         segment: Segment,
         plan: MonitorPlan,
     ) -> None:
-        """Find out, once, why an output has stopped in the middle of a run."""
-        self._reporter.note(f"{plan.topic} has fallen silent; looking where its messages stop")
+        """Find out, once, why an output has stopped during a run."""
+        self._reporter.note(f"no more messages on {plan.topic}: tracing the path")
         facts = self._trace_messages(segment_player, monitor)
         faults = find_faults(facts, [plan.topic])
         reason = "; ".join(each.sentence for each in faults)
         if not reason:
             passed = facts.topics[plan.topic].passed
-            reason = (
-                f"{plan.topic}: {passed} messages came for {TRACE_STEPS} steps played afterwards"
-            )
+            reason = f"{passed} messages on {plan.topic} for {TRACE_STEPS} steps played afterwards"
         self._reporter.note(reason)
         self.silences += (
             SilenceRecord(

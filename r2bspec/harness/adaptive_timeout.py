@@ -1,9 +1,8 @@
-"""How long to wait for an answer that may never come.
+"""The timeout for an output that may not arrive.
 
-Some graphs answer only some of what they are given, and some nothing at all. The first time nothing
-comes, that takes the full patience. From then on it is known that waiting may be in vain: each
-further time-out halves the patience, and an answer brings it back to a multiple of the longest
-pause that an answer ever took.
+Some graphs publish an output for only some of their inputs, and some never do. The first missing
+output takes the full timeout. Each further one halves the timeout, and each output restores it to a
+multiple of the longest time that an output has taken.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ _PAUSE_FACTOR = 10
 
 
 class AdaptiveTimeout:
-    """Tells how long to wait; `max_ns` is how long at most."""
+    """Computes the timeout; `max_ns` is its maximum."""
 
     def __init__(self, max_ns: int) -> None:
         self._max_ns = max_ns
@@ -24,22 +23,22 @@ class AdaptiveTimeout:
 
     @property
     def limit_ns(self) -> int:
-        """How long to wait for the next answer."""
+        """How long to wait for the next output."""
         return self._limit_ns
 
     @property
     def final_ns(self) -> int:
-        """How long to wait at the end, when nothing more is given."""
+        """How long to wait at the end, after the last input."""
         return max(self._limit_ns, self._usual_timeout_ns)
 
     def answered(self, after_ns: int) -> None:
-        """An answer has come, so long after the last sign of life."""
+        """Record an output that arrived so long after the previous one."""
         self._longest_ns = max(self._longest_ns, after_ns)
         if self._has_expired:
             self._limit_ns = max(self._limit_ns, self._usual_timeout_ns)
 
     def expired(self) -> None:
-        """Nothing came for as long as the patience lasted."""
+        """Record that no output arrived within the timeout."""
         self._has_expired = True
         self._limit_ns = max(_MIN_TIMEOUT_NS, self._limit_ns // 2)
 

@@ -1,7 +1,7 @@
 """The main program of every harness process: ``python -m r2bspec.harness.child``.
 
-The first command says which role to play. A process ends with status 0 when it is told to shut
-down or when the controller is gone, and with status 1 after it has said why it failed.
+The first command sets the role. A process exits with the status OK on the command to shut down or
+when the controller has exited, and with FINDINGS_OR_FAILED after it has reported an error.
 """
 
 from __future__ import annotations
@@ -10,13 +10,15 @@ import os
 import signal
 import sys
 
+from r2bspec.exit_status import ExitStatus
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.exit_timer import start_exit_timer
 from r2bspec.harness.roles import play_role
+from r2bspec.middleware.rmw_registry import middleware_of
 
 _MAX_EXIT_S = 8.0
-"""How long leaving ROS may take, which may include what a node does when it is destroyed. Less
-than the controller waits before it sends SIGTERM."""
+"""How long the shutdown of ROS may take, including `destroy_node` of the nodes. Less than the
+controller waits before it sends SIGTERM."""
 
 
 def main() -> int:
@@ -26,8 +28,8 @@ def main() -> int:
     try:
         channel = Channel.from_environment()
     except KeyError:
-        sys.stderr.write("this program is started by r2bspec run, not by hand\n")
-        return 2
+        sys.stderr.write("this program is started by 'r2bspec run' and cannot be run alone\n")
+        return ExitStatus.USAGE
     return play_role(channel)
 
 
@@ -36,7 +38,8 @@ if __name__ == "__main__":
     if "rclpy" in sys.modules:
         from r2bspec.harness import rclpy_tools
 
-        start_exit_timer(_MAX_EXIT_S, status)
+        if middleware_of(os.environ).may_hang_on_exit:
+            start_exit_timer(_MAX_EXIT_S, status)
         rclpy_tools.finish()
     sys.stdout.flush()
     sys.stderr.flush()

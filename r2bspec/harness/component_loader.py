@@ -19,7 +19,7 @@ from r2bspec.plan.plan import NodePlan
 
 
 class ComponentLoader:
-    """Loads components, one after the other, and says when all are there."""
+    """Loads components one after another, and reports when all are loaded."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureComponents) -> None:
         self._channel = channel
@@ -30,7 +30,7 @@ class ComponentLoader:
         """Load them; `Composed` follows `Ready`.
 
         Raises:
-            ComponentError: a container does not answer in time, or refuses a component.
+            ComponentError: a container does not respond in time, or rejects a component.
         """
         self._channel.send(protocol.Ready())
         deadline = time.monotonic() + self._settings.timeout_ns / 1e9
@@ -44,7 +44,7 @@ class ComponentLoader:
             pass
 
     def _load(self, container: str, node: NodePlan, deadline: float) -> str:
-        """Load one component; returns the full name that its node has."""
+        """Load one component; returns the full name of its node."""
         request = load_request(node)
         try:
             service_class(LOAD_NODE_TYPE)
@@ -60,11 +60,11 @@ class ComponentLoader:
             )
         except ServiceCallError as error:
             raise ComponentError(
-                load_error(node, container, success=False, said=str(error)),
-                hint="See what the container printed; benchmark.start_timeout allows more time.",
+                load_error(node, container, success=False, reason=str(error)),
+                hint="Read the output of the container, or increase benchmark.start_timeout.",
             ) from error
         if wrong := load_error(node, container, answer.success, answer.error_message):
             raise ComponentError(
-                wrong, hint=f"'ros2 component types {node.package}' lists what the package has."
+                wrong, hint=f"'ros2 component types {node.package}' lists its components."
             )
         return str(answer.full_node_name)

@@ -1,7 +1,7 @@
-"""The child's end of the control channel: a local socket that carries one message a line.
+"""The child's end of the control channel: a local socket with one message per line.
 
-The channel is a plain socket and not ROS, so that it neither shows in the graph under test nor
-depends on discovery. It ends when the controller ends, however that happens.
+The channel is a plain socket and not ROS, so that it is not part of the graph under test and does
+not depend on discovery. It closes when the controller exits for any reason.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from r2bspec.ipc import protocol
 
 
 class ChannelClosedError(Exception):
-    """The controller is gone."""
+    """The controller has exited."""
 
 
 class Channel:
@@ -28,7 +28,7 @@ class Channel:
 
     @classmethod
     def from_environment(cls, part: str = "") -> Channel:
-        """Take a socket that the controller passed on: of this process, or of a part of it.
+        """Open the inherited socket of this process, or of a part of it.
 
         Raises:
             KeyError: this process was not started by a controller, or has no such part.
@@ -38,7 +38,7 @@ class Channel:
         return cls(socket.socket(fileno=number))
 
     def close(self) -> None:
-        """End the channel, for whichever thread waits on it, too."""
+        """Close the channel, also for a thread that waits on it."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
 
@@ -46,7 +46,7 @@ class Channel:
         """Send a reply.
 
         Raises:
-            ChannelClosedError: the controller is gone.
+            ChannelClosedError: the controller has exited.
         """
         try:
             self._socket.sendall(protocol.encode(message))
@@ -57,7 +57,7 @@ class Channel:
         """Wait for the next command.
 
         Raises:
-            ChannelClosedError: the controller is gone.
+            ChannelClosedError: the controller has exited.
         """
         while True:
             line, separator, rest = self._pending.partition(b"\n")

@@ -1,8 +1,8 @@
 """Leaving the middleware, and ending all the same should it not let go.
 
-Fast DDS 2.14 can hang while a participant is destroyed (see `r2bspec.execute.processes.shutdown`),
-inside a native call that holds the interpreter's lock: no thread of Python would get a turn to end
-the process then. A timer of POSIX does not need one.
+Some middleware can hang while it is left (`Middleware.may_hang_on_exit`), inside a native call that
+holds the interpreter's lock: no thread of Python would get a turn to end the process then. A timer
+of POSIX does not need one.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
-"""Parts of the harness in one process, each on a thread of its own, and nodes beside them.
+"""Player and monitor in one process, each on its own thread, and optionally nodes.
 
-In one process the middleware hands a message from writer to reader itself: no shared memory, no
-thread to be woken. That halves what a message costs, and is the placement of ros2_benchmark.
-The price is one interpreter for all: while Python code of one thread runs, the others wait. Player
-and monitor are rarely in its way, because they publish, take and wait without the interpreter's
-lock; Python nodes beside them can make the player late, and a run says by how much.
+Within one process the middleware passes a message from publisher to subscription directly: without
+shared memory, and without waking a thread. This halves the cost of a message, and is the placement
+of ros2_benchmark. The disadvantage is a shared interpreter: while the Python code of one thread
+runs, the others wait. Player and monitor rarely block it, because they publish, take and wait
+without the interpreter lock. Python nodes in this process can delay the player; the run reports
+its lateness.
 """
 
 from __future__ import annotations
 
-import gc
 import sys
 import threading
 
@@ -19,15 +19,15 @@ from r2bspec.harness.roles import play_role
 from r2bspec.ipc import protocol
 
 _SWITCH_INTERVAL_S = 0.0002
-"""How long a thread may keep the interpreter from others that wait for it. The usual 5 ms would
-make the player that late whenever a node computes."""
+"""How long a thread may hold the interpreter lock while others wait. The default of 5 ms would
+delay the player by as much whenever a node computes."""
 
 _JOIN_TIMEOUT_S = 2.0
-"""How long a part may take to end; one that is blocked ends with the process."""
+"""How long a part may take to end; a blocked one ends with the process."""
 
 
 class InProcessHarness:
-    """Player and monitor as threads of one process, and the Python nodes beside them."""
+    """Player and monitor as threads of one process, and the Python nodes in this process."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureHarness) -> None:
         self._channel = channel
@@ -38,9 +38,9 @@ class InProcessHarness:
         ]
 
     def serve(self) -> None:
-        """Let the parts play, host nodes if there are any, and end when told to shut down.
+        """Run the parts and the nodes, if there are any, until told to shut down.
 
-        What a part cannot do it says on its own channel.
+        A part reports errors on its own channel.
         """
         sys.setswitchinterval(_SWITCH_INTERVAL_S)
         for part in self._parts:
@@ -49,8 +49,6 @@ class InProcessHarness:
             self._channel.send(protocol.Ready())
             match self._channel.receive():
                 case protocol.ConfigureHost() as nodes:
-                    # The parts have switched it off, but nodes may make cycles.
-                    gc.enable()
                     NodeHost(self._channel, nodes).serve()
                 case _:
                     return
@@ -58,7 +56,7 @@ class InProcessHarness:
             self._end_parts()
 
     def _end_parts(self) -> None:
-        """End the parts: without a channel they have nothing more to do."""
+        """End the parts by closing their channels."""
         for own in self._channels.values():
             own.close()
         for part in self._parts:

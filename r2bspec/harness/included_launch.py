@@ -1,6 +1,6 @@
-"""A launch file that includes another one, in a namespace and with remappings of its own.
+"""A launch file that includes another one in a namespace and with remappings.
 
-``ros2 launch`` has options for neither; this file takes both as launch arguments:
+``ros2 launch`` has no options for these; this file has launch arguments for them:
 
     file        path of the launch file, or its name where `package` is given
     package     the package in whose share folder the file lies
@@ -19,8 +19,8 @@ from typing import Any
 
 
 def generate_launch_description() -> Any:
-    """What ``ros2 launch`` asks a launch file for."""
-    # Launch is part of a full ROS installation, never of its wheels.
+    """The function that ``ros2 launch`` calls."""
+    # The launch packages are part of a full ROS installation, but not of its wheels.
     launch = importlib.import_module("launch")
     actions = importlib.import_module("launch.actions")
     sources = importlib.import_module("launch.launch_description_sources")

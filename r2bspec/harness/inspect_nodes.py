@@ -1,7 +1,7 @@
 """Topics, services and parameters of running nodes: ``-m r2bspec.harness.inspect_nodes``.
 
-It looks at discovery until nothing new appears, asks the nodes for their parameters over their own
-services, and writes what it found as JSON. The controller is told by one `Ready` that it is done.
+It waits until discovery shows nothing new, queries the nodes for their parameters over their
+services, and writes the result as JSON. It reports completion to the controller with `Ready`.
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+from r2bspec.exit_status import ExitStatus
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 
 _QUIET_PERIOD_S = 1.5
-"""How long nothing new may appear before what is there counts as all."""
+"""Discovery is complete when it has shown nothing new for this time."""
 
 _POLL_S = 0.1
 _CALL_S = 10.0
@@ -48,11 +49,11 @@ _PARAMETER_TYPES = (
 
 
 class Inspector:
-    """Watches one namespace, in which the nodes of one process run.
+    """Inspects one namespace, in which the nodes of one process run.
 
     Args:
-        namespace: absolute, without a ``/`` at its end.
-        timeout_s: how long to wait for a first node.
+        namespace: absolute, without a trailing ``/``.
+        timeout_s: how long to wait for the first node.
     """
 
     def __init__(self, namespace: str, timeout_s: float) -> None:
@@ -63,7 +64,7 @@ class Inspector:
         self._node = rclpy_tools.start_node("inspector")
 
     def inspect(self) -> dict[str, Any]:
-        """All that is found: names of the nodes, topics, services, profiles and parameters."""
+        """The names of the nodes, and their topics, services, QoS profiles and parameters."""
         nodes = self._wait_for_discovery()
         found: dict[str, Any] = {
             "nodes": [name for name, _ in nodes],
@@ -80,15 +81,15 @@ class Inspector:
         return found
 
     def _wait_for_discovery(self) -> list[tuple[str, str]]:
-        """Wait until there are nodes and, for a while, nothing new of them."""
-        ends_s = time.monotonic() + self._timeout_s
-        seen: Any = None
+        """Wait until there are nodes and, for a while, no changes of their endpoints."""
+        deadline_s = time.monotonic() + self._timeout_s
+        last: Any = None
         since_s = time.monotonic()
-        while time.monotonic() < ends_s:
+        while time.monotonic() < deadline_s:
             nodes = self._nodes()
             now = [(each, self._endpoints(*each)) for each in nodes]
-            if now != seen:
-                seen, since_s = now, time.monotonic()
+            if now != last:
+                last, since_s = now, time.monotonic()
             elif nodes and time.monotonic() - since_s > _QUIET_PERIOD_S:
                 return nodes
             time.sleep(_POLL_S)
@@ -109,7 +110,7 @@ class Inspector:
                 sorted(self._node.get_subscriber_names_and_types_by_node(name, namespace)),
                 sorted(self._node.get_service_names_and_types_by_node(name, namespace)),
             )
-        except Exception:  # discovery may lose a node between two questions
+        except Exception:  # a node may disappear between two queries
             return ()
 
     def _topics(self, name: str, namespace: str, found: dict[str, Any]) -> None:
@@ -141,7 +142,7 @@ class Inspector:
                 found["services"][self._relative_name(service, name)] = types[0]
 
     def _relative_name(self, full: str, node: str) -> str:
-        """The name by which a node itself may have called a topic."""
+        """The name that a node itself may use for a topic."""
         inside = f"{self._namespace}/"
         if full.startswith(f"{inside}{node}/"):
             return f"~/{full.removeprefix(f'{inside}{node}/')}"
@@ -159,8 +160,8 @@ class Inspector:
         ]
         if not names:
             return {}
-        asked = DescribeParameters.Request(names=names)
-        described = self._call(DescribeParameters, f"{where}/describe_parameters", asked)
+        request = DescribeParameters.Request(names=names)
+        described = self._call(DescribeParameters, f"{where}/describe_parameters", request)
         values = self._call(
             GetParameters, f"{where}/get_parameters", GetParameters.Request(names=names)
         )
@@ -172,7 +173,7 @@ class Inspector:
         }
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:
-        """The answer of a service, or None if none comes."""
+        """The response of a service; None if there is none."""
         import rclpy
 
         client = self._node.create_client(kind, name)
@@ -187,7 +188,7 @@ class Inspector:
 
 
 def _profile(qos: Any) -> dict[str, str]:
-    """The fields of a profile that discovery tells; the depth of a queue is not among them."""
+    """The fields of a profile that discovery shows, which do not include the depth."""
     return {
         "reliability": "best_effort" if qos.reliability.name == "BEST_EFFORT" else "reliable",
         "durability": "transient_local" if qos.durability.name == "TRANSIENT_LOCAL" else "volatile",
@@ -195,7 +196,7 @@ def _profile(qos: Any) -> dict[str, str]:
 
 
 def _default_value(value: Any) -> dict[str, Any]:
-    """The value that a parameter has."""
+    """The value of a parameter."""
     name = _PARAMETER_TYPES[value.type]
     if not name:
         return {}
@@ -216,11 +217,11 @@ def main() -> int:
         while not isinstance(channel.receive(), protocol.Shutdown):
             pass
     except ChannelClosedError:
-        return 0
+        return ExitStatus.OK
     except Exception as error:
         channel.send(protocol.Failed(code="R2B630", message=f"{type(error).__name__}: {error}"))
-        return 1
-    return 0
+        return ExitStatus.FINDINGS_OR_FAILED
+    return ExitStatus.OK
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""What a container is asked for a component, and what is made of its answer, as pure values.
+"""The request that loads a component into a container, and the interpretation of the response.
 
-The service is ``load_node`` of rclcpp_components, by which ``ros2 component load`` works, too.
+The service is ``load_node`` of rclcpp_components, which ``ros2 component load`` also uses.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _ARRAYS = {bool: (6, "bool"), int: (7, "integer"), float: (8, "double"), str: (9
 
 
 class ComponentError(Exception):
-    """A component that is not loaded, in words for the user."""
+    """A component was not loaded; the message is for the user."""
 
     code = "R2B665"
 
@@ -29,15 +29,15 @@ class ComponentError(Exception):
 
 
 def load_service_name(container: str) -> str:
-    """The service of a container, from the full name of its node."""
+    """The service of a container, by the full name of its node."""
     return f"{container}/_container/load_node"
 
 
 def load_request(node: NodePlan) -> dict[str, Any]:
-    """The fields of ``composition_interfaces/srv/LoadNode`` that load a node of a plan.
+    """The fields of ``composition_interfaces/srv/LoadNode`` for a node of a plan.
 
     Raises:
-        ComponentError: a parameter has no type that ROS knows.
+        ComponentError: a parameter has no type of ROS.
     """
     return {
         "package_name": node.package,
@@ -53,7 +53,7 @@ def load_request(node: NodePlan) -> dict[str, Any]:
 
 
 def _parameter_value(node: NodePlan, name: str, value: Any) -> dict[str, Any]:
-    """A value as rcl_interfaces/msg/ParameterValue. Numbers of one list are all of one type."""
+    """A value as rcl_interfaces/msg/ParameterValue. The numbers of a list have one type."""
     if isinstance(value, list):
         kinds = {type(each) for each in value}
         if kinds == {int, float}:
@@ -66,16 +66,16 @@ def _parameter_value(node: NodePlan, name: str, value: Any) -> dict[str, Any]:
         return {"type": number, f"{field}_value": value}
     raise ComponentError(
         f"parameter {name!r} of {node.name} cannot be {value!r}: a list needs at least one "
-        "value, and all of one type",
-        hint="Leave it out where the default is meant.",
+        "value, and values of one type",
+        hint="Remove it to use the default.",
     )
 
 
-def load_error(node: NodePlan, container: str, success: bool, said: str) -> str:
-    """What is wrong with the answer to a request, for the user; empty if the component is there."""
+def load_error(node: NodePlan, container: str, success: bool, reason: str) -> str:
+    """The error of a response, for the user; empty if the component was loaded."""
     if success:
         return ""
     return (
         f"{node.plugin} of package {node.package} was not loaded into container {container} "
-        f"as {node.name}: {said or 'the container does not say why'}"
+        f"as {node.name}: {reason or 'the container gave no reason'}"
     )

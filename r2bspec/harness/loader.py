@@ -1,10 +1,9 @@
-"""The loader: sends the recorded messages through the preprocessors and records what comes out.
+"""The loader: publishes the recorded messages to the preprocessors and records their output.
 
-Nothing may be lost here, so the loader does not play at a rate. It keeps a few stamps in flight:
-the next messages go out when the outputs of earlier ones have come back, or when none has come for
-so long (`r2bspec.harness.adaptive_timeout`) that none can be expected. In real time, where the spec
-asks for that, messages go out when they were recorded, and what a preprocessor cannot take is lost
-as it would have been then.
+No message may be lost, so the loader does not play at a rate. It keeps a few stamps in flight: it
+publishes the next messages when the outputs of earlier ones have arrived, or after a timeout
+(`r2bspec.harness.adaptive_timeout`). If the spec requests real time, messages are published at
+their recorded times, and messages for which a preprocessor is too slow are lost.
 """
 
 from __future__ import annotations
@@ -26,14 +25,14 @@ from r2bspec.ipc.transform_stamps import TF, TF_STATIC
 from r2bspec.language.spec import QoS
 
 _MAX_IN_FLIGHT = 4
-"""Stamps that may be under way at once: fewer than the ten that a default queue holds."""
+"""The maximum number of stamps in flight: less than the default queue depth of ten."""
 
 _POLL_S = 0.05
 _DEFAULT_QOS = QoS()
 
 
 class _SourceMessage(NamedTuple):
-    """A buffered message: when it is its turn, its stamp, and when it was recorded."""
+    """A buffered message: its key for the order, its stamp, and the time of its recording."""
 
     turn_ns: int
     stamp_ns: int
@@ -51,7 +50,7 @@ class Loader:
         self._folder = Path(settings.buffer_dir)
         self._node = rclpy_tools.start_node("loader")
         self._loop = rclpy_tools.WaitLoop(self._node)
-        # Before anything else, so that whoever is started later finds it.
+        # Before anything else, so that all nodes, which are started later, receive it.
         self._static_publisher = (
             publish_static_transforms(self._node, self._folder) if settings.static else None
         )
@@ -92,7 +91,7 @@ class Loader:
                     continue
 
     def _subscribe(self) -> None:
-        """Subscribe to every waiting topic whose QoS is known by now."""
+        """Subscribe to every pending topic whose publisher, and thus QoS, has been discovered."""
         for topic, type_name in list(self._waiting.items()):
             qos = rclpy_tools.profile_matching_publishers(self._node, topic)
             if qos is None:
@@ -143,9 +142,10 @@ class Loader:
         return protocol.Loaded(published=published, recorded=recorded)
 
     def _sources(self, *, real_time: bool) -> list[_SourceMessage]:
-        """Every source message, by time; partners follow each other, when the last one is there.
+        """All source messages in the order of publication, by time.
 
-        In real time each message has its own turn.
+        Messages with the same stamp follow each other, at the time of the last one; in real time,
+        each message has its own time.
         """
         indexes = [self._index(topic) for topic in (*self._publishers, *self._settings.buffer_only)]
         found = [
@@ -163,7 +163,7 @@ class Loader:
         return sorted(each._replace(turn_ns=last_ns[each.stamp_ns]) for each in found)
 
     def _index(self, topic: str) -> buffers.BufferIndex:
-        """What is in a buffer; with the stamps of messages whose type only ROS knows here."""
+        """The index of a buffer, with the header stamps of types that only ROS knows."""
         index = buffers.read_index(self._folder, topic)
         if index.has_header is None and topic in self._settings.sources:
             header = rclpy_tools.begins_with_header(index.type)
@@ -176,7 +176,7 @@ class Loader:
         return index
 
     def _messages(self, sources: list[_SourceMessage]) -> dict[str, dict[int, bytearray]]:
-        """What the writers publish of these, by topic and position."""
+        """The messages that the publishers publish, by topic and position."""
         return {
             topic: buffers.read_messages(
                 self._folder, topic, {each.position for each in sources if each.topic == topic}
@@ -185,19 +185,19 @@ class Loader:
         }
 
     def _retime(self, turns_ns: dict[str, dict[int, int]]) -> None:
-        """Replace the times of the sources by those at which it was their turn."""
+        """Replace the times of the sources by the times at which they were published."""
         for topic, turns in turns_ns.items():
             index = buffers.read_index(self._folder, topic)
             times_ns = tuple(turns.get(each, 0) for each in range(len(index.sizes)))
             buffers.write_index(self._folder, msgspec.structs.replace(index, times_ns=times_ns))
 
     def _record_until(self, end_ns: int) -> None:
-        """Record outputs until a point in time."""
+        """Record outputs until a time."""
         while (left_ns := end_ns - time.monotonic_ns()) > 0 and not self._interrupted():
             self._record(min(_POLL_S, left_ns / 1e9))
 
     def _wait_for_free_slot(self, in_flight: dict[int, None], timeout: AdaptiveTimeout) -> None:
-        """Record outputs until fewer than `_MAX_IN_FLIGHT` stamps are open, or the time is over."""
+        """Record outputs until fewer than `_MAX_IN_FLIGHT` stamps are in flight, or a timeout."""
         last_ns = time.monotonic_ns()
         while len(in_flight) >= _MAX_IN_FLIGHT and not self._interrupted():
             found = self._record(min(_POLL_S, timeout.limit_ns / 1e9))
@@ -208,7 +208,7 @@ class Loader:
                 for stamp_ns in [each for each in in_flight if self._answered(each)]:
                     del in_flight[stamp_ns]
             elif pause_ns > timeout.limit_ns:
-                # Some graphs answer only some messages; what is missing is counted at the end.
+                # Some graphs answer only some messages; missing outputs are counted at the end.
                 timeout.expired()
                 in_flight.clear()
 
@@ -224,7 +224,7 @@ class Loader:
                 return
 
     def _republish(self, rate_hz: float, steps: int) -> int:
-        """Publish the first stamps once more, for whoever wants to see where they go."""
+        """Publish the messages of the first stamps once more, so that they can be traced."""
         sources = [
             each for each in self._sources(real_time=False) if each.topic in self._publishers
         ]
@@ -239,7 +239,7 @@ class Loader:
         return len(stamps)
 
     def _interrupted(self) -> bool:
-        """Whether a command waits: while loading there is but one, to shut down."""
+        """Whether a command has arrived: while loading, this can only be the shutdown."""
         return self._channel.wait(0.0)
 
     def _answered(self, stamp_ns: int) -> bool:

@@ -1,14 +1,13 @@
-"""The monitor: records when each message of the watched topics arrived, and never looks inside.
+"""The monitor: records the arrival time of each message on its topics, without deserialising it.
 
-The time of arrival is the one that the middleware took when the sample reached the subscription, so
-the monitor's own copying is not charged to the graph. It is on the system clock and is brought to
+The arrival time is the one that the middleware records when the sample reaches the subscription, so
+it does not include the monitor's copy of the message. It is on the system clock and is converted to
 the monotonic one (`r2bspec.ipc.clocks`).
 """
 
 from __future__ import annotations
 
 import contextlib
-import gc
 import queue
 import threading
 from pathlib import Path
@@ -45,7 +44,7 @@ class _WatchedTopic:
         return self.subscription.matches()
 
     def close(self) -> None:
-        """Stop reading; the rows stay in their file."""
+        """Unsubscribe; the rows stay in their file."""
         self.subscription.destroy()
         self._rows.close()
 
@@ -59,7 +58,7 @@ class _WatchedTopic:
 
 
 class Monitor:
-    """Watches topics; commands arrive on a thread of their own and are served between messages."""
+    """Monitors topics; a thread receives commands, which are executed between messages."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureMonitor) -> None:
         self._channel = channel
@@ -81,12 +80,10 @@ class Monitor:
 
     def serve(self) -> None:
         """Record and answer commands until told to shut down."""
-        self._channel.send(protocol.Ready())
+        self._channel.send(protocol.Ready(rmw=rclpy_tools.loaded_rmw()))
         threading.Thread(target=self._listen, daemon=True).start()
         subscribing = False
         clocks = ClockOffsetTracker()
-        gc.collect()
-        gc.disable()
         while True:
             timeout_s = _DISCOVERY_POLL_S if subscribing and self._waiting else _IDLE_S
             began_ns = clocks.update()
@@ -130,7 +127,7 @@ class Monitor:
         self._loop.wake()
 
     def _subscribe(self) -> None:
-        """Subscribe to every waiting topic whose QoS is known by now."""
+        """Subscribe to every pending topic whose QoS is known."""
         still_waiting = []
         for plan in self._waiting:
             qos = (
@@ -150,7 +147,7 @@ class Monitor:
         self._loop.add(subscription)
 
     def _watch(self, plans: tuple[MonitorPlan, ...]) -> None:
-        """Read topics that are no monitors', for a while."""
+        """Subscribe temporarily to topics without a monitor."""
         for plan in plans:
             with contextlib.suppress(rclpy_tools.TypeNotFoundError):
                 rclpy_tools.message_class(plan.type)
@@ -179,19 +176,21 @@ class Monitor:
 
 
 def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
-    """Which endpoints discovery shows on these topics, those of the harness included."""
-    writers = {each: node.get_publishers_info_by_topic(each) for each in topics}
-    readers = {each: node.get_subscriptions_info_by_topic(each) for each in topics}
+    """The endpoints that discovery shows on these topics, including those of the harness."""
+    publishers = {each: node.get_publishers_info_by_topic(each) for each in topics}
+    subscriptions = {each: node.get_subscriptions_info_by_topic(each) for each in topics}
     return protocol.Discovered(
-        writers={topic: tuple(map(_endpoint, infos)) for topic, infos in writers.items()},
-        readers={topic: tuple(map(_endpoint, infos)) for topic, infos in readers.items()},
+        writers={topic: tuple(map(_endpoint, infos)) for topic, infos in publishers.items()},
+        readers={topic: tuple(map(_endpoint, infos)) for topic, infos in subscriptions.items()},
         qos_mismatches=tuple(
-            protocol.QosMismatch(_full_name(writer), _full_name(subscription), topic, why)
+            protocol.QosMismatch(_full_name(publisher), _full_name(subscription), topic, why)
             for topic in topics
-            for writer in writers[topic]
-            for subscription in readers[topic]
+            for publisher in publishers[topic]
+            for subscription in subscriptions[topic]
             if (
-                why := rclpy_tools.qos_mismatch_reason(writer.qos_profile, subscription.qos_profile)
+                why := rclpy_tools.qos_mismatch_reason(
+                    publisher.qos_profile, subscription.qos_profile
+                )
             )
         ),
     )

@@ -1,8 +1,8 @@
-"""The node host: makes the Python nodes of one process and spins them.
+"""The node host: creates the Python nodes of one process and spins them.
 
 A node is any rclpy `Node` class whose constructor takes keyword arguments for `Node`, or a
-function that returns one. It is given its namespace, name, remappings and parameter overrides the
-way a launch file would give them, and knows nothing of r2bspec.
+function that returns one. It receives its namespace, name, remappings and parameter overrides as
+from a launch file, and does not depend on r2bspec.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from r2bspec.wiring.name_resolution import expand
 
 
 class NodeError(Exception):
-    """A node that cannot be made, in words for the user; the cause has the rest."""
+    """A node cannot be created; the message is for the user, the cause has the details."""
 
     def __init__(self, code: str, message: str, hint: str = "") -> None:
         super().__init__(message)
@@ -67,9 +67,9 @@ def find_factory(target: str, base_dir: Path) -> Any:
 def _import_file(file: Path) -> Any:
     description = importlib.util.spec_from_file_location(file.stem, file)
     if description is None or description.loader is None or not file.is_file():
-        raise NodeError("R2B624", f"{file} is no Python file")
+        raise NodeError("R2B624", f"{file} is not a Python file")
     module = importlib.util.module_from_spec(description)
-    # Siblings of the file can be imported, as they could if it were run as a script.
+    # Other files of its folder can be imported, as if it were run as a script.
     sys.path.insert(0, str(file.parent))
     sys.modules[file.stem] = module
     try:
@@ -80,7 +80,7 @@ def _import_file(file: Path) -> Any:
 
 
 def make_node(plan: NodePlan, base_dir: Path) -> Node:
-    """Make one node as the plan says.
+    """Create one node of a plan.
 
     Raises:
         NodeError: it cannot be imported or its constructor fails.
@@ -100,15 +100,17 @@ def make_node(plan: NodePlan, base_dir: Path) -> Node:
         )
     except Exception as error:
         raise NodeError(
-            "R2B633", f"node {plan.name} could not be made: {type(error).__name__}: {error}"
+            "R2B633", f"node {plan.name} cannot be created: {type(error).__name__}: {error}"
         ) from error
     if not isinstance(node, Node):
-        raise NodeError("R2B625", f"{plan.target} gave no rclpy node but {type(node).__name__}")
+        raise NodeError(
+            "R2B625", f"{plan.target} returned {type(node).__name__}, not an rclpy node"
+        )
     return node
 
 
 def describe_node(plan: NodePlan, node: Node) -> protocol.Ready:
-    """What the node turned out to be: its endpoints, and what it did not take of the plan."""
+    """The endpoints and parameters of a node, and its differences from the plan."""
     endpoints = [
         (plan.name, each.topic_name, _type_name(each.msg_type), direction)
         for direction, group in (("publishes", node.publishers), ("subscribes", node.subscriptions))
@@ -126,9 +128,9 @@ def describe_node(plan: NodePlan, node: Node) -> protocol.Ready:
 
 
 def _unmatched(plan: NodePlan, node: Node) -> Iterator[tuple[str, str, str]]:
-    """The remappings after which nothing of the node is called.
+    """The remappings whose target is not the name of any topic or service of the node.
 
-    An action, or a transport of images, is a name with more behind it.
+    The names of an action or an image transport begin with the target.
     """
     name, namespace = node.get_name(), node.get_namespace()
     found = [
@@ -155,14 +157,14 @@ def _type_name(message_class: Any) -> str:
 
 
 def _executor(settings: protocol.ConfigureHost) -> Executor:
-    """The executor that the plan asks for; threads are as many as cores where it says 0."""
+    """The executor of the plan; 0 threads mean one per core."""
     if settings.executor == "multi_threaded":
         return MultiThreadedExecutor(num_threads=settings.threads or None)
     return SingleThreadedExecutor()
 
 
 class NodeHost:
-    """Makes the nodes and spins them until told to shut down."""
+    """Creates the nodes and spins them until told to shut down."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureHost) -> None:
         self._channel = channel
@@ -179,7 +181,11 @@ class NodeHost:
             self._reports.append(describe_node(plan, node))
 
     def serve(self) -> None:
-        """Spin. A callback that raises ends the process with a message; that is no benchmark."""
+        """Spin.
+
+        Raises:
+            NodeError: a callback raised an exception, which makes the measurements meaningless.
+        """
         self._channel.send(
             protocol.Ready(
                 endpoints=tuple(each for found in self._reports for each in found.endpoints),
@@ -213,11 +219,11 @@ class NodeHost:
                             publisher_counts=self._publisher_counts(),
                         )
                     )
-        # Not the context: a callback that is under way may still want to publish.
+        # Not the context: a running callback may still publish.
         self._executor.shutdown()
 
     def _subscription_counts(self) -> dict[str, int]:
-        """How many readers the writers of each topic have, the least where there are several."""
+        """The number of matched subscriptions of each topic: the minimum over its publishers."""
         counts: dict[str, int] = {}
         for node in self._nodes:
             for publisher in list(node.publishers):
@@ -226,7 +232,7 @@ class NodeHost:
         return counts
 
     def _publisher_counts(self) -> dict[str, int]:
-        """How many writers the readers of each topic have, the least where there are several."""
+        """The number of matched publishers of each topic: the minimum over its subscriptions."""
         counts: dict[str, int] = {}
         for node in self._nodes:
             for subscription in list(node.subscriptions):

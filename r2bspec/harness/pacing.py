@@ -1,9 +1,9 @@
-"""Waiting for a point in time: sleep most of the way, then spin.
+"""Waiting until a time: sleep for most of it, then spin.
 
-A sleep ends late by the timer slack of the kernel and the time it takes to be scheduled; a spin
-ends on time and costs a core. How late sleeps end depends on the machine and on how long they are:
-a core that was idle for ten milliseconds wakes more slowly than one that was idle for one. The
-pacer therefore learns how much of a wait it must spin.
+A sleep ends late by the timer slack of the kernel and the scheduling latency; a spin ends on time
+but uses a core. The lateness of sleeps depends on the machine and on their length: a core that was
+idle for ten milliseconds wakes more slowly than one that was idle for one. The pacer therefore
+learns for how long it must spin.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ import time
 from collections.abc import Callable
 
 INITIAL_SPIN_NS = 150_000
-"""How much of a wait is spun until more is known: more than most sleeps end late."""
+"""The initial spin time: more than the lateness of most sleeps."""
 
 _MIN_SPIN_NS = 30_000
 _MAX_SPIN_NS = 300_000
-"""Beyond that it is no longer the timer but other work that holds a core, which no spin helps."""
+"""A larger lateness is not caused by the timer but by other work on the core; spinning does not
+help against it."""
 
 _MAX_LATE_SHARE = 0.04
-"""Of all sleeps, those that may end after the due time."""
+"""The share of sleeps that may end after the due time."""
 
 _STEP_NS = 4_000
 
@@ -29,11 +30,11 @@ _PR_SET_TIMERSLACK = 29
 
 
 class Pacer:
-    """Waits again and again, and learns how late sleeps end.
+    """Waits for due times, and learns the lateness of sleeps.
 
-    `spin_ns` follows the (1 - `_MAX_LATE_SHARE`) quantile of how late they do: a step up when one
-    ended after its due time, a small one down when it did not, in the ratio that balances there.
-    Belongs to the thread that makes it.
+    `spin_ns` follows the (1 - `_MAX_LATE_SHARE`) quantile of the lateness: it takes a step up when
+    a sleep ended after its due time, and a small one down when it did not, in the ratio that is in
+    balance at this quantile. For use in the thread that creates it.
     """
 
     def __init__(self) -> None:
@@ -67,6 +68,6 @@ class Pacer:
 
 
 def _minimise_timer_slack() -> None:
-    """Let the kernel end this thread's sleeps on time: by default it may be 50 us late."""
+    """Minimise the timer slack of this thread, which is 50 us by default."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)

@@ -1,13 +1,12 @@
 """The player: publishes the buffered inputs, step by step, on a schedule.
 
-The schedule is open: a step is due at its time whether or not the graph has answered the last one,
-and a step that is late is published at once, with its lateness on record. All inputs of a step
-carry the same unique header stamp, so that each output can be matched to its input.
+The load is open-loop: a step is due at its time whether or not the graph has answered the previous
+one. A late step is published immediately, and its lateness is recorded. All inputs of a step have
+the same unique header stamp, so that each output can be matched to its input.
 """
 
 from __future__ import annotations
 
-import gc
 import time
 from pathlib import Path
 
@@ -26,7 +25,7 @@ _START_DELAY_NS = 20_000_000
 
 
 class Player:
-    """Holds the inputs in memory and plays them as its schedule says."""
+    """Keeps the inputs in memory and plays them according to its schedule."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigurePlayer) -> None:
         self._channel = channel
@@ -40,7 +39,7 @@ class Player:
             each.timestamp == "header" and header
             for each, header in zip(settings.inputs, headers, strict=True)
         ]
-        # Before anything else, so that whoever is started later finds it.
+        # Before anything else, so that all nodes, which are started later, receive it.
         self._static_publisher = (
             publish_static_transforms(self._node, self._folder)
             if TF_STATIC in settings.transforms
@@ -79,7 +78,7 @@ class Player:
                 case protocol.Shutdown():
                     return
                 case _:
-                    # A Stop that crossed with the end of playing.
+                    # A Stop that arrived after the last step.
                     continue
 
     def _matches(self) -> dict[str, int]:
@@ -102,9 +101,6 @@ class Player:
             self._folder,
         )
         self._next = 0
-        # Nothing here makes cycles; a collection in mid-play would only delay a publication.
-        gc.collect()
-        gc.disable()
 
     def _play(self, rate_hz: float, steps: int) -> int:
         """Publish `steps` steps; fewer if a command arrives. Returns how many were published."""
@@ -117,13 +113,13 @@ class Player:
         rows = StepRows(self._rows)
         events = self._schedule.events(rate_hz, steps, self._next)
         for number, event in enumerate(events):
-            # From the first due time, not from the last: rounding must not add up.
+            # Relative to the first due time, so that rounding errors do not accumulate.
             due_ns = begin_ns + event.offset_ns
             stamp_ns = self._stamp(self._preloaded, event, due_ns, epoch_ns)
             if self._pacer.wait_until(due_ns, self._channel.wait):
                 break
             if number % 64 == 0 and self._channel.wait(0.0):
-                # A player that is late never sleeps, and would not hear a command otherwise.
+                # A late player never sleeps, so it must also check for commands here.
                 break
             published_ns, done_ns = self._publish(self._preloaded, event)
             if event.step != NO_STEP:
@@ -135,7 +131,7 @@ class Player:
     def _epoch(self, begin_ns: int) -> int:
         """The system time of the beginning, to which the stamps of a timeline are shifted.
 
-        Later, where a stamp would else be played again: stamps may run ahead of the clock.
+        It is later if a stamp would otherwise repeat, because stamps may be ahead of the clock.
         """
         epoch_ns = time.time_ns() + begin_ns - time.monotonic_ns()
         if isinstance(self._schedule, CyclicSchedule):
@@ -145,10 +141,10 @@ class Player:
     def _stamp(
         self, preloaded: PreloadedMessages, event: PlaybackEvent, due_ns: int, epoch_ns: int
     ) -> int:
-        """Write its stamp into what will be published next; returns the stamp.
+        """Write the stamp into the messages of the next event; returns the stamp.
 
-        Done before waiting: touching messages that are no longer in the cache takes its time, and
-        would make each publication late by it.
+        This happens before waiting for the due time: writing to messages that are no longer in the
+        cache takes time, which would delay each publication.
         """
         if event.stamp_ns is not None:
             stamp_ns = epoch_ns + event.stamp_ns
@@ -162,7 +158,7 @@ class Player:
         return stamp_ns
 
     def _publish(self, preloaded: PreloadedMessages, event: PlaybackEvent) -> tuple[int, int]:
-        """Publish the messages of an event; when that began, and when all were handed over."""
+        """Publish the messages of an event; returns the times before and after."""
         publications = preloaded.publications(event)
         published_ns = time.monotonic_ns()
         for publish in publications:

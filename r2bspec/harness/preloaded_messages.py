@@ -1,6 +1,6 @@
-"""What a player holds in memory: the messages of its schedule, ready to be stamped and published.
+"""The messages of a schedule in the memory of the player, ready to be stamped and published.
 
-Everything that takes time is done here, before anything is played.
+All slow operations are done here, before playback.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class PreloadedMessages:
     """The messages of one schedule.
 
     Args:
-        schedule: what is played.
-        inputs: the inputs of the plan.
-        stamped: of each input, whether a stamp is to be written into its messages.
-        publishers: of the inputs and, where transforms are played along, of /tf.
-        folder: where the buffers are.
+        schedule: of the player.
+        inputs: of the plan.
+        stamped: for each input, whether a stamp is written into its messages.
+        publishers: of the inputs and, if transforms are played, of /tf.
+        folder: contains the buffers.
     """
 
     def __init__(
@@ -58,11 +58,11 @@ class PreloadedMessages:
         }
 
     def stamp(self, event: PlaybackEvent, stamp_ns: int) -> None:
-        """Write a stamp into the messages of an event that take one.
+        """Write a stamp into the messages of an event that have one.
 
         Args:
             event: with the messages.
-            stamp_ns: of a step; of transforms, what their `PlaybackEvent.origin_ns` becomes.
+            stamp_ns: of a step; for transforms, the new value of their `PlaybackEvent.origin_ns`.
         """
         if event.step == NO_STEP:
             for _, position in event.messages:
@@ -74,15 +74,15 @@ class PreloadedMessages:
                 write_stamp(self._messages[column][position], stamp_ns)
 
     def publications(self, event: PlaybackEvent) -> list[Callable[[], None]]:
-        """What publishes the messages of an event."""
+        """The functions that publish the messages of an event."""
         return [self._publications[column][position] for column, position in event.messages]
 
 
 def publish_static_transforms(node: Node, folder: Path) -> rclpy_tools.RawPublisher:
-    """Publish the buffered /tf_static, latched: who comes later gets it, too.
+    """Publish the buffered /tf_static as transient local, so that late subscriptions receive it.
 
     Returns:
-        The publisher, which must live for as long as the transforms are to be had.
+        The publisher, which must be kept as long as the transforms must be available.
     """
     publisher = rclpy_tools.RawPublisher(
         node, TF_STATIC, TF_TYPE, rclpy_tools.profile(TF_STATIC_QOS)

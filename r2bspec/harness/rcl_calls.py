@@ -1,9 +1,9 @@
 """The two calls of rcl that move serialised messages, without rclpy's copies.
 
 rclpy copies a message into a C++ string to publish it, and into a new `bytes` object to take it.
-For an image that is half of the time of either call. The functions below are rcl's public C API
-(``rcl/publisher.h`` and ``rcl/subscription.h``), called on the handles that rclpy made; they
-release the interpreter's lock meanwhile. Where they cannot be had, the callers use rclpy's.
+For an image this takes half of the time of either call. The functions below are rcl's public C API
+(``rcl/publisher.h`` and ``rcl/subscription.h``), called on the handles of rclpy; they release the
+interpreter lock. If they are not available, the callers use rclpy.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import functools
 from collections.abc import Callable
 
 HEAD_BYTES = 16
-"""How much of a taken message is kept: the encapsulation and a header's stamp."""
+"""The bytes of a taken message that are kept: the encapsulation and the header stamp."""
 
 _TAKE_FAILED = 401
 """RCL_RET_SUBSCRIPTION_TAKE_FAILED: no message was waiting."""
@@ -37,7 +37,7 @@ class _SerializedMessage(ctypes.Structure):
 
 
 class _MessageInfo(ctypes.Structure):
-    """rmw_message_info_t: what it begins with, and room for what releases of ROS add to it."""
+    """rmw_message_info_t: its first fields, and space for fields that releases of ROS add."""
 
     _fields_ = [
         ("source_ns", ctypes.c_int64),
@@ -47,11 +47,11 @@ class _MessageInfo(ctypes.Structure):
 
 
 class RclError(Exception):
-    """rcl refused to publish or to take."""
+    """rcl failed to publish or to take a message."""
 
 
 class _Library:
-    """The functions, looked up once. They are in libraries that rclpy has loaded already."""
+    """The functions, looked up once, in libraries that rclpy has already loaded."""
 
     def __init__(self) -> None:
         rcutils, rcl = ctypes.CDLL("librcutils.so"), ctypes.CDLL("librcl.so")
@@ -73,14 +73,14 @@ def _library() -> _Library | None:
 
 
 def publication(publisher: object, message: bytearray) -> Callable[[], None] | None:
-    """A function that publishes what is in `message` at the time it is called.
+    """A function that publishes the content of `message` at the time of the call.
 
     Args:
         publisher: rclpy's handle of a publisher, which must outlive the function.
-        message: serialised; may be patched in place, and cannot be resized any more.
+        message: serialised; may be changed in place, but can no longer be resized.
 
     Returns:
-        The function, or None where rcl cannot be called. It raises RclError.
+        The function, which raises RclError; None if rcl cannot be called.
     """
     library, pointer = _library(), getattr(publisher, "pointer", None)
     if library is None or pointer is None or not message:
@@ -89,13 +89,13 @@ def publication(publisher: object, message: bytearray) -> Callable[[], None] | N
 
 
 class _Publication:
-    """Publishes one message from where it lies in memory, which it keeps alive."""
+    """Publishes one message without a copy, and keeps its memory alive."""
 
     def __init__(self, library: _Library, pointer: int, message: bytearray) -> None:
         self._library = library
         self._call = library.publish
         self._pointer = pointer
-        # The view holds the bytes; rcl is given their bare address.
+        # The view keeps the bytes alive; rcl receives only their address.
         self._view = (ctypes.c_char * len(message)).from_buffer(message)
         self._message = _SerializedMessage(
             ctypes.addressof(self._view), len(message), len(message), library.allocator
@@ -105,27 +105,27 @@ class _Publication:
     def __call__(self) -> None:
         if status := self._call(self._pointer, self._reference, None):
             self._library.reset_error()
-            raise RclError(f"a message could not be published (rcl status {status})")
+            raise RclError(f"publishing a message failed (rcl status {status})")
 
 
 class MessageTaker:
-    """Takes messages into one buffer that is used again and again, and keeps their heads.
+    """Takes messages into one reused buffer, and returns their first bytes.
 
     Args:
         subscription: rclpy's handle of a subscription, which must outlive this.
 
     Raises:
-        RclError: rcl cannot be called here.
+        RclError: rcl cannot be called.
     """
 
     def __init__(self, subscription: object) -> None:
         library, pointer = _library(), getattr(subscription, "pointer", None)
         if library is None or pointer is None:
-            raise RclError("rcl cannot be called here")
+            raise RclError("rcl cannot be called")
         self._library = library
         self._call = library.take
         self._pointer = pointer
-        # Grown by rcl to the largest message; freed with the process.
+        # rcl grows it to the largest message; it is freed with the process.
         self._message = _SerializedMessage(None, 0, 0, library.allocator)
         self._info = _MessageInfo()
         self._references = ctypes.byref(self._message), ctypes.byref(self._info)
@@ -137,14 +137,14 @@ class MessageTaker:
             None if no message is waiting.
 
         Raises:
-            RclError: rcl refuses.
+            RclError: taking the message failed.
         """
         status = self._call(self._pointer, *self._references, None)
         if status:
             if status == _TAKE_FAILED:
                 return None
             self._library.reset_error()
-            raise RclError(f"a message could not be taken (rcl status {status})")
+            raise RclError(f"taking a message failed (rcl status {status})")
         size = self._message.length
         head = ctypes.string_at(self._message.buffer, min(size, HEAD_BYTES))
         return head, size, self._info.received_ns

@@ -1,4 +1,4 @@
-"""The few things of rclpy that every role needs: message classes, QoS, and a lean wait loop."""
+"""The functions of rclpy that every role needs: message classes, QoS, and a fast wait loop."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import ok, try_shutdown
+from rclpy.utilities import get_rmw_implementation_identifier, ok, try_shutdown
 
 from r2bspec.harness import rcl_calls
 from r2bspec.language.spec import QoS
@@ -31,13 +31,13 @@ _to_destroy: list[Node] = []
 _init_lock = threading.Lock()
 
 SUBSCRIPTION_DEPTH = 1000
-"""History depth of what the harness reads: a second at 1 kHz, so that a monitor that was not
-scheduled for a while loses nothing. Memory is taken only for messages that wait; with 100 a busy
-machine was seen to lose some."""
+"""History depth of the subscriptions of the harness: a second at 1 kHz, so that a monitor that was
+not scheduled for a while loses no messages. Only waiting messages use memory. With a depth of 100,
+messages were lost on a busy machine."""
 
 
 class TypeNotFoundError(Exception):
-    """A message type that is not installed here."""
+    """A message type is not installed."""
 
 
 def message_class(type_name: str) -> Any:
@@ -50,11 +50,11 @@ def message_class(type_name: str) -> Any:
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError, ValueError) as error:
-        raise TypeNotFoundError(f"message type {type_name} is not installed here") from error
+        raise TypeNotFoundError(f"message type {type_name} is not installed") from error
 
 
 def begins_with_header(type_name: str) -> bool:
-    """Whether the first field of a type is a std_msgs/Header, so that its stamp can be reached.
+    """Whether the first field of a type is a std_msgs/Header, so that its stamp can be read.
 
     Raises:
         TypeNotFoundError: the type is not installed.
@@ -64,7 +64,7 @@ def begins_with_header(type_name: str) -> bool:
 
 
 def profile(qos: QoS) -> QoSProfile:
-    """The rclpy profile of a QoS of the language."""
+    """The rclpy profile for a QoS of the spec."""
     return QoSProfile(
         reliability=ReliabilityPolicy[qos.reliability.upper()],
         durability=DurabilityPolicy[qos.durability.upper()],
@@ -74,10 +74,10 @@ def profile(qos: QoS) -> QoSProfile:
 
 
 def profile_matching_publishers(node: Node, topic: str) -> QoSProfile | None:
-    """A profile that hears every publisher of a topic, or None while there is no publisher.
+    """A profile compatible with every publisher of a topic, or None if there is no publisher.
 
-    A subscription that asks for less than a publisher offers still hears it, so the weakest offer
-    decides.
+    A subscription is compatible with publishers that offer more than it requests, so the weakest
+    offer decides.
     """
     publishers = node.get_publishers_info_by_topic(topic)
     if not publishers:
@@ -93,9 +93,9 @@ def profile_matching_publishers(node: Node, topic: str) -> QoSProfile | None:
     )
 
 
-def qos_mismatch_reason(offered: QoSProfile, asked: QoSProfile) -> str:
-    """Why a subscription never matches a publisher, in the middleware's words; empty if it may."""
-    found, why = qos_check_compatible(offered, asked)
+def qos_mismatch_reason(offered: QoSProfile, requested: QoSProfile) -> str:
+    """Why a subscription never matches a publisher, from the middleware; empty if it may."""
+    found, why = qos_check_compatible(offered, requested)
     if found != QoSCompatibility.ERROR:
         return ""
     return str(why).replace("ERROR: ", "").strip("; ").lower()
@@ -107,7 +107,7 @@ class RawSubscription:
     def __init__(self, node: Node, topic: str, type_name: str, qos: QoSProfile) -> None:
         self._node = node
         self._class = message_class(type_name)
-        # The callback is never called: no executor knows this node.
+        # The callback is never called, because no executor has this node.
         self._subscription = node.create_subscription(
             self._class, topic, lambda _message: None, qos, raw=True
         )
@@ -125,9 +125,9 @@ class RawSubscription:
         return data, int(info["received_timestamp"])
 
     def take_head(self) -> tuple[bytes, int, int] | None:
-        """As `take`, but of the message only the first bytes, and its size.
+        """As `take`, but with only the first bytes and the size of the message.
 
-        Whoever only counts and times messages is spared a copy of each.
+        This avoids a copy of each message if only its time and stamp are needed.
         """
         if self._taker is not None:
             return self._taker.take()
@@ -141,7 +141,7 @@ class RawSubscription:
         return int(self.handle.get_publisher_count())
 
     def destroy(self) -> None:
-        """Stop reading; nothing may be taken any more."""
+        """Unsubscribe; no message may be taken afterwards."""
         self._taker = None
         self._node.destroy_subscription(self._subscription)
 
@@ -156,33 +156,33 @@ class RawPublisher:
     def publish(self, message: bytes | bytearray) -> None:
         """Publish one serialised message.
 
-        The handle takes a bytearray as it is, where `Publisher.publish` would want `bytes` and
-        with it a copy of every message whose stamp is patched in place.
+        The handle accepts a bytearray; `Publisher.publish` would need `bytes`, and thus a copy of
+        every message whose stamp is changed in place.
         """
         self._handle.publish_raw(message)
 
     def publication(self, message: bytearray) -> Callable[[], None]:
-        """A function that publishes what is in `message` at the time it is called.
+        """A function that publishes the content of `message` at the time of the call.
 
-        The message is handed over where it is; only where that is impossible it is copied.
+        The message is copied only if rcl cannot be called.
         """
         made = rcl_calls.publication(self._handle, message)
         return made or functools.partial(self._handle.publish_raw, message)
 
     def wait_for_acknowledgements(self, timeout_s: float = 2.0) -> None:
-        """Wait until all readers that are matched have got everything, but not for ever."""
+        """Wait until all matched subscriptions have received all messages, or for the timeout."""
         self._publisher.wait_for_all_acked(Duration(seconds=timeout_s))
 
     def matches(self) -> int:
-        """How many readers this publisher is matched with."""
+        """How many subscriptions this publisher is matched with."""
         return int(self._handle.get_subscription_count())
 
 
 class WaitLoop:
-    """Waits on raw readers through rclpy's wait set.
+    """Waits on raw subscriptions with rclpy's wait set.
 
-    An rclpy executor costs a multiple of this per message, because it rebuilds its wait set and
-    dispatches through tasks; a monitor must not be what it measures.
+    An rclpy executor takes a multiple of this time per message, because it rebuilds its wait set
+    and dispatches through tasks; this would affect the measurements of the monitor.
     """
 
     def __init__(self, node: Node) -> None:
@@ -192,12 +192,12 @@ class WaitLoop:
         self._set: Any = None
 
     def add(self, subscription: RawSubscription) -> None:
-        """Wait on one more subscription, from the next `wait` on."""
+        """Add a subscription, from the next `wait` on."""
         self._subscriptions.append(subscription)
         self._set = None
 
     def remove(self, subscription: RawSubscription) -> None:
-        """Wait on a subscription no more; the positions of those after it move up."""
+        """Remove a subscription; the positions of those after it decrease."""
         self._subscriptions.remove(subscription)
         self._set = None
 
@@ -206,7 +206,7 @@ class WaitLoop:
         self._guard.trigger_guard_condition()
 
     def wait(self, timeout_s: float) -> list[int]:
-        """Wait at most `timeout_s` seconds; returns the positions of readers with messages."""
+        """Wait at most `timeout_s` seconds; returns the positions with waiting messages."""
         if self._set is None:
             self._set = _implementation.WaitSet(
                 len(self._subscriptions), 1, 0, 0, 0, 0, self._node.context.handle
@@ -225,10 +225,10 @@ class WaitLoop:
 
 
 def start_node(name: str) -> Node:
-    """Initialise rclpy and make the harness node of a role.
+    """Initialise rclpy and create the harness node of a role.
 
-    The node has no parameter services, no /rosout and no clock subscription: what does not exist
-    takes no time and does not show in the graph under test.
+    The node has no parameter services, no /rosout and no clock subscription, so that these take no
+    time and are not part of the graph under test.
     """
     init()
     node = Node(
@@ -243,9 +243,9 @@ def start_node(name: str) -> Node:
 
 
 def init() -> None:
-    """Initialise rclpy, unless that is done.
+    """Initialise rclpy, unless it is already initialised.
 
-    What it logs goes to the log of the process and into no file of its own.
+    It logs to the log of the process and not to its own file.
     """
     arguments = ["--ros-args", "--disable-external-lib-logs"]
     with _init_lock:
@@ -253,13 +253,18 @@ def init() -> None:
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
 
 
+def loaded_rmw() -> str:
+    """The middleware (RMW implementation) that this process has loaded."""
+    return str(get_rmw_implementation_identifier())
+
+
 def destroy_on_shutdown(node: Node) -> None:
-    """Have `finish` destroy a node."""
+    """Register a node that `finish` will destroy."""
     _to_destroy.append(node)
 
 
 def finish() -> None:
-    """Destroy the nodes and shut rclpy down, so that no shared memory stays behind."""
+    """Destroy the nodes and shut rclpy down, so that no shared memory is left."""
     for node in _to_destroy:
         with contextlib.suppress(Exception):
             node.destroy_node()

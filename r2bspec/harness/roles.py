@@ -1,6 +1,6 @@
-"""The roles that a harness process, or a part of one, can be told to play.
+"""The roles of harness processes and their parts.
 
-Each is imported only by the process that plays it.
+Each is imported only by the processes that have this role.
 """
 
 from __future__ import annotations
@@ -10,33 +10,34 @@ import sys
 import traceback
 from typing import Protocol
 
+from r2bspec.exit_status import ExitStatus
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 
 
 class Role(Protocol):
-    """What is made of the first command; it answers the others."""
+    """The object that the first command creates; it executes the others."""
 
     def serve(self) -> None:
         """Answer commands until told to shut down."""
 
 
 def play_role(channel: Channel) -> int:
-    """Play the role that the first command names, to its end.
+    """Run the role of the first command to its end.
 
     Returns:
-        The exit status: 1 after it has been said why the role cannot go on.
+        The exit status: FINDINGS_OR_FAILED after an error has been reported.
     """
     try:
         _make_role(channel, channel.receive()).serve()
     except ChannelClosedError:
-        return 0
+        return ExitStatus.OK
     except Exception as error:
         sys.stderr.write(traceback.format_exc())
         with contextlib.suppress(ChannelClosedError):
             channel.send(_failure(error))
-        return 1
-    return 0
+        return ExitStatus.FINDINGS_OR_FAILED
+    return ExitStatus.OK
 
 
 def _make_role(channel: Channel, command: protocol.Command) -> Role:
@@ -69,7 +70,7 @@ def _make_role(channel: Channel, command: protocol.Command) -> Role:
             from r2bspec.harness.component_loader import ComponentLoader
 
             return ComponentLoader(channel, command)
-    raise RuntimeError(f"a process is configured first, not told to {type(command).__name__}")
+    raise RuntimeError(f"the first command must configure the process: {type(command).__name__}")
 
 
 def _failure(error: Exception) -> protocol.Failed:

@@ -1,4 +1,4 @@
-"""One topic that the loader records: what came, and what it answers."""
+"""Recording one output topic of the preprocessors, and matching it with the source messages."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from r2bspec.ipc.header_stamps import read_stamp
 class TopicRecorder:
     """One recorded topic.
 
-    An output answers the source message of the same stamp. Outputs that carry no stamp, or one of
-    their own, answer in the order in which they come.
+    An output answers the source message with the same stamp. Outputs without a stamp, or with a
+    new one, answer the source messages in order of arrival.
     """
 
     def __init__(
@@ -28,15 +28,15 @@ class TopicRecorder:
         self._unmatched_count = 0
 
     def expect(self, sources: dict[int, int]) -> None:
-        """Take note of the stamps of the source messages, each with its number."""
+        """Set the stamps of the source messages, each with its number."""
         self._sources = sources
 
     def answered(self, stamp_ns: int) -> bool:
-        """Whether the answer to a source message has come."""
+        """Whether the output of a source message has arrived."""
         return stamp_ns in self._answers or self._unmatched_count > self._sources[stamp_ns]
 
     def drain(self) -> int:
-        """Record every message that has arrived; how many there were."""
+        """Record every message that has arrived; returns their number."""
         count = 0
         while (taken := self.subscription.take()) is not None:
             data, received_ns = taken
@@ -50,6 +50,6 @@ class TopicRecorder:
         return count
 
     def finish(self) -> int:
-        """Complete the buffer; how many messages are in it."""
+        """Complete the buffer; returns the number of its messages."""
         self._buffer.close()
         return len(self._buffer)

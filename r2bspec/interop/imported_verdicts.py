@@ -32,7 +32,8 @@ from r2bspec.judge.judge_requirement import limit_of
 from r2bspec.judge.methods.share_bound import share_test
 from r2bspec.judge.outcome import outcome_of
 from r2bspec.judge.statistics.effective_sample_size import EffectiveSample
-from r2bspec.judge.verdict import CONFIDENCE, EXIT_CODES, RequirementVerdict, Verdict
+from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.measure.errors import MetricError

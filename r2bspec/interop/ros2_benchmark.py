@@ -20,6 +20,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 
 BASIC_PREFIX: Final = "BasicPerformanceMetrics"
 RESOURCE_PREFIX: Final = "ResourceMetrics"
@@ -36,7 +37,7 @@ class NotAReportError(R2bspecError):
     """A file that is no report of ros2_benchmark."""
 
     code = "R2B662"
-    exit_code = 2
+    exit_code = ExitStatus.USAGE
 
 
 class MonitorFigures(msgspec.Struct, frozen=True, kw_only=True):

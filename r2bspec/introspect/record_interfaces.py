@@ -1,7 +1,7 @@
-"""Recording what nodes really have: each is started once, alone, and looked at.
+"""Recording the interfaces of nodes: each node is started once, alone, and inspected.
 
-A node runs in a namespace of its own without any remapping, so that its topics have the names that
-its own code gives them. It gets the parameters of the spec, because they may decide its topics.
+A node runs in its own namespace without remappings, so that its topics have the names from its
+code. It receives the parameters of the spec, because its topics may depend on them.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from r2bspec.execute.processes.redaction import make_redactor
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc import protocol
 from r2bspec.language.secret_variables import quoted_secret_references
 from r2bspec.language.spec import Spec
@@ -38,8 +39,8 @@ from r2bspec.wiring.wiring import NodeWiring
 NAMESPACE = "/r2bspec_interfaces"
 
 _INSPECTED_NAME = "r2bspec_inspected"
-"""What the node is called meanwhile: a name that none of its topics begins with, so that ``~/x``
-and ``x`` can be told apart."""
+"""The temporary name of the node. None of its topics begins with it, so that ``~/x`` and ``x`` can
+be distinguished."""
 
 _CREATE_TIMEOUT_S = 60.0
 _REPLY_SLACK_S = 60.0
@@ -47,7 +48,7 @@ _REPLY_SLACK_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class InterfaceResult:
-    """The outcome for one node: its interface as the file holds it, or why there is none."""
+    """The result for one node: its interface as in the file, or the problem."""
 
     node: str
     interface: dict[str, Any] | None = None
@@ -63,20 +64,20 @@ def record_interfaces(
     timeout_s: float = 20.0,
     on_node: Callable[[str], None] = lambda _: None,
 ) -> Iterator[InterfaceResult]:
-    """Start each node once and look at it.
+    """Start and inspect each node once.
 
     Args:
-        spec: the spec that has the nodes.
+        spec: the spec with the nodes.
         base_dir: its folder.
-        only: the keys of the nodes that are meant; all that can be started if empty.
+        only: the keys of the nodes to inspect; if empty, all that can be started.
         timeout_s: how long a node may take to appear.
         on_node: is called with the key of each node before it is started.
 
     Yields:
-        One outcome for each node, preprocessors first.
+        One result for each node, preprocessors first.
 
     Raises:
-        InterruptedRunError: a signal asked for an end.
+        InterruptedRunError: a signal has arrived.
         RunError: all ROS domains are in use.
     """
     companion_files = read_companion_files(spec, base_dir)
@@ -84,7 +85,7 @@ def record_interfaces(
     wiring = build_wiring(spec, companion_files=companion_files)
     nodes = [node for phase in wiring.phases for node in phase.nodes]
     for node in nodes:
-        if node.node.kind in {"launch", "external"} or (only and node.key not in only):
+        if node.node.kind.by_others or (only and node.key not in only):
             continue
         on_node(node.key)
         with Interrupts() as interrupts, tempfile.TemporaryDirectory() as scratch:
@@ -94,15 +95,15 @@ def record_interfaces(
                 )
                 yield InterfaceResult(node.key, _interface_entry(found, node))
             except R2bspecError as error:
-                if error.exit_code == 130:
+                if error.exit_code == ExitStatus.INTERRUPTED:
                     raise
                 yield _failed(node.key, error, scratch)
 
 
 def _failed(node: str, error: R2bspecError, scratch: str) -> InterfaceResult:
-    """Why there is nothing, by the node's own name; files that are gone are not mentioned."""
-    said = str(error).removeprefix(f"{node}: ").replace(f"{NAMESPACE}/{_INSPECTED_NAME}", node)
-    return InterfaceResult(node, problem=said, hint="" if scratch in error.hint else error.hint)
+    """The result of an error, with the real name of the node and without temporary files."""
+    text = str(error).removeprefix(f"{node}: ").replace(f"{NAMESPACE}/{_INSPECTED_NAME}", node)
+    return InterfaceResult(node, problem=text, hint="" if scratch in error.hint else error.hint)
 
 
 def _inspect(
@@ -113,7 +114,7 @@ def _inspect(
     timeout_s: float,
     check: Callable[[], None],
 ) -> dict[str, Any]:
-    """Run one node and an inspector beside it, and end both."""
+    """Run one node and an inspector, and end both."""
     run_id = secrets.token_hex(8)
     redact = make_redactor(plan.environment, os.environ)
     supervisor = ProcessSupervisor(run_id, scratch, check, redact=redact)
@@ -154,7 +155,7 @@ def _inspect(
             if not found["nodes"]:
                 raise NotReadyError(
                     f"{node.key} did not appear within {timeout_s:g} s",
-                    hint="It may be no ROS node, or wait for something; --timeout allows more.",
+                    hint="It may not be a ROS node, or not ready yet; --timeout allows more time.",
                 )
             supervisor.end(list(supervisor))
             return found
@@ -188,7 +189,7 @@ def _process(name: str, argv: tuple[str, ...], **more: Any) -> ProcessPlan:
 
 
 def _isolated_process(wired: NodeWiring) -> ProcessPlan:
-    """The process of a node as it is when nobody else is there."""
+    """The process of a node that runs alone."""
     node = wired.node
     bare = replace(
         wired,
@@ -198,7 +199,7 @@ def _isolated_process(wired: NodeWiring) -> ProcessPlan:
         node=msgspec.structs.replace(node, remappings={}, container="", namespace=NAMESPACE),
         is_ros_process=True,
     )
-    if node.kind == "python":
+    if node.kind.role == "host":
         plan = NodePlan(
             name=bare.name,
             node=_INSPECTED_NAME,
@@ -208,12 +209,12 @@ def _isolated_process(wired: NodeWiring) -> ProcessPlan:
             remappings={},
         )
         return _process(wired.key, HARNESS_ARGV, role="host", env=node.env, nodes=(plan,))
-    argv = _standalone(bare) if node.kind == "plugin" else node_argv(bare)
+    argv = _standalone(bare) if node.kind.role == "container" else node_argv(bare)
     return _process(wired.key, argv, role="command", env=node.env)
 
 
 def _standalone(wired: NodeWiring) -> tuple[str, ...]:
-    """A component in a container of its own, as ``ros2 component`` starts it."""
+    """A component in its own container, as started by ``ros2 component standalone``."""
     node = wired.node
     words = ["ros2", "component", "standalone", node.package, node.plugin]
     words += ["--node-name", _INSPECTED_NAME, "--node-namespace", NAMESPACE]
@@ -223,7 +224,7 @@ def _standalone(wired: NodeWiring) -> tuple[str, ...]:
 
 
 def _interface_entry(found: dict[str, Any], node: NodeWiring) -> dict[str, Any]:
-    """What the file of a node holds: what was found, without what the spec itself decided."""
+    """The entry of a node in the file, without the defaults of parameters that the spec sets."""
     parameters = {
         name: {key: value for key, value in each.items() if key == "type"}
         if name in node.parameters

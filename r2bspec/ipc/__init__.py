@@ -1,1 +1,1 @@
-"""What the controller and its child processes share: messages, schedules and files. No rclpy."""
+"""Code shared by the controller and its child processes: messages, schedules, files. No rclpy."""

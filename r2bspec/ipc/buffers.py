@@ -1,7 +1,7 @@
-"""Buffers: the messages of one topic, as serialised bytes, in a file and its index.
+"""Buffers: the serialised messages of one topic in a file, with an index.
 
-``NAME.cdr`` holds the messages one after the other, ``NAME.json`` their stamps, times and sizes.
-The stamp is the header stamp where the type has a header and the time otherwise.
+``NAME.cdr`` contains the messages one after another, ``NAME.json`` their stamps, times and sizes.
+The stamp is the header stamp if the type has a header, and the time otherwise.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from r2bspec.ipc.transform_stamps import TF, TF_STATIC
 
 
 class BufferIndex(msgspec.Struct, frozen=True, kw_only=True):
-    """What is in a buffer; `stamps_ns`, `sizes` and `times_ns` have one entry a message.
+    """The index of a buffer; `stamps_ns`, `sizes` and `times_ns` have one entry per message.
 
-    `has_header` is None while nobody who knows the type has said. `times_ns` are those at which the
-    messages were recorded, or at which they came out of a preprocessor.
+    `has_header` is None while it is unknown for the type. `times_ns` are the times at which the
+    messages were recorded, or published by a preprocessor.
     """
 
     topic: str
@@ -31,15 +31,15 @@ class BufferIndex(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def buffer_path(folder: Path, topic: str, suffix: str) -> Path:
-    """Where the buffer of a topic is; distinct topics have distinct paths.
+    """The path of the buffer of a topic; distinct topics have distinct paths.
 
-    ROS names hold no percent sign, so it can stand for the slash.
+    ROS names contain no percent sign, so it can replace the slash.
     """
     return folder / f"{topic.strip('/').replace('/', '%')}.{suffix}"
 
 
 class BufferWriter:
-    """Appends messages to a buffer. `close` writes the index, so its presence means whole."""
+    """Appends messages to a buffer. `close` writes the index, so a buffer with one is complete."""
 
     def __init__(
         self, folder: Path, topic: str, type_name: str, *, has_header: bool | None
@@ -57,7 +57,7 @@ class BufferWriter:
         return len(self._sizes)
 
     def append(self, stamp_ns: int, data: bytes, time_ns: int | None = None) -> None:
-        """Append one serialised message; where no time is given, it is that of the stamp.
+        """Append one serialised message; the default of the time is the stamp.
 
         Raises:
             OSError: the disk is full.
@@ -68,7 +68,7 @@ class BufferWriter:
         self._sizes.append(len(data))
 
     def close(self) -> None:
-        """Write the index; from now on the buffer can be read."""
+        """Write the index; the buffer can then be read."""
         self._file.close()
         index = BufferIndex(
             topic=self._topic,
@@ -82,10 +82,10 @@ class BufferWriter:
 
 
 def read_index(folder: Path, topic: str) -> BufferIndex:
-    """Read what is in a buffer.
+    """Read the index of a buffer.
 
     Raises:
-        FileNotFoundError: the buffer was never completed.
+        FileNotFoundError: the buffer was not completed.
     """
     return msgspec.json.decode(buffer_path(folder, topic, "json").read_bytes(), type=BufferIndex)
 
@@ -96,7 +96,7 @@ def write_index(folder: Path, index: BufferIndex) -> None:
 
 
 def read_stamps(folder: Path, index: BufferIndex) -> BufferIndex:
-    """The index with the header stamps of its messages, whose type turned out to have a header."""
+    """The index with the header stamps of its messages, whose type has a header."""
     stamps_ns = []
     with buffer_path(folder, index.topic, "cdr").open("rb") as file:
         offset = 0
@@ -108,7 +108,7 @@ def read_stamps(folder: Path, index: BufferIndex) -> BufferIndex:
 
 
 def read_messages(folder: Path, topic: str, wanted: set[int]) -> dict[int, bytearray]:
-    """Read the messages with these positions into memory, each in a buffer that can be patched."""
+    """Read the messages at these positions into memory, each in a mutable buffer."""
     index = read_index(folder, topic)
     messages: dict[int, bytearray] = {}
     with buffer_path(folder, topic, "cdr").open("rb") as file:
@@ -122,7 +122,7 @@ def read_messages(folder: Path, topic: str, wanted: set[int]) -> dict[int, bytea
 
 
 def buffered_transforms(folder: Path) -> tuple[str, ...]:
-    """Which of the topics of transforms have been buffered."""
+    """The topics of transforms that have been buffered."""
     return tuple(topic for topic in (TF, TF_STATIC) if buffer_path(folder, topic, "json").exists())
 
 

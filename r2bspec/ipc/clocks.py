@@ -1,8 +1,8 @@
-"""From the system clock to the monotonic one, on which all times of a run are.
+"""Converting times of the system clock to the monotonic clock, which all times of a run use.
 
-The middleware stamps arrivals on the system clock. That clock can be set at any time, by hand or by
-the network; the monotonic one cannot. Here the difference of the two is looked at each time a
-message is taken, so that a step of the system clock is seen, and moves no time of a run.
+The middleware records arrivals on the system clock. This clock can be set at any time, manually or
+over the network; the monotonic clock cannot. The offset of the two is therefore checked whenever a
+message is taken, so that a step of the system clock is detected and does not affect the times.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from collections.abc import Callable
 
 _MAX_READ_NS = 20_000
 _MAX_READS = 5
-"""The two clocks are read one after the other, and again if something came between."""
+"""The clocks are read one after the other, and again if the reads were interrupted."""
 
 _MIN_STEP_NS = 2_000_000
 _MAX_SLEW = 0.1
-"""What is no step: the jitter of reading, and a clock that is being slewed, by at most a tenth."""
+"""Smaller changes are not steps: the jitter of reading, and slewing of the clock by up to 10 %."""
 
 
 class ClockOffsetTracker:
-    """The difference of the two clocks, followed through steps.
+    """Tracks the offset of the two clocks, and its steps.
 
     Attributes:
-        total_step_ns: by how much the system clock has been set forward since the start, in all.
-        steps: how often it has been set.
+        total_step_ns: the sum of the steps of the system clock since the start.
+        steps: their number.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class ClockOffsetTracker:
         self._no_step_until_ns = self._last_read_ns
 
     def update(self) -> int:
-        """Look whether the system clock has been set; returns the time, monotonic, in ns."""
+        """Check whether the system clock was set; returns the monotonic time in ns."""
         now_ns, difference_ns = self._read()
         moved_ns = difference_ns - self._difference_ns
         if abs(moved_ns) > _MIN_STEP_NS + _MAX_SLEW * (now_ns - self._last_read_ns):
@@ -53,13 +53,14 @@ class ClockOffsetTracker:
         return now_ns
 
     def arrival(self, arrived_system_ns: int) -> tuple[int, int]:
-        """When a message that is taken now arrived, and what time it is; both monotonic, in ns.
+        """The arrival time of a message that is taken now, and the current time; monotonic, in ns.
 
-        A message that arrived before the clock was set, and is taken after, is told by what
-        cannot be: that it arrived in the future, or before the last look that saw no step.
+        If a message arrived before a step of the clock and is taken after it, its converted time
+        is impossible: in the future, or before the last check without a step. Then the previous
+        offset is used.
 
         Args:
-            arrived_system_ns: the time of arrival by the system clock as it was then.
+            arrived_system_ns: the arrival time on the system clock.
         """
         taken_ns = self.update()
         arrived_ns = arrived_system_ns - self._difference_ns
@@ -68,7 +69,7 @@ class ClockOffsetTracker:
         return min(arrived_ns, taken_ns), taken_ns
 
     def _read(self) -> tuple[int, int]:
-        """The monotonic time, and by how much the system clock is ahead of it."""
+        """The monotonic time, and the system time minus the monotonic time."""
         closest_ns, found = -1, (0, 0)
         for _ in range(_MAX_READS):
             before_ns = self._monotonic_ns()

@@ -1,8 +1,8 @@
 """Header stamps inside serialised messages.
 
-A message in CDR begins with four bytes of encapsulation, of which the second tells the byte
-order (odd: little-endian). Where the first field is a std_msgs/Header, its stamp follows: int32
-seconds, then uint32 nanoseconds (OMG DDS-XTypes 1.3, section 7.6.3.1.2).
+A message in CDR begins with four bytes of encapsulation, of which the second gives the byte order
+(odd: little-endian). If the first field is a std_msgs/Header, its stamp follows: int32 seconds,
+then uint32 nanoseconds (OMG DDS-XTypes 1.3, section 7.6.3.1.2).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ _LITTLE = struct.Struct("<iI")
 _BIG = struct.Struct(">iI")
 _ENCAPSULATION_BYTES = 4
 STAMP_BYTES = _ENCAPSULATION_BYTES + _LITTLE.size
-"""How many bytes of a message show its stamp."""
+"""The number of bytes at the beginning of a message that contain its stamp."""
 
 _SECOND_NS = 1_000_000_000
 
@@ -22,7 +22,7 @@ def read_stamp(message: bytes | bytearray) -> int:
     """The header stamp in nanoseconds, of a message whose type begins with a header.
 
     Raises:
-        struct.error: the message is too short to hold one.
+        struct.error: the message is too short.
     """
     layout = _LITTLE if message[1] & 1 else _BIG
     seconds, nanoseconds = layout.unpack_from(message, _ENCAPSULATION_BYTES)

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 import psutil
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.middleware.shm_files import remove_dead_shm_files
+from r2bspec.middleware.rmw_registry import middleware_of
 
 _MAX_CLEANUP_S = 2.0
 _EMPTY_SCANS = 3
@@ -92,13 +92,20 @@ def _is_running(process: psutil.Process) -> bool:
 
 
 def clean_up(run_id: str, sessions: Iterable[int], *, grace_s: float, since_s: float) -> list[str]:
-    """End the processes of a run, then remove the segments that they leave. Returns the killed."""
+    """End the processes of a run, then remove what they leave in shared memory.
+
+    Returns:
+        The names of the processes that had to be killed.
+    """
     killed = end_run_processes(run_id, sessions, grace_s)
+    middleware = middleware_of(os.environ)
+    if not middleware.uses_shared_memory:
+        return killed
     # The kernel frees the locks of a killed process a moment after the process is gone, and other
     # runs that clean up at the same time hold some for a moment.
     idle = 0
     deadline = time.monotonic() + _MAX_CLEANUP_S
     while idle < _EMPTY_SCANS and time.monotonic() < deadline:
-        idle = 0 if remove_dead_shm_files(since_s=since_s) else idle + 1
+        idle = 0 if middleware.remove_dead_shm_files(since_s=since_s) else idle + 1
         time.sleep(0.03)
     return killed

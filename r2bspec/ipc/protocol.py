@@ -1,8 +1,8 @@
-"""What the controller and its children say to each other.
+"""The protocol between the controller and its child processes.
 
 Each message is one line of JSON on a local socket (`r2bspec.harness.control_channel`). The
 controller sends a `Command` and the child answers with one `Reply`; a child may send `Failed` at
-any time. Samples do not travel here: they are rows in files that both sides map
+any time. Samples are not sent here: they are rows in files that both sides read
 (`r2bspec.ipc.sample_files`).
 """
 
@@ -16,7 +16,7 @@ from r2bspec.ipc.schedule import Schedule
 from r2bspec.plan.plan import InputPlan, MonitorPlan, NodePlan
 
 CONTROL_FD_VARIABLE = "R2BSPEC_CONTROL_FD"
-"""Names the control channel of a process; with ``_PART`` after it, that of a part of it."""
+"""Has the control channel of a process; with ``_PART`` appended, that of a part of it."""
 
 RUN_ID_VARIABLE = "R2BSPEC_RUN_ID"
 
@@ -28,12 +28,11 @@ class _Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="say"):
 class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
     """Be the loader: publish `sources` (topic: type), record `recorded` (topic: type).
 
-    `buffer_dir` holds one buffer per source and receives one per recorded topic.
+    `buffer_dir` contains one buffer per source and receives one per recorded topic.
 
     Attributes:
         buffer_only: topics that are buffered and not published. With `retime`, the times of these
-            and of
-            the sources become those at which it was their turn.
+            and of the sources are replaced by the times of publication.
         static: whether the buffered /tf_static is published, latched, before anything else.
     """
 
@@ -46,9 +45,9 @@ class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigurePlayer(_Message, frozen=True, kw_only=True, tag=True):
-    """Be the player: publish `inputs` from the buffers, and `transforms` (topics) along with them.
+    """Be the player: publish `inputs` and `transforms` (topics) from the buffers.
 
-    The answer, `Ready`, says which inputs have a header. What to publish when comes with `Follow`.
+    The reply, `Ready`, states which inputs have a header. `Follow` sets the schedule.
     """
 
     inputs: tuple[InputPlan, ...]
@@ -58,20 +57,20 @@ class ConfigurePlayer(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Follow(_Message, frozen=True, kw_only=True, tag=True):
-    """Hold ready in memory what this schedule plays. `Ready` answers it."""
+    """Load the messages of this schedule into memory. The reply is `Ready`."""
 
     schedule: Schedule
 
 
 class ConfigureMonitor(_Message, frozen=True, kw_only=True, tag=True):
-    """Be the monitor: watch `monitors`, writing rows to ``ROWS_DIR/NAME.rows``."""
+    """Be the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``."""
 
     monitors: tuple[MonitorPlan, ...]
     rows_dir: str
 
 
 class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
-    """Be the host of these Python nodes; `base_dir` is where ``./file.py`` is looked for."""
+    """Be the host of these Python nodes; ``./file.py`` is relative to `base_dir`."""
 
     nodes: tuple[NodePlan, ...]
     base_dir: str
@@ -80,9 +79,9 @@ class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigureHarness(_Message, frozen=True, kw_only=True, tag=True):
-    """Be the parts of the harness in one process; each part is configured over its own channel.
+    """Run these parts of the harness in one process; each is configured over its own channel.
 
-    `Ready` answers it. A `ConfigureHost` that follows puts nodes beside the parts.
+    The reply is `Ready`. A subsequent `ConfigureHost` adds nodes to the process.
     """
 
     parts: tuple[str, ...]
@@ -112,45 +111,45 @@ class ConfigureComponents(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Subscribe(_Message, frozen=True, kw_only=True, tag=True):
-    """Make the subscriptions. A topic without QoS of its own waits for its writer to be seen.
+    """Create the subscriptions. A topic without a QoS waits until its publisher is discovered.
 
-    The answer, `Matched`, comes at once; a topic that still waits counts 0.
+    The reply, `Matched`, is sent immediately; a topic that still waits has the count 0.
     """
 
 
 class Watch(_Message, frozen=True, kw_only=True, tag=True):
-    """Read these topics, too, until `Unwatch`. `Matched` answers it.
+    """Also record these topics until `Unwatch`. The reply is `Matched`.
 
-    A topic without QoS of its own is read with that of its writer; one that has no writer now, or
-    a type that is not installed, is not read at all.
+    A topic without a QoS uses that of its publisher. A topic that currently has no publisher, or
+    whose type is not installed, is not recorded.
     """
 
     monitors: tuple[MonitorPlan, ...]
 
 
 class Unwatch(_Message, frozen=True, kw_only=True, tag=True):
-    """Stop reading what `Watch` named; its rows stay. `Matched` answers it."""
+    """Stop recording the topics of `Watch`; their rows stay. The reply is `Matched`."""
 
 
 class CountMatches(_Message, frozen=True, kw_only=True, tag=True):
-    """Ask how many endpoints of others each own endpoint is matched with."""
+    """Query how many endpoints of other processes each endpoint is matched with."""
 
 
 class Discover(_Message, frozen=True, kw_only=True, tag=True):
-    """Ask which endpoints exist on these topics."""
+    """Query the endpoints on these topics."""
 
     topics: tuple[str, ...]
 
 
 class Survey(_Message, frozen=True, kw_only=True, tag=True):
-    """Ask which nodes and services exist."""
+    """Query the nodes, services and topics."""
 
 
 class Load(_Message, frozen=True, kw_only=True, tag=True):
-    """Publish every source message once and record what comes out.
+    """Publish every source message once and record the output.
 
-    `max_output_gap_ns` is how long no output may come before the loader stops waiting for more. In
-    `real_time` messages go out when they were recorded, whatever has come out by then.
+    `max_output_gap_ns` is the time without output after which the loader stops waiting for more.
+    In `real_time`, messages are published at their recorded times, without waiting for output.
     """
 
     max_output_gap_ns: int
@@ -158,10 +157,10 @@ class Load(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Play(_Message, frozen=True, kw_only=True, tag=True):
-    """Publish `steps` steps at `rate_hz`. The answer, `Played`, comes when that is done.
+    """Publish `steps` steps at `rate_hz`. The reply, `Played`, is sent after the last one.
 
-    A rate of 0 is that of the recording. A loader publishes the first so many of its messages once
-    more, and records nothing.
+    A rate of 0 is that of the recording. A loader publishes this number of its first messages
+    again, and records nothing.
     """
 
     rate_hz: float
@@ -169,11 +168,11 @@ class Play(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Stop(_Message, frozen=True, kw_only=True, tag=True):
-    """Stop playing after the step at hand. Only `Played` answers it."""
+    """Stop playing after the current step. There is no reply but that of `Play`."""
 
 
 class Shutdown(_Message, frozen=True, kw_only=True, tag=True):
-    """Clean up and exit with status 0. Not answered."""
+    """Clean up and exit with status 0. There is no reply."""
 
 
 Command = (
@@ -199,13 +198,14 @@ Command = (
 
 
 class Ready(_Message, frozen=True, kw_only=True, tag=True):
-    """The child is configured. What it tells is what a host found of its nodes, but for `headers`.
+    """The child is configured. Except for two fields, all are from a host.
 
-    `headers` says of each topic of a player whether its type begins with a header. `endpoints`
-    lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the parameters given
-    that the node does not declare, as (node, parameter), `parameters` what each node does declare,
-    and `unmatched` the remappings that changed no name of the node's, as (node, name before as
-    written, full name after).
+    `headers` states for each topic of a player whether its type begins with a header, `rmw` which
+    middleware a monitor has loaded. `endpoints`
+    lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the parameters in the
+    plan that the node does not declare, as (node, parameter), `parameters` the declared ones of
+    each node, and `unmatched` the remappings that changed no name of the node, as (node, name
+    before as written, full name after).
     """
 
     endpoints: tuple[tuple[str, str, str, str], ...] = ()
@@ -213,13 +213,14 @@ class Ready(_Message, frozen=True, kw_only=True, tag=True):
     parameters: dict[str, tuple[str, ...]] = {}
     unmatched: tuple[tuple[str, str, str], ...] = ()
     headers: dict[str, bool] = {}
+    rmw: str = ""
 
 
 class Matched(_Message, frozen=True, kw_only=True, tag=True):
-    """How many endpoints of others each topic is matched with.
+    """How many endpoints of other processes each topic is matched with.
 
-    Of a host, `counts` are the readers of what its nodes write, and `publisher_counts` the writers
-    of what they read.
+    From a host, `counts` are the subscriptions of the topics that its nodes publish, and
+    `publisher_counts` the publishers of the topics to which they subscribe.
     """
 
     counts: dict[str, int]
@@ -227,7 +228,7 @@ class Matched(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Endpoint(msgspec.Struct, frozen=True, kw_only=True):
-    """One endpoint as discovery shows it."""
+    """One discovered endpoint."""
 
     node: str
     type: str
@@ -236,7 +237,7 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class QosMismatch(msgspec.Struct, frozen=True):
-    """A writer and a reader of a topic whose QoS never match; `why` is what the middleware says."""
+    """A publisher and a subscription with incompatible QoS; `why` is from the middleware."""
 
     writer: str
     reader: str
@@ -245,7 +246,7 @@ class QosMismatch(msgspec.Struct, frozen=True):
 
 
 class Discovered(_Message, frozen=True, kw_only=True, tag=True):
-    """Which endpoints exist: topic to writers, topic to readers; and which pairs never match."""
+    """The publishers and subscriptions of each topic, and the pairs that never match."""
 
     writers: dict[str, tuple[Endpoint, ...]]
     readers: dict[str, tuple[Endpoint, ...]]
@@ -253,7 +254,7 @@ class Discovered(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Surveyed(_Message, frozen=True, kw_only=True, tag=True):
-    """The full names of all nodes, services and topics that are seen."""
+    """The full names of all discovered nodes, services and topics."""
 
     nodes: tuple[str, ...]
     services: tuple[str, ...]
@@ -261,9 +262,7 @@ class Surveyed(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Called(_Message, frozen=True, kw_only=True, tag=True):
-    """The service answered, with this."""
-
-    response: str
+    """The service has responded."""
 
 
 class Composed(_Message, frozen=True, kw_only=True, tag=True):
@@ -273,25 +272,24 @@ class Composed(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Loaded(_Message, frozen=True, kw_only=True, tag=True):
-    """How many messages went out and came in, by topic."""
+    """The number of messages published and recorded, by topic."""
 
     published: dict[str, int]
     recorded: dict[str, int]
 
 
 class Played(_Message, frozen=True, kw_only=True, tag=True):
-    """How many steps were published."""
+    """The number of published steps."""
 
     steps: int
 
 
 class Failed(_Message, frozen=True, kw_only=True, tag=True):
-    """The child cannot go on. `message` is for the user, `detail` for the log."""
+    """The child cannot continue. `message` and `hint` are for the user."""
 
     code: str
     message: str
     hint: str = ""
-    detail: str = ""
 
 
 Reply = Ready | Matched | Discovered | Surveyed | Called | Composed | Loaded | Played | Failed
@@ -301,28 +299,28 @@ _REPLIES: msgspec.json.Decoder[Reply] = msgspec.json.Decoder(Reply)
 
 
 def control_variable(part: str = "") -> str:
-    """The variable that holds the number of a control channel's socket."""
+    """The variable with the file descriptor of a control channel."""
     return f"{CONTROL_FD_VARIABLE}_{part.upper()}" if part else CONTROL_FD_VARIABLE
 
 
 def encode(message: Any) -> bytes:
-    """Write a message as one line."""
+    """Encode a message as one line."""
     return msgspec.json.encode(message) + b"\n"
 
 
 def decode_command(line: bytes) -> Command:
-    """Read a command.
+    """Decode a command.
 
     Raises:
-        msgspec.ValidationError: the line is no command.
+        msgspec.ValidationError: the line is not a command.
     """
     return _COMMANDS.decode(line)
 
 
 def decode_reply(line: bytes) -> Reply:
-    """Read a reply.
+    """Decode a reply.
 
     Raises:
-        msgspec.ValidationError: the line is no reply.
+        msgspec.ValidationError: the line is not a reply.
     """
     return _REPLIES.decode(line)

@@ -1,9 +1,9 @@
 """Sample files that one process appends to while another reads them.
 
-A file begins with a head of 64 bytes, of which the first eight are the number of complete rows
-(little-endian int64); fixed-size rows of int64 follow. The file is mapped by both sides. Rows are
-written before the count, so a reader that copies the first `count` rows sees only complete ones,
-and whatever a killed writer had recorded is still there.
+A file begins with a header of 64 bytes, of which the first eight are the number of complete rows
+(little-endian int64); fixed-size rows of int64 follow. Rows are written before the count, so a
+process that reads the first `count` rows sees only complete ones, and the rows of a killed process
+can still be read.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class RowWriter:
 
     def _map_file(self, capacity: int) -> mmap.mmap:
         size = _HEADER_BYTES + capacity * self._row.size
-        # Without the allocation a full disk would show as SIGBUS at some later row.
+        # Without the allocation, a full disk would cause SIGBUS at a later row.
         os.posix_fallocate(self._file.fileno(), 0, size)
         return mmap.mmap(self._file.fileno(), size)
 
@@ -60,7 +60,7 @@ class RowWriter:
 
 
 class RowReader:
-    """Reads what a `RowWriter`, possibly in another process, has written so far."""
+    """Reads the rows that a `RowWriter`, possibly in another process, has written so far."""
 
     def __init__(self, path: Path, fields: tuple[tuple[str, str], ...]) -> None:
         import numpy as np
@@ -69,7 +69,7 @@ class RowReader:
         self._dtype = np.dtype(list(fields))
 
     def count(self) -> int:
-        """The number of complete rows; 0 before the file is there."""
+        """The number of complete rows; 0 before the file exists."""
         try:
             with self._path.open("rb") as file:
                 head = file.read(_COUNT.size)

@@ -1,17 +1,17 @@
-"""What is played when: schedules as values, made by the controller and followed by the player.
+"""Schedules of playback, which the controller builds and the player executes.
 
-A schedule is one round of steps, repeated for as long as it takes. A step is what is played under
-one header stamp. There are two kinds:
+A schedule is one round of steps, which is repeated. A step consists of the messages with one header
+stamp. There are two kinds:
 
-`CyclicSchedule` has no times of its own: all messages of a step are due together, one step after
-the other, at whatever rate is asked for, and a step is stamped with the time of its publication.
+`CyclicSchedule` has no times: the messages of a step are due together, the steps follow each other
+at the requested rate, and the stamp of a step is the time of its publication.
 
-`TimelineSchedule` has those of a recording: each message is due at its own time. A step is due when
-the first of its messages is. All stamps of a round are those of the recording, shifted by one
-constant, so that they stay consistent with each other; the next round shifts them on by the
-recorded length of a round, so that no stamp is played twice.
+`TimelineSchedule` has the times of a recording: each message has its own due time. A step is due
+with its first message. The stamps of a round are those of the recording, shifted by one constant,
+so that they stay consistent with each other; each round shifts them further by the recorded length
+of a round, so that no stamp is repeated.
 
-Transforms are played along with both. They belong to no step and are not counted as such.
+Transforms can be played with both. They belong to no step and do not count as steps.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ from typing import NamedTuple
 import msgspec
 
 NO_STEP = -1
-"""The step of a transform, which belongs to none."""
+"""The step of transforms, which belong to none."""
 
 ALL_INPUTS = -1
-"""The set of inputs, as bits, that contains every one."""
+"""The set of all inputs, as bits."""
 
 
 class PlaybackEvent(NamedTuple):
-    """Something to be published at one time.
+    """Messages to be published at one time.
 
     Attributes:
-        offset_ns: when it is due, after the first step of the play.
-        step: its number in the play, or `NO_STEP`.
+        offset_ns: the due time, relative to the first step of the playback.
+        step: its number in the playback, or `NO_STEP`.
         messages: (input, position in the input's buffer) of each message; the inputs are numbered
-            in the order of the plan, the transforms coming after the last one.
-        inputs: of which inputs the whole step has messages, as bits.
-        stamp_ns: the stamp of the step, after the time of the first step of the play; None to
-            stamp it with the time of its publication.
-        origin_ns: of transforms, the recorded time that becomes `stamp_ns`: what their stamps are
-            after the one, they are to be after the other.
-        starts_step: whether the step begins with it.
-        ends_step: whether the step ends with it.
+            in the order of the plan, and the transforms follow the last one.
+        inputs: the inputs of which the complete step has messages, as bits.
+        stamp_ns: the stamp of the step, relative to the time of the first step; None for the time
+            of its publication.
+        origin_ns: for transforms, the recorded time that is shifted to `stamp_ns`; their stamps
+            are shifted by the same difference.
+        starts_step: whether the step begins with this event.
+        ends_step: whether the step ends with this event.
     """
 
     offset_ns: int
@@ -62,7 +62,7 @@ class CyclicTransform(msgspec.Struct, frozen=True, array_like=True):
     """Recorded transforms between two steps.
 
     Attributes:
-        at: when they are due, in steps from the beginning of the round.
+        at: the due time, in steps from the beginning of the round.
         position: of the message in its buffer.
         origin_ns: the recorded time that corresponds to `at`, on the clock of header stamps.
     """
@@ -105,7 +105,7 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
         starts = [each.at for each in self.transforms]
         for step in range(steps):
             place = (first + step) % length
-            # From the first due time, not from the last: rounding must not add up.
+            # Relative to the first due time, so that rounding errors do not accumulate.
             yield PlaybackEvent(
                 round(step * period_ns), step, tuple(zip(columns, self.steps[place], strict=True))
             )
@@ -125,7 +125,7 @@ class TimelineStep(msgspec.Struct, frozen=True, array_like=True):
 
 
 class TimelineMessage(msgspec.Struct, frozen=True, array_like=True):
-    """A message of a recording: when it is due in a round, and what it is.
+    """A message of a recording, with its due time in a round.
 
     `step` is the number of its step in the round, or `NO_STEP` for transforms.
     """
@@ -142,11 +142,11 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
     Attributes:
         steps: in the order of their first messages, which are due at ascending times from 0.
         messages: in the order in which they are due.
-        origin_ns: the recorded stamp that becomes the time at which the play begins.
-        period_ns: how long a round takes to play; longer than any offset.
-        stamp_period_ns: how long a round was in the recording.
-        inputs: how many inputs there are.
-        shift_transforms: whether the stamps of transforms are shifted like all others.
+        origin_ns: the recorded stamp that is shifted to the time at which the playback begins.
+        period_ns: the duration of a round; longer than any offset.
+        stamp_period_ns: the duration of a round in the recording.
+        inputs: the number of inputs.
+        shift_transforms: whether the stamps of transforms are also shifted.
     """
 
     steps: tuple[TimelineStep, ...]
@@ -158,7 +158,7 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
     shift_transforms: bool = True
 
     def due_offsets_ns(self) -> list[int]:
-        """When each step of a round is due, after its beginning."""
+        """The due time of each step, relative to the beginning of the round."""
         found: dict[int, int] = {}
         for each in self.messages:
             if each.step != NO_STEP:
@@ -185,13 +185,13 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
         return columns
 
     def earliest_stamp_ns(self) -> int:
-        """The first stamp of a play, after the time at which it begins; usually negative or 0."""
+        """The first stamp relative to the beginning of the playback; usually negative or 0."""
         return min(each.stamp_ns for each in self.steps) - self.origin_ns
 
     def events(self, rate_hz: float, steps: int, first: int = 0) -> Iterator[PlaybackEvent]:
         """What to publish, in the order in which it is due.
 
-        A play begins where the recording does, so that each is like every other.
+        Each playback begins at the beginning of the recording, so that all are equal.
 
         Args:
             rate_hz: has no effect: the recording has its own times.
@@ -233,15 +233,10 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
 Schedule = CyclicSchedule | TimelineSchedule
 
 
-def bits(inputs: int) -> int:
-    """The set of the first so many inputs, as bits."""
-    return (1 << inputs) - 1
-
-
 def round_length_ns(times_ns: list[int]) -> int:
-    """How long a round is, from its first time to the first one of the next round.
+    """The duration of a round, from its first time to the first time of the next round.
 
-    The recording does not say. The pause between two rounds is taken to be the mean pause
+    The recording does not contain it. The pause between two rounds is assumed to be the mean pause
     between two times: (t_last - t_first) n / (n - 1).
 
     Args:

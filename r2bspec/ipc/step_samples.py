@@ -9,7 +9,7 @@ from r2bspec.ipc.schedule import PlaybackEvent
 class StepRows:
     """Writes one row per step, in the order in which steps begin.
 
-    In a timeline a step may end after the next one has begun, and its row is known by then only.
+    In a timeline a step may end after the next one has begun; its row is complete only then.
     """
 
     def __init__(self, rows: RowWriter) -> None:
@@ -21,7 +21,7 @@ class StepRows:
     def add_event(
         self, event: PlaybackEvent, stamp_ns: int, due_ns: int, published_ns: int, done_ns: int
     ) -> None:
-        """Take note of what was published of a step."""
+        """Add a published event of a step."""
         if event.starts_step and event.ends_step and event.step == self.count:
             self._append(stamp_ns, due_ns, published_ns, done_ns, event.inputs)
             return

@@ -1,10 +1,10 @@
 """Stamps inside serialised transforms.
 
 A tf2_msgs/TFMessage is one sequence of geometry_msgs/TransformStamped: a header (stamp and frame),
-the child's frame, and a transform of seven float64. In CDR (OMG DDS-XTypes 1.3, section 7.4) the
-sequence begins with a uint32 count; a string is a uint32 length, its terminating zero included, and
-its bytes; and each primitive lies at a multiple of its own size, counted from the end of the four
-bytes of encapsulation::
+the child frame, and a transform of seven float64. In CDR (OMG DDS-XTypes 1.3, section 7.4) the
+sequence begins with a uint32 count; a string is a uint32 length, including the terminating zero,
+and its bytes; each primitive is aligned to its own size, relative to the end of the four bytes of
+encapsulation::
 
     count | { int32 sec, uint32 nanosec, string frame, string child, 7 x float64 } ...
 """
@@ -23,10 +23,10 @@ _SECOND_NS = 1_000_000_000
 
 
 class StampedTransforms:
-    """One serialised TFMessage in memory, whose stamps can be shifted again and again.
+    """One serialised TFMessage in memory, whose stamps can be shifted repeatedly.
 
     Raises:
-        ValueError: the bytes are no TFMessage.
+        ValueError: the bytes are not a TFMessage.
     """
 
     def __init__(self, message: bytearray) -> None:
@@ -37,10 +37,10 @@ class StampedTransforms:
             self._offsets = _stamp_offsets(message, struct.Struct(f"{order}I"))
             self.stamps_ns = tuple(map(self._read, self._offsets))
         except struct.error as error:
-            raise ValueError("a message on /tf is cut short") from error
+            raise ValueError("a message on /tf is truncated") from error
 
     def shift(self, by_ns: int) -> None:
-        """Write the stamps that the message had at first, so much later, in place."""
+        """Write the original stamps of the message plus `by_ns`, in place."""
         for offset, stamp_ns in zip(self._offsets, self.stamps_ns, strict=True):
             self._stamp.pack_into(self._message, offset, *divmod(stamp_ns + by_ns, _SECOND_NS))
 
@@ -50,7 +50,7 @@ class StampedTransforms:
 
 
 def _stamp_offsets(message: bytearray, length: struct.Struct) -> list[int]:
-    """Where the stamp of each transform begins."""
+    """The offset of the stamp of each transform."""
     (count,) = length.unpack_from(message, _ENCAPSULATION_BYTES)
     place = length.size
     offsets = []
@@ -64,7 +64,7 @@ def _stamp_offsets(message: bytearray, length: struct.Struct) -> list[int]:
             place += length.size + size
         place = _align_up(place, 8) + _TRANSFORM_BYTES
         if _ENCAPSULATION_BYTES + place > len(message):
-            raise ValueError("a message on /tf is cut short")
+            raise ValueError("a message on /tf is truncated")
     return offsets
 
 

@@ -44,8 +44,9 @@ from dataclasses import replace
 import msgspec
 
 from r2bspec.judge.best_case import best_case_iteration
+from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.playback_validity import schedule_problem
-from r2bspec.judge.verdict import DisturbedIteration, Method, RequirementVerdict
+from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
 from r2bspec.measure.interference import Surroundings
 from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
@@ -57,8 +58,6 @@ _MAX_PRESSURE = 0.1
 _MAX_PRESSURE_RATIO = 2.0
 _MAX_THROTTLED_SHARE = 0.01
 _MAX_SLOWDOWN = 1.5
-
-_PROBE_METHODS: frozenset[Method] = frozenset({"search bracket", "sequential probe"})
 
 _SETTLE = "Run again on a machine that does nothing else."
 
@@ -199,9 +198,8 @@ def weaken_failure(
 
 def _rests_on_iterations(played: RequirementVerdict, unaffected: RequirementVerdict) -> bool:
     """Whether iterations had a part in a verdict: not in one by a probe, or without a metric."""
-    return played.method not in _PROBE_METHODS and not (
-        played.method == "none" and played == unaffected
-    )
+    rests_on = METHODS[played.method].rests_on
+    return rests_on == "iterations" and not (played.method == "none" and played == unaffected)
 
 
 def affected_iterations_text(

@@ -20,11 +20,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from r2bspec.judge.decision import decide
+from r2bspec.judge.methods.method_registry import Method
 from r2bspec.judge.statistics.paired_ratio import RatioInterval, paired_ratio
 from r2bspec.judge.statistics.power import pairs_needed
 from r2bspec.judge.statistics.prediction_interval import MIN_HISTORY_RUNS, predicted_ratio
-from r2bspec.judge.statistics.welch_test import welch_ratio
-from r2bspec.judge.verdict import CONFIDENCE, Compared, Method, Outcome, RequirementVerdict
+from r2bspec.judge.statistics.welch_t import welch_ratio
+from r2bspec.judge.verdict import Compared, Outcome, RequirementVerdict
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.units import show
 

@@ -23,7 +23,6 @@ Nothing becomes a PASS.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Final
 
 import msgspec
 
@@ -31,11 +30,9 @@ from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.outcome import InconclusivePolicy, outcome_of
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
+from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
-
-CONFIRMATION_CONFIDENCE: Final = 0.9
-"""The confidence at which a second batch is judged."""
 
 _CONFIRMED = "A fresh batch in fresh processes confirmed it."
 _NOT_CONFIRMED = "It had failed, and a fresh batch in fresh processes did not confirm that."

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from r2bspec.judge.verdict import CONFIDENCE, Method, Outcome, RequirementVerdict, ShareTest
+from r2bspec.judge.methods.method_registry import Method
+from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import MetricInfo
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.measure.units import show
+from r2bspec.record.run_record import RunRecord
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,11 @@ class Question:
         return self.requirement.op in {"<", "<="}
 
     @property
+    def is_equality(self) -> bool:
+        """Whether the requirement is ``==`` or ``!=``, which only what was seen can decide."""
+        return self.requirement.op in {"==", "!="}
+
+    @property
     def limit_text(self) -> str:
         """The limit with its unit."""
         return show(self.limit, self.info.unit)
@@ -92,6 +101,21 @@ class Answer:
     bursts: int | None = None
     share: ShareTest | None = None
     rule_of_three: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Decider:
+    """A method as its module offers it to `r2bspec.judge.methods.method_registry`.
+
+    Attributes:
+        takes: whether the method decides a requirement.
+        decide: decides it, by the iterations of the question or by the record of the run.
+        needs_iterations: whether there is nothing to decide without a complete iteration.
+    """
+
+    takes: Callable[[Question], bool]
+    decide: Callable[[Question, RunRecord], Answer]
+    needs_iterations: bool = True
 
 
 def decide(*, passes: bool, fails: bool) -> Outcome:

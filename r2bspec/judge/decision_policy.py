@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.outcome import InconclusivePolicy
-from r2bspec.judge.verdict import CONFIDENCE
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.plan.plan import Plan
 
 

@@ -31,7 +31,8 @@ from r2bspec.judge.baseline_requirements import (
 from r2bspec.judge.confirmation import confirm_requirement
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.verdict import CONFIDENCE, RequirementVerdict, Verdict
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.baseline_file import BaselineRecord

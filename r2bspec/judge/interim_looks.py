@@ -26,7 +26,9 @@ from typing import Literal
 
 import msgspec
 
-from r2bspec.judge.verdict import CONFIDENCE, Method, RequirementVerdict
+from r2bspec.judge.methods.method_registry import METHODS
+from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.units import show
 
 LOOK_FACTORS = (1, 2, 4)
@@ -36,10 +38,7 @@ LookDecision = Literal["pass", "fail", "go on", "inconclusive"]
 """What to do after a look: stop because everything is decided, or play the next iterations; stop
 without a decision because no look is left, or because more iterations would settle nothing."""
 
-EXTENDABLE_METHODS: frozenset[Method] = frozenset(
-    {"exact binomial", "binomial over windows", "t over iterations", "paired t on logs"}
-)
-"""The methods that more iterations can bring to a decision."""
+_GROWING = frozenset(name for name, traits in METHODS.items() if traits.grows)
 
 
 @dataclass(frozen=True)
@@ -102,9 +101,7 @@ def decide_after_look(
         return "fail"
     if "inconclusive" not in outcomes:
         return "pass"
-    can_grow = any(
-        one.outcome == "inconclusive" and one.method in EXTENDABLE_METHODS for one in requirements
-    )
+    can_grow = any(one.outcome == "inconclusive" and one.method in _GROWING for one in requirements)
     return "go on" if can_grow and look < len(looks) else "inconclusive"
 
 
@@ -121,16 +118,11 @@ def combine_looks(looks: InterimLooks, judged: Sequence[RequirementVerdict]) -> 
         for number, one in enumerate(judged, start=1)
     ]
     last = numbered[-1]
-    if last.method not in EXTENDABLE_METHODS:
+    if last.method not in _GROWING:
         return last
     # Anything that was seen, and was not a test, can be overtaken by what was seen later.
     first = next(
-        (
-            one
-            for one in numbered
-            if one.outcome != "inconclusive" and one.method in EXTENDABLE_METHODS
-        ),
-        last,
+        (one for one in numbered if one.outcome != "inconclusive" and one.method in _GROWING), last
     )
     chosen = last if last.outcome == "fail" else first
     note = _note(looks, chosen, latest)

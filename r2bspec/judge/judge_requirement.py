@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from typing import Final
 
 import msgspec
 
-from r2bspec.judge.decision import Answer, Question, requirement_verdict, window_condition
-from r2bspec.judge.methods.mean_bound import judge_mean
-from r2bspec.judge.methods.observation import judge_observation
-from r2bspec.judge.methods.peak_bracket import judge_peak
-from r2bspec.judge.methods.percentile_bound import judge_percentile
-from r2bspec.judge.methods.share_bound import judge_share
-from r2bspec.judge.methods.sustained import judge_sustained
-from r2bspec.judge.methods.window_share import judge_windows
+from r2bspec.judge.decision import Answer, Decider, Question, requirement_verdict, window_condition
+from r2bspec.judge.methods import method_registry
 from r2bspec.judge.playback_validity import REMEDY, TIMELINE_REMEDY, PlaybackValidity
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.requirement_grammar import Requirement
@@ -147,11 +143,9 @@ def _answer(question: Question, samples: RunSamples) -> Answer:
             "This run has nothing to be compared with.",
             "Run with --against, or keep a history of runs.",
         )
-    match question.info.statistic:
-        case "search":
-            return judge_peak(question, samples.record.search)
-        case "sequential":
-            return judge_sustained(question, samples.record.sustained)
+    decider = decider_of(question)
+    if not decider.needs_iterations:
+        return decider.decide(question, samples.record)
     if question.at_hz is None:
         return _inconclusive(
             f"The objective does not say at which rate {question.info.name} is meant."
@@ -163,23 +157,19 @@ def _answer(question: Question, samples: RunSamples) -> Answer:
             "Run the spec that states this objective, to its end.",
         )
     silent = _no_output(question)
-    return silent if silent is not None else _judge_samples(question)
+    return silent if silent is not None else decider.decide(question, samples.record)
 
 
-def _judge_samples(question: Question) -> Answer:
-    if question.windows is not None:
-        return judge_windows(question, question.windows)
-    if question.requirement.op in {"==", "!="}:
-        return judge_observation(question)
-    match question.info.statistic:
-        case "percentile":
-            return judge_percentile(question)
-        case "share":
-            return judge_share(question)
-        case "mean":
-            return judge_mean(question)
-        case _:
-            return judge_observation(question)
+def decider_of(question: Question) -> Decider:
+    """The method that decides a requirement on one run: the first that takes it."""
+    return next(each for each in _deciders() if each.takes(question))
+
+
+@cache
+def _deciders() -> tuple[Decider, ...]:
+    package = method_registry.__package__
+    modules = [importlib.import_module(f"{package}.{name}") for name in method_registry.DECIDERS]
+    return tuple(module.DECIDER for module in modules)
 
 
 def _no_output(question: Question) -> Answer | None:

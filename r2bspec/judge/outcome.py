@@ -6,8 +6,9 @@
     info     is shown          is shown
     off      is not judged     is not judged
 
-The policy is ``report`` (the run is inconclusive, exit code 3), ``fail`` (as if it had
-failed) or ``pass`` (a warning; for pipelines that must not stop for lack of evidence).
+The policy is ``report`` (the run is inconclusive, which has an exit status of its own), ``fail``
+(as if it had failed) or ``pass`` (a warning; for pipelines that must not stop for lack of
+evidence).
 """
 
 from __future__ import annotations

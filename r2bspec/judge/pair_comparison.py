@@ -35,11 +35,12 @@ from r2bspec.judge.baseline_requirements import (
     run_value,
     with_requirement_verdicts,
 )
-from r2bspec.judge.confirmation import CONFIRMATION_CONFIDENCE, confirm_run, needs_confirmation
+from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.playback_validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict
+from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
 

@@ -6,8 +6,8 @@ from typing import Final, Literal
 
 import msgspec
 
-CONFIDENCE: Final = 0.95
-"""Of every decision, one-sided each way: PASS and FAIL are each wrong in at most 5 % of runs."""
+from r2bspec.exit_status import ExitStatus
+from r2bspec.judge.methods.method_registry import Method
 
 Outcome = Literal["pass", "fail", "inconclusive"]
 
@@ -15,28 +15,14 @@ Level = Literal["error", "warn", "info", "off"]
 """What a requirement that does not hold does to the run: fails it, is a warning, is only shown.
 ``off``: it is not judged."""
 
-Method = Literal[
-    "exact binomial",
-    "binomial over windows",
-    "t over iterations",
-    "paired t on logs",
-    "prediction interval",
-    "stored baseline",
-    "observation",
-    "search bracket",
-    "sequential probe",
-    "none",
-]
-"""How a requirement was decided. ``none``: there was nothing to decide it by."""
-
 OverallOutcome = Literal["pass", "fail", "inconclusive", "invalid", "incomplete"]
 
-EXIT_CODES: Final[dict[OverallOutcome, int]] = {
-    "pass": 0,
-    "fail": 1,
-    "inconclusive": 3,
-    "invalid": 4,
-    "incomplete": 4,
+EXIT_CODES: Final[dict[OverallOutcome, ExitStatus]] = {
+    "pass": ExitStatus.OK,
+    "fail": ExitStatus.FINDINGS_OR_FAILED,
+    "inconclusive": ExitStatus.INCONCLUSIVE,
+    "invalid": ExitStatus.RUN_FAILED,
+    "incomplete": ExitStatus.RUN_FAILED,
 }
 
 

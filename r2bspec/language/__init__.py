@@ -1,1 +1,1 @@
-"""The language: YAML text with positions in, a frozen and typed `Spec` out."""
+"""The language of specs: from YAML text with positions to a frozen, typed `Spec`."""

@@ -1,4 +1,4 @@
-"""What is said of several cases of one document, each finding once."""
+"""The findings of several cases of one document, merged: each is reported once."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Span
-from r2bspec.language.loaded_spec import LoadedSpec
+from r2bspec.language.load_spec import LoadedSpec
 
 _MAX_NAMED_CASES = 5
 
@@ -16,8 +16,8 @@ def merge_case_findings(
 ) -> list[Diagnostic]:
     """The findings of all cases, sorted by place.
 
-    A finding that several cases share is told once; one that not all share names those that it
-    concerns, beside the place where their values were chosen.
+    A finding that several cases share is reported once. One that only some cases have names them,
+    with the place where their values are chosen.
 
     Args:
         cases: the cases of one document, as `load_cases` gave them.

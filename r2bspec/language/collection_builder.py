@@ -1,4 +1,4 @@
-"""A collection that is being read: what a list or a map holds until its end has come."""
+"""A list or a map while it is being read."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.merge_key import Merge, merge_entries
 
-_TYPE_NAMES = {bool: "a truth value", int: "a number", float: "a number"}
+_TYPE_NAMES = {bool: "a boolean", int: "a number", float: "a number"}
 
 
 @dataclass(slots=True)
 class CollectionBuilder:
-    """A list or a map whose end has not come yet.
+    """A list or a map whose end has not been read yet.
 
     Attributes:
-        size: keys and values in it so far, with every alias written out.
+        size: keys and values in it so far, with aliases expanded.
         key: in a map, the key whose value comes next.
     """
 
@@ -40,12 +40,12 @@ class CollectionBuilder:
     key: TreeNode | None = None
 
     def add(self, node: TreeNode, size: int, span: Span) -> None:
-        """Add the next node, be it an item, a key or a value.
+        """Add the next node: an item, a key or a value.
 
         Args:
-            node: what comes next.
+            node: the next node.
             size: keys and values in it.
-            span: where it stands here, which for an alias is not where it was written.
+            span: its place; for an alias, the place of the alias.
         """
         self.size += size
         if not self.is_map:
@@ -57,7 +57,7 @@ class CollectionBuilder:
             self._add_entry(key, node, span)
 
     def last(self) -> TreeNode | None:
-        """The value that stands last."""
+        """The last value."""
         if not self.is_map:
             return self.items[-1] if self.items else None
         return next(reversed(self.entries.values())).value if self.entries else None
@@ -73,7 +73,7 @@ class CollectionBuilder:
     def _add_entry(self, key: TreeNode, value: TreeNode, span: Span) -> None:
         if not isinstance(key, ScalarNode):
             if not isinstance(key, UnknownNode):
-                message = "a key must be a word, not a list or a map"
+                message = "a key must be a string, not a list or a map"
                 self.problems.error("R2B024", message, key.span)
             return
         if key.text == "<<" and not key.style:
@@ -88,10 +88,10 @@ class CollectionBuilder:
         if earlier is not None:
             self.problems.error(
                 "R2B023",
-                f"the key {quote(name)} stands here for the second time",
+                f"duplicate key {quote(name)}",
                 key.span,
-                "remove or rename one of the two",
-                related=(Related("the first one", earlier.key_span),),
+                "remove or rename one of them",
+                related=(Related("first used here", earlier.key_span),),
             )
             return
         self.entries[name] = Entry(key.span, value)
@@ -100,9 +100,9 @@ class CollectionBuilder:
         if self.merges:
             self.problems.error(
                 "R2B028",
-                "'<<' stands here for the second time",
+                "duplicate merge key '<<'",
                 key.span,
-                "merge several with one list: '<<: [*a, *b]'",
+                "merge several maps with a list: '<<: [*a, *b]'",
             )
             return
         for part in value.items if isinstance(value, ListNode) else (value,):
@@ -111,17 +111,17 @@ class CollectionBuilder:
             elif not isinstance(part, UnknownNode):
                 self.problems.error(
                     "R2B028",
-                    "'<<' merges maps, and this is none",
+                    "'<<' can merge only maps",
                     span,
-                    "write '<<: *name', where '&name' marks a map",
+                    "write '<<: *name', where '&name' is the anchor of a map",
                 )
 
     def _reject_key(self, key: ScalarNode) -> None:
-        what = _TYPE_NAMES.get(type(key.value), "no value")
+        what = _TYPE_NAMES.get(type(key.value), "null")
         text = f'"{key.text}"'
         self.problems.error(
             "R2B024",
-            f"a key must be text; {quote(key.text)} is {what}",
+            f"a key must be a string; {quote(key.text)} is {what}",
             key.span,
             f"quote it: {text}" if key.text else "write a key before the ':'",
             edit=Edit(key.span, text) if key.text else None,

@@ -1,4 +1,4 @@
-"""A growing list of diagnostics, and a way to say that the rest is not worth reading."""
+"""A growing list of diagnostics, with a limit, and a way to stop reading the document."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import NoReturn
 from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Related, Severity, Span
 
 MAX_PROBLEMS = 1000
-"""Problems that one step reports at most: the first hundreds help nobody more than the first."""
+"""Problems that one step reports at most; thousands are usually one mistake repeated."""
 
 
 class StopReadingError(Exception):
-    """The rest of the document is not worth reading; why has been reported."""
+    """The rest of the document is not read; the reason has been reported."""
 
 
 class DiagnosticCollector:
@@ -53,7 +53,7 @@ class DiagnosticCollector:
         )
 
     def stop(self, code: str, message: str, span: Span, help_text: str = "") -> NoReturn:
-        """Add an error, and give up on the document.
+        """Add an error and stop reading the document.
 
         Raises:
             StopReadingError: always.

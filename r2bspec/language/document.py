@@ -1,4 +1,4 @@
-"""A document before its cases part: parsed, with what it extends, and with options applied."""
+"""A parsed document: with the files that it extends and with options, before its matrix."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ Variables = Mapping[str, bool | int | float | str]
 
 @dataclass(slots=True)
 class ParsedDocument:
-    """What all cases of a document have in common.
+    """What all cases of a document share.
 
     Attributes:
         tree: None where the text is not YAML.
-        files: for each file that is extended, the places that led to it.
-        entries: for each entry that builds on a sibling, the place that says so.
-        incomplete: what builds on something that is not there; the empty path is the document.
+        files: for each extended file, the places that led to it.
+        entries: for each entry that extends a sibling, the place that says so.
+        incomplete: paths that extend something that does not exist; the empty path is the
+            document.
     """
 
     file: str
@@ -50,7 +51,7 @@ def open_document(
     variables: Variables,
     allow_paths: Iterable[FilePath],
 ) -> ParsedDocument:
-    """Read a document up to the point at which its matrix is looked at."""
+    """Read a document, up to its matrix."""
     read = _read(source, file)
     document = ParsedDocument(
         read.source.file, None, list(read.diagnostics), {read.source.file: read.source}

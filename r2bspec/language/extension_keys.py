@@ -1,4 +1,4 @@
-"""Keys that begin with ``x-``: a place for notes and anchors, which the language ignores."""
+"""Keys that begin with ``x-``: for notes and anchors; the language ignores them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ PREFIX = "x-"
 
 
 def without_extensions(root: TreeNode, schema: dict[str, Any]) -> TreeNode:
-    """The tree without ``x-`` keys, where `schema` knows the keys of a map.
+    """The tree without ``x-`` keys in maps whose keys `schema` defines.
 
-    In maps whose keys are names that the user gives, such a key is a name like any other.
-    Shared values stay shared.
+    In maps whose keys are names given by the user, such a key is an ordinary name. Shared values
+    stay shared.
     """
     done: dict[tuple[int, int], TreeNode] = {}
 

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 def gc_paused() -> Iterator[None]:
     """Pause the collector.
 
-    Reading makes very many values and no cycles: the collector would walk them all, again and
-    again, and find nothing. How much there can be is bounded (`r2bspec.language.yaml_composer`).
+    Reading creates many values and no cycles: the collector would traverse them all repeatedly and
+    free nothing. Their number is limited (`r2bspec.language.yaml_composer`).
     """
     if not gc.isenabled():
         yield

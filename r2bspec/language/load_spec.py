@@ -1,32 +1,46 @@
-"""The way in: a file, with options, becomes a `Spec`, or diagnostics that say why not.
+"""Loading a spec: a file, with options, becomes a `LoadedSpec`: a typed `Spec`, or diagnostics.
 
-The order: parse, ``extends``, ``--set``, ``--var``, the case of the matrix, substitute, schema,
-types. Each step reports all that it finds; what depends on a value that is not known is left
-unsaid.
+The order: parse, ``extends``, ``--set``, ``--var``, matrix case, substitution, schema, types.
+Each step reports everything that it finds. Problems that may only be consequences of an unknown
+value or an unreadable file are not reported.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from r2bspec.diagnostics import Diagnostic, Path, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.convert import to_spec
 from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
 from r2bspec.language.document import ParsedDocument, Variables, open_document
 from r2bspec.language.gc_pause import gc_paused
 from r2bspec.language.key_constraints.entry_keys import key_constraint_errors
-from r2bspec.language.loaded_spec import LoadedSpec
-from r2bspec.language.located_tree import MapNode, TreeNode, UnknownNode, child, to_plain, without
+from r2bspec.language.located_tree import (
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    UnknownNode,
+    child,
+    lookup,
+    span_at,
+    to_plain,
+    without,
+)
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.matrix import Matrix, MatrixCase, matrix_of, with_case_values
 from r2bspec.language.schema_validator import is_valid, schema
+from r2bspec.language.shorthand import expand_shorthands
+from r2bspec.language.source_columns import inner_span
 from r2bspec.language.source_text import Source
 from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
+from r2bspec.language.value_codec import decode
 from r2bspec.language.value_origins import ValueOrigins
 
 if TYPE_CHECKING:
@@ -44,7 +58,75 @@ _MISSING_FILE_CODES = (
     "R2B137",
 )
 
-__all__ = ["LoadedSpec", "load_cases", "load_spec"]
+
+@dataclass(frozen=True, slots=True)
+class LoadedSpec:
+    """A document, or one case of its matrix: its values as far as they are known, and its errors.
+
+    Attributes:
+        file: the name of the file as the user gave it; spans in it use that name.
+        base_dir: the folder to which paths in the document are relative.
+        spec: the typed document; None if and only if there are errors.
+        tree: the located document after substitution; None where the text is not YAML.
+        diagnostics: everything that was found, sorted by place.
+        sources: the texts that spans point into, by file name: the file, the files that it
+            extends, and options.
+        used_variables: names of the variables that were substituted.
+        matrix_case: which case of the matrix this is; None without a matrix.
+        origins: the places that led to values written elsewhere.
+    """
+
+    file: str
+    base_dir: FilePath
+    spec: Spec | None
+    tree: TreeNode | None
+    diagnostics: tuple[Diagnostic, ...]
+    sources: Mapping[str, Source] = field(repr=False)
+    used_variables: frozenset[str] = frozenset()
+    matrix_case: MatrixCase | None = field(default=None, repr=False)
+    origins: ValueOrigins = field(default=ValueOrigins(), repr=False)
+
+    @property
+    def case(self) -> str:
+        """Which case of the matrix this is, such as ``threads=2``; empty without a matrix."""
+        return self.matrix_case.name if self.matrix_case is not None else ""
+
+    @property
+    def id(self) -> str:
+        """The key of this case in results and baselines: ``name``, or ``name[threads=2]``."""
+        name = self.spec.name if self.spec is not None else FilePath(self.file).name
+        return f"{name}[{self.case}]" if self.case else name
+
+    def span(self, path: Path, key: bool = False) -> Span:
+        """The place of the value at a path, or of its key.
+
+        For a value that is not written (a default, a missing key), it is the key of the nearest
+        ancestor that is.
+        """
+        if self.tree is None:
+            return Span.of_file(self.file)
+        return span_at(self.tree, path, key=key)
+
+    def span_inside(self, path: Path, offset: int, length: int = 1) -> Span:
+        """The place of a piece of the text at a path, such as a metric in a requirement."""
+        node = lookup(self.tree, path) if self.tree is not None else None
+        if not isinstance(node, ScalarNode):
+            return self.span(path)
+        if node.origin is not None:
+            return node.span
+        source = self.sources.get(node.span.file)
+        return inner_span(source, node.span, node.text, offset, length)
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """The texts of `sources` by file name, as renderers of diagnostics expect them."""
+        return {name: source.text for name, source in self.sources.items()}
+
+    def resolved_yaml(self) -> str:
+        """The document as YAML: one case, with files, options, variables and merges applied."""
+        from r2bspec.language.yaml_dump import to_yaml
+
+        return to_yaml(to_plain(self.tree)) if self.tree is not None else ""
 
 
 def load_spec(
@@ -58,20 +140,19 @@ def load_spec(
     allow_paths: Iterable[FilePath] = (),
     untrusted: UntrustedSpecs | None = None,
 ) -> LoadedSpec:
-    """Load one spec. Never raises for any content: whatever is wrong is in `diagnostics`.
+    """Load one spec. Never raises because of the content: all problems are in `diagnostics`.
 
-    Of a document with a matrix, this is one case; if there are several, it is an error not to say
-    which.
+    Of a document with a matrix, one case is loaded. If it has several, `case` must select one.
 
     Args:
         source: the path of a file (``Path("-")`` is standard input), or the text itself.
-        file: the name for a text that is given as such; its folder is `base_dir`.
+        file: the name of a text that is given as `source`; its folder is `base_dir`.
         sets: values to replace, each as ``path=value``.
         variables: values for declared variables. A string is read as an unquoted YAML scalar.
-        environ: where ``$(env X)`` looks; the environment of this process by default.
-        case: the case that is meant, as ``threads=2`` or as ``name[threads=2]``.
-        allow_paths: folders beside that of the file, from which files may be extended.
-        untrusted: given where the spec is a stranger's; it then reads fewer variables.
+        environ: the environment for ``$(env X)``; that of this process by default.
+        case: the case to load, as ``threads=2`` or as ``name[threads=2]``.
+        allow_paths: further folders, besides that of the file, with files that may be extended.
+        untrusted: for a spec of a stranger's change: the variables that it may read.
     """
     with gc_paused():
         document = open_document(source, file, sets, variables or {}, allow_paths)
@@ -88,8 +169,8 @@ def _load_one(
     matrix_cases = _select_cases(document, matrix, case)
     if len(matrix_cases) > 1 and matrix is not None:
         known = ", ".join(each.name for each in matrix_cases[:12])
-        message = f"the matrix has {len(matrix_cases)} cases"
-        help_text = f"choose one with --case, of {known}"
+        message = f"the matrix has {len(matrix_cases)} cases; none is selected"
+        help_text = f"select one with --case: {known}"
         document.diagnostics.append(
             Diagnostic("R2B140", Severity.ERROR, message, matrix.span, help=help_text)
         )
@@ -108,10 +189,10 @@ def load_cases(
     allow_paths: Iterable[FilePath] = (),
     untrusted: UntrustedSpecs | None = None,
 ) -> tuple[LoadedSpec, ...]:
-    """Load every case of a spec, or the one that is named; without a matrix, the spec itself.
+    """Load every case of a spec, or the one that `case` names; without a matrix, the spec itself.
 
-    The arguments are those of `load_spec`. There is always at least one result; where the matrix
-    itself is wrong, it is the document without any case.
+    The arguments are those of `load_spec`. There is always at least one result: if the matrix
+    itself is invalid, the document without a case.
     """
     with gc_paused():
         document = open_document(source, file, sets, variables or {}, allow_paths)
@@ -125,7 +206,7 @@ def load_cases(
 def _select_cases(
     document: ParsedDocument, matrix: Matrix | None, case: str
 ) -> tuple[MatrixCase, ...]:
-    """The cases that are meant; what is wrong with the matrix is added to the findings."""
+    """The selected cases; problems of the matrix are added to the diagnostics."""
     if matrix is not None:
         document.diagnostics += matrix.problems.diagnostics
         if any(one.severity is Severity.ERROR for one in matrix.problems.diagnostics):
@@ -138,12 +219,12 @@ def _select_cases(
     if not found:
         names = [each.name for each in matrix_cases]
         close = did_you_mean(wanted, names)
-        known = "there are " + ", ".join(names[:12]) if names else "it has no matrix"
+        known = "known cases: " + ", ".join(names[:12]) if names else "it has no matrix"
         document.diagnostics.append(
             Diagnostic(
                 "R2B140",
                 Severity.ERROR,
-                f"the document has no case {quote(wanted)}",
+                f"unknown case {quote(wanted)}",
                 matrix.span if matrix is not None else Span.of_file(document.file),
                 help=f"did you mean '{close}'? {known}" if close else known,
             )
@@ -157,7 +238,7 @@ def _load_case(
     environ: Mapping[str, str] | None,
     untrusted: UntrustedSpecs | None,
 ) -> LoadedSpec:
-    """One case of a document, from its values to its types."""
+    """Substitute, validate and convert one case of a document."""
     found, tree = list(document.diagnostics), document.tree
     entries = dict(document.entries)
     used: frozenset[str] = frozenset()
@@ -182,7 +263,8 @@ def _load_case(
         if isinstance(tree, MapNode) and MATRIX in tree.entries:
             tree = without(tree, MATRIX)
         if all(one.severity is not Severity.ERROR for one in found):
-            spec = to_spec(plain)
+            # An error here would be a bug: the schema accepted what the types refuse.
+            spec = msgspec.convert(expand_shorthands(plain), Spec, dec_hook=decode)
     if document.incomplete:
         found = [one for one in found if not _is_consequence(one, document.incomplete)]
     origins = ValueOrigins(document.files, entries)
@@ -208,14 +290,14 @@ def _violations(tree: TreeNode, plain: Any, sources: Mapping[str, Source]) -> li
 
 
 def _is_consequence(one: Diagnostic, incomplete: set[Path]) -> bool:
-    """Whether a finding may only say that what is missing was to come from elsewhere."""
+    """Whether a problem may only be due to something that could not be read."""
     if () in incomplete:
         return one.code in _MISSING_FILE_CODES
     return one.code in _MISSING_VALUE_CODES and one.path in incomplete
 
 
 def _condition_variables(root: TreeNode) -> frozenset[str]:
-    """The variables on which an objective depends by its `when`."""
+    """The variables in the `when` of objectives."""
     slos = child(root, "slos")
     conditions = (
         child(entry.value, "when")
@@ -227,11 +309,11 @@ def _condition_variables(root: TreeNode) -> frozenset[str]:
 
 
 def _sorted_unique(found: list[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """By place; the same finding at the same place, as aliases bring it, is told once."""
+    """Sorted by place; the same finding at the same place, as with aliases, is kept once."""
     unique = {(one.code, one.span, one.message): one for one in reversed(found)}
     ordered = sorted(unique.values(), key=lambda one: one.sort_key)
     if len(ordered) > MAX_PROBLEMS:
         place = ordered[MAX_PROBLEMS].span
-        message = f"after {MAX_PROBLEMS:,} problems, further ones are not shown"
+        message = f"more than {MAX_PROBLEMS:,} problems; the rest is not shown"
         ordered[MAX_PROBLEMS:] = [Diagnostic("R2B005", Severity.INFO, message, place)]
     return tuple(ordered)

@@ -1,7 +1,7 @@
-"""The located tree: what a YAML document says, with the place of every key and value.
+"""The located tree: a YAML document with the place of every key and value.
 
-The tree is immutable. Anchored values are shared, not copied, and keep the place where they were
-written; the composer bounds how large the tree becomes when sharing is undone.
+The tree is immutable. Anchored values are shared, not copied, and keep the place where they are
+written; the composer limits the size of the tree with all aliases expanded.
 """
 
 from __future__ import annotations
@@ -18,13 +18,11 @@ class ScalarNode:
     """A single value.
 
     Attributes:
-        value: what the text means.
-        text: the characters as YAML reads them, without quotes and escapes.
-        span: where it stands, quotes included.
+        value: the value of the text.
+        text: the characters, without quotes and escapes.
+        span: its place, quotes included.
         style: ``""`` for plain, else the quote or block indicator: ``'``, ``"``, ``|`` or ``>``.
-        origin: where the value came from, if a variable brought it here.
-        secret: the environment variable whose value is kept out of the tree: `value` has a
-            reference to it instead.
+        origin: the place of the variable that the value comes from, if it does.
     """
 
     value: ScalarValue
@@ -45,7 +43,7 @@ class ListNode:
 
 @dataclass(frozen=True, slots=True)
 class UnknownNode:
-    """A value that could not be found out; the reason has been reported, once."""
+    """A value that could not be determined; the reason has been reported."""
 
     span: Span
 
@@ -112,10 +110,10 @@ def without(node: MapNode, key: str) -> MapNode:
 
 
 def span_at(root: TreeNode, path: Path, *, key: bool = False) -> Span:
-    """Where the value at a path stands, or, with `key`, where its key stands.
+    """The place of the value at a path, or, with `key`, of its key.
 
-    Where the path leads nowhere, the key of the nearest ancestor that exists is meant; for the
-    document itself that is its first key.
+    If the path does not exist, it is the key of the nearest ancestor that does; for the document
+    itself, its first key.
     """
     node = root
     key_span = _first_key_span(root)

@@ -1,11 +1,11 @@
-"""`matrix`: the cases of a benchmark that differ in the values of variables.
+"""`matrix`: cases of a benchmark that differ in the values of variables.
 
     matrix:
-      axes: {threads: [1, 2, 4], rate: [30 Hz, 60 Hz]}   # each with each
-      exclude: [{threads: 1, rate: 60 Hz}]               # all that have these values
-      cases: {night: {bag: r2b_lounge}}                  # and further ones, by name
+      axes: {threads: [1, 2, 4], rate: [30 Hz, 60 Hz]}   # all combinations
+      exclude: [{threads: 1, rate: 60 Hz}]               # except those with these values
+      cases: {night: {bag: r2b_lounge}}                  # and further cases, by name
 
-A case is called by its values, ``threads=1,rate=30 Hz``, or by its name, ``night``.
+The name of a case is its values, ``threads=1,rate=30 Hz``, or its key, ``night``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Values = Mapping[str, ScalarNode]
 
 @dataclass(frozen=True, slots=True)
 class MatrixCase:
-    """One case: what it is called, its values, and where it is asked for."""
+    """One case: its name, its values, and its place in the document."""
 
     name: str
     values: Values
@@ -39,11 +39,11 @@ class MatrixCase:
 
 @dataclass(slots=True)
 class Matrix:
-    """The cases of a document, and what is wrong with them.
+    """The cases of a document, and the problems of its matrix.
 
     Attributes:
-        span: where the matrix stands.
-        matrix_cases: the cases in their order; empty where the matrix is not usable.
+        span: the place of the matrix.
+        matrix_cases: the cases in their order; empty if the matrix is invalid.
     """
 
     span: Span
@@ -54,7 +54,7 @@ class Matrix:
 def matrix_of(root: TreeNode) -> Matrix | None:
     """The matrix of a document, or None if it has none.
 
-    What is of a wrong type is left to the schema: such a matrix has no cases, and no problems.
+    Wrong types are reported by the schema: such a matrix has no cases and no problems here.
     """
     node = child(root, KEY)
     if not isinstance(root, MapNode) or node is None:
@@ -89,8 +89,8 @@ def _expand_cases(
     lists = {name: _scalars(entry.value) for name, entry in axes.items()}
     number = len(cases) + (math.prod(map(len, lists.values())) if lists else 0)
     if number > MAX_CASES:
-        message = f"the matrix has {number:,} cases; {MAX_CASES:,} are the most"
-        problems.error("R2B139", message, found.span, "leave out values, or make several specs")
+        message = f"the matrix has {number:,} cases; the limit is {MAX_CASES:,}"
+        problems.error("R2B139", message, found.span, "remove values, or split the spec")
         return ()
     for name, listed in lists.items():
         _check_duplicate_values(problems, name, listed)
@@ -110,15 +110,15 @@ def _expand_cases(
                 Diagnostic(
                     "R2B138",
                     Severity.WARNING,
-                    "no combination of the axes has these values",
+                    "this exclusion matches no combination of the axes",
                     span,
                     path=(KEY, "exclude", index),
-                    help='remove it, or put it right; 2 and "2" are different values',
+                    help='remove it, or correct its values; 2 and "2" are different',
                 )
             )
     made += [MatrixCase(name, given, span) for name, (span, given) in cases.items()]
     if not made:
-        message = "the matrix has no case" + (": all combinations are excluded" if lists else "")
+        message = "the matrix has no cases" + (": all combinations are excluded" if lists else "")
         problems.error("R2B139", message, found.span, "for example: axes: {threads: [1, 2]}")
     return tuple(made)
 
@@ -136,10 +136,10 @@ def _check_duplicate_values(
         if first is not value:
             problems.error(
                 "R2B141",
-                f"the axis {quote(name)} has {quote(value.text)} twice",
+                f"duplicate value {quote(value.text)} in axis {quote(name)}",
                 value.span,
-                "remove one: two cases would have one name",
-                related=(Related("the first one", first.span),),
+                "remove one of them: two cases would have the same name",
+                related=(Related("first used here", first.span),),
             )
 
 
@@ -151,19 +151,19 @@ def _check_names(
     excluded: list[tuple[Span, Values]],
 ) -> bool:
     before = len(problems.diagnostics)
-    declare = "declare it under 'variables' with the value that it has without a case"
+    declare = "declare it under 'variables' with a default value"
     for name, entry in axes.items():
         if name not in known:
-            _report_unknown(problems, name, entry.key_span, known, "there is no variable", declare)
+            _report_unknown(problems, name, entry.key_span, known, "unknown variable", declare)
     for _, values in cases.values():
         for name, value in values.items():
             if name not in known:
-                _report_unknown(problems, name, value.span, known, "there is no variable", declare)
+                _report_unknown(problems, name, value.span, known, "unknown variable", declare)
     for _, values in excluded:
         for name, value in values.items():
             if name not in axes:
-                help_text = "exclude names axes of the matrix"
-                _report_unknown(problems, name, value.span, axes, "there is no axis", help_text)
+                help_text = "the keys of an exclusion are axes of the matrix"
+                _report_unknown(problems, name, value.span, axes, "unknown axis", help_text)
     return len(problems.diagnostics) == before
 
 

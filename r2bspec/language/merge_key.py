@@ -1,4 +1,4 @@
-"""The merge key ``<<``: maps written once under an anchor and taken up elsewhere."""
+"""The YAML merge key ``<<``: a map with an anchor, merged into other maps."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from r2bspec.language.located_tree import Entry, MapNode
 
 @dataclass(frozen=True, slots=True)
 class Merge:
-    """One map to be merged, and where the ``<<`` stands that asks for it."""
+    """A map to be merged, and the place of its ``<<``."""
 
     span: Span
     source: MapNode
 
 
 def merge_entries(merges: Iterable[Merge], own: dict[str, Entry]) -> dict[str, Entry]:
-    """The entries of a map with `merges`; its own win, then those of the earlier merge.
+    """The entries of a map with `merges`; its own have precedence, then those of earlier merges.
 
-    Merged entries come first and keep the place where they were written.
+    Merged entries come first and keep the place where they are written.
     """
     entries: dict[str, Entry] = {}
     for merge in merges:

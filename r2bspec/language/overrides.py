@@ -1,8 +1,7 @@
-"""`--set a.b.c=v` and `--var x=v`: values given beside the document.
+"""`--set a.b.c=v` and `--var x=v`: values given on the command line.
 
-Each option is a little document of its own: a finding in it shows the option with a caret.
-A value that begins with a bracket, a brace or a quote is read as YAML; anything else as an
-unquoted scalar.
+Each option is a source of its own: a finding in it shows the option with a caret. A value that
+begins with a bracket, a brace or a quote is read as YAML, any other as an unquoted scalar.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ _PART = re.compile(r"\[(\d{1,9})\]|\['([^']*)'\]|(?:^|\.)([^.\[\]'=]+)")
 
 @dataclass(slots=True)
 class OverrideResult:
-    """The tree with the options applied, what was wrong, and the options as sources."""
+    """The tree with the options applied, the problems, and the options as sources."""
 
     tree: TreeNode
     problems: DiagnosticCollector = field(default_factory=DiagnosticCollector)
@@ -43,7 +42,7 @@ class OverrideResult:
 
 @dataclass(frozen=True, slots=True)
 class _Option:
-    """One option's text, the path that it names, and the offset of each part and of the value."""
+    """The text of an option, its path, and the offsets of each part and of the value."""
 
     source: Source
     path: Path
@@ -57,7 +56,7 @@ class _Option:
 def apply_overrides(
     root: TreeNode, sets: Sequence[str], variables: Mapping[str, bool | int | float | str]
 ) -> OverrideResult:
-    """Apply `sets`, each ``path=value``, in their order; then `variables`."""
+    """Apply `sets`, each ``path=value``, in their order, then `variables`."""
     result = OverrideResult(root)
     for text in sets:
         _apply_set(result, text)
@@ -68,7 +67,7 @@ def apply_overrides(
 
 
 def parse_path(text: str) -> Path:
-    """The path that a text such as ``data_loader.topics['/a']`` names; empty if it names none."""
+    """The path in a text such as ``data_loader.topics['/a']``; empty if the text is not a path."""
     return _parse(f"{text}=").path
 
 
@@ -78,7 +77,7 @@ def _apply_set(result: OverrideResult, text: str) -> None:
     if not option.path:
         result.problems.error(
             "R2B127",
-            f"{quote(text)} is not of the form path=value",
+            f"expected PATH=VALUE, found {quote(text)}",
             option.span(0, len(text)),
             "for example: --set benchmark.iterations=3",
         )
@@ -90,7 +89,7 @@ def _apply_set(result: OverrideResult, text: str) -> None:
             start = option.offsets[depth]
             wrong = format_path(option.path[: depth + 1])
             span = option.span(start, start + len(str(part)))
-            message = f"there is no '{wrong}' in the document to replace"
+            message = f"the document has no '{wrong}' to replace"
             result.problems.error("R2B127", message, span, _path_suggestion(node, part))
             return
         node = below
@@ -105,9 +104,9 @@ def _apply_variable(result: OverrideResult, name: str, text: str) -> None:
     if lookup(result.tree, ("matrix", "axes", name)) is not None:
         result.problems.error(
             "R2B128",
-            f"{quote(name)} is an axis of the matrix: each case has a value of its own",
+            f"{quote(name)} is an axis of the matrix: its value depends on the case",
             option.span(0, len(name)),
-            "choose a case with --case, or replace the axis: "
+            "select a case with --case, or replace the axis: "
             + quote(f"--set matrix.axes.{name}=[{text}]"),
         )
         return
@@ -115,10 +114,14 @@ def _apply_variable(result: OverrideResult, name: str, text: str) -> None:
     known = declared.entries if isinstance(declared, MapNode) else {}
     if name not in known:
         close = did_you_mean(name, known)
-        listed = "declared are " + ", ".join(sorted(known)[:10]) if known else "it declares none"
+        listed = (
+            "declared variables: " + ", ".join(sorted(known)[:10])
+            if known
+            else "the document declares no variables"
+        )
         result.problems.error(
             "R2B128",
-            f"the document declares no variable {quote(name)}",
+            f"unknown variable {quote(name)}",
             option.span(0, len(name)),
             f"did you mean '{close}'? {listed}" if close else listed,
         )
@@ -156,7 +159,7 @@ def _value(result: OverrideResult, option: _Option) -> TreeNode:
             result.problems.diagnostics += [replace(found, span=span) for found in read.diagnostics]
             return UnknownNode(span)
         return ScalarNode(parse_unquoted(text), text, span)
-    # Blanks in place of the path keep the columns right.
+    # Spaces in place of the path keep the columns.
     padded = read_text(" " * option.value_offset + text, option.source.file)
     if not padded.usable:
         result.problems.diagnostics += padded.diagnostics
@@ -169,8 +172,8 @@ def _value(result: OverrideResult, option: _Option) -> TreeNode:
 def _path_suggestion(node: TreeNode, part: str | int) -> str:
     if isinstance(node, MapNode) and node.entries:
         close = did_you_mean(str(part), node.entries)
-        known = "there are " + ", ".join(list(node.entries)[:12])
+        known = "known keys: " + ", ".join(list(node.entries)[:12])
         return f"did you mean '{close}'? {known}" if close else known
     if isinstance(node, ListNode):
-        return f"the list has {len(node.items)} items, counted from [0]"
-    return "only what the document has can be replaced"
+        return f"the list has {len(node.items)} items, the first is [0]"
+    return "--set can only replace values that the document has"

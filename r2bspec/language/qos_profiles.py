@@ -1,7 +1,8 @@
-"""ROS's quality-of-service profiles by the names that rclpy and rmw give them.
+"""The quality-of-service profiles of ROS, by their names in rclpy and rmw.
 
-They are written out, so that a result does not depend on what a middleware takes for its default:
-`system_default` leaves everything to it, and stands here for what its writers do.
+All fields are given explicitly, so that results do not depend on the defaults of a middleware.
+`system_default`, which leaves every choice to the middleware, has the values that its publishers
+use.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Quantities of the language: strings with units, parsed to exact numbers.
+"""Quantities of the language: strings with a unit, parsed to exact numbers.
 
 Grammar, for every kind::
 
     quantity = number [ws] unit
     number   = digits ["." digits] [("e" | "E") ["+" | "-"] digits]
 
-A duration is kept in whole nanoseconds, a rate in hertz, a size in bytes and a share as a
-fraction of one. A bare number has no unit and is refused: its meaning would be a guess.
+A duration is stored in whole nanoseconds, a rate in hertz, a size in bytes and a share as a
+fraction of one. A number without a unit is refused: its meaning would be a guess.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ _UNIT_ALIASES = {
     "percent": "%",
     "bytes": "B",
 }
-"""Units as people write them, and what they are called here."""
+"""Other names of units, and the unit that each means."""
 
 
 class QuantityError(ValueError):
-    """A string that is not a quantity of the kind asked for.
+    """A string that is not a quantity of the required kind.
 
     Attributes:
-        suggestion: a text that would have been accepted, or empty.
-        is_equivalent: whether the suggestion means what was written, and is not a mere example.
+        suggestion: a valid text, or empty.
+        is_equivalent: whether the suggestion means the same as the text, and is not an example.
     """
 
     def __init__(self, message: str, suggestion: str = "", *, is_equivalent: bool = False) -> None:
@@ -62,8 +62,8 @@ class QuantityError(ValueError):
 class Quantity:
     """A number with the dimension that its class names: immutable, ordered, hashable.
 
-    Not a dataclass: msgspec would read those from JSON objects, and a quantity is a string in
-    every document (see `r2bspec.language.value_codec`).
+    Not a dataclass: msgspec would read it from a JSON object, but a quantity is a string in every
+    document (see `r2bspec.language.value_codec`).
     """
 
     __slots__ = ("_value",)
@@ -103,43 +103,50 @@ class Quantity:
         """Parse a text such as `example`.
 
         Raises:
-            QuantityError: the text is no quantity of this kind.
+            QuantityError: the text is not a quantity of this kind.
         """
         raise NotImplementedError
+
+    @classmethod
+    def units_text(cls) -> str:
+        """The units in a sentence: ``the unit of a share is %``."""
+        if len(cls.units) == 1:
+            return f"the unit of a {cls.kind} is {next(iter(cls.units))}"
+        return f"the units of a {cls.kind} are {', '.join(cls.units)}"
 
     @classmethod
     @lru_cache(maxsize=4096)
     def _scaled(cls, text: str) -> Decimal:
         if len(text) > _MAX_TEXT_LENGTH:
-            raise QuantityError(f"this is too long for a {cls.kind}", suggestion=cls.example)
+            raise QuantityError(f"the text is too long for a {cls.kind}", suggestion=cls.example)
         match = _QUANTITY.fullmatch(text.strip())
-        known = ", ".join(cls.units)
         if match is None:
             if _UNITLESS.fullmatch(text.strip()):
                 default = next(iter(cls.units))
                 raise QuantityError(
-                    f"{quote(text)} has no unit; a {cls.kind} needs one of {known}",
+                    f"{quote(text)} has no unit; {cls.units_text()}",
                     suggestion=f"{text.strip()} {default}",
                 )
             if text.lstrip().startswith("-"):
                 raise QuantityError(f"a {cls.kind} cannot be negative", suggestion=cls.example)
             raise QuantityError(
-                f"{quote(text)} is not a {cls.kind}; write a number and one of {known}",
+                f"{quote(text)} is not a {cls.kind}: expected a number with a unit, such as "
+                f"{cls.example}; {cls.units_text()}",
                 suggestion=cls.example,
             )
         unit = match["unit"].replace("μ", "µ")
         if unit not in cls.units:
             meant = cls._known_unit(unit)
             raise QuantityError(
-                f"{quote(match['unit'])} is not a unit of {cls.kind}; known are {known}",
+                f"unknown unit {quote(match['unit'])}; {cls.units_text()}",
                 suggestion=f"{match['number']} {meant}" if meant else cls.example,
                 is_equivalent=bool(meant),
             )
-        # Beyond this exponent, Decimal itself gives up.
+        # Decimal does not support larger exponents.
         if re.search(r"[eE][+-]?\d{4}", match["number"]):
             raise QuantityError(f"{quote(text)} is out of range for a {cls.kind}")
         number = Decimal(match["number"])
-        # 10^100 s would overflow every clock; the limit is generous and keeps integers small.
+        # 10^100 s would overflow every clock; the limit keeps integers small.
         if number.adjusted() > 15:
             raise QuantityError(f"{quote(text)} is too large for a {cls.kind}")
         return number * cls.units[unit]
@@ -150,13 +157,13 @@ class Quantity:
         folded = unit.casefold()
         by_fold = {name.casefold(): name for name in reversed(cls.units)}
         meant = by_fold.get(folded) or _UNIT_ALIASES.get(folded, "")
-        # MHz is not mHz: where a capital makes a prefix, nothing is guessed.
+        # MHz is not mHz: where the capital changes the prefix, there is no guess.
         ambiguous = unit.startswith("M") and meant.startswith("m")
         return meant if meant in cls.units and not ambiguous else ""
 
 
 class Duration(Quantity):
-    """A length of time in whole nanoseconds."""
+    """A duration in whole nanoseconds."""
 
     __slots__ = ()
     kind: ClassVar[str] = "duration"
@@ -265,7 +272,7 @@ class Size(Quantity):
 
 
 class Share(Quantity):
-    """A fraction; ``2 %`` is kept as 0.02."""
+    """A fraction; ``2 %`` is stored as 0.02."""
 
     __slots__ = ()
     kind: ClassVar[str] = "share"
@@ -277,7 +284,7 @@ class Share(Quantity):
 
     @property
     def fraction(self) -> float:
-        """The value in parts of one."""
+        """The value as a fraction of one."""
         return self._value
 
     @classmethod
@@ -290,6 +297,6 @@ class Share(Quantity):
 
 
 def _format_decimal(number: Decimal) -> str:
-    """Write a decimal without exponent and without trailing zeros."""
+    """A decimal number as text, without exponent and trailing zeros."""
     text = format(number.normalize(), "f")
     return text.rstrip("0").rstrip(".") if "." in text else text

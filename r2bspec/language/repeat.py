@@ -1,4 +1,4 @@
-"""`repeat`: named instances of one entry, each with variables of its own."""
+"""`repeat`: named instances of one entry, each with its own variables."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _VARIABLE = re.compile(VARIABLE.pattern)
 
 @dataclass(frozen=True, slots=True)
 class RepeatedEntry:
-    """An entry that is repeated: what is left of it, and its instances."""
+    """An entry without its `repeat`, and its instances."""
 
     entry: MapNode
     instances: dict[str, Instance]
@@ -24,14 +24,14 @@ class RepeatedEntry:
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """Where an instance is named, and its variables."""
+    """The place of an instance, and its variables."""
 
     span: Span
     variables: dict[str, ScalarNode]
 
 
 def parse_repeat(node: MapNode) -> RepeatedEntry | None:
-    """What an entry is repeated as; None where nothing is, or where the schema will complain."""
+    """The instances of an entry; None without `repeat`, or if the schema refuses it."""
     named = child(node, KEY)
     if not isinstance(named, MapNode) or not named.entries:
         return None

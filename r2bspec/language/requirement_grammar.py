@@ -1,4 +1,4 @@
-"""The grammar of a requirement, and of the conditions under which a probed rate holds.
+"""The grammar of a requirement, and of the conditions that a probe of the search must meet.
 
 Grammar (white space between tokens is free)::
 
@@ -9,8 +9,8 @@ Grammar (white space between tokens is free)::
     windows     = "in " share " of " duration " windows"
     name, part, monitor = letter { letter | digit | "_" }
 
-Which metrics exist, and their dimensions, is known to `r2bspec.measure.metric_catalogue`; this
-module knows only the shape of the sentence.
+The metrics and their dimensions are defined in `r2bspec.measure.metric_catalogue`; this module
+only parses the text.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class RequirementError(ValueError):
 
     Attributes:
         column: offset into the text, counted from 0, at which the problem begins.
-        suggestion: a text that would have been accepted there, or empty.
+        suggestion: a text that would be valid there, or empty.
     """
 
     def __init__(self, message: str, column: int, suggestion: str = "") -> None:
@@ -64,18 +64,18 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Requirement:
-    """One parsed requirement; immutable, and equal to any other of the same text.
+    """One parsed requirement; immutable, and equal to any other with the same text.
 
-    Not a struct: in every document a requirement is its text (see `r2bspec.language.value_codec`).
+    Not a struct: in every document a requirement is a string (see `r2bspec.language.value_codec`).
 
     Attributes:
-        text: what the user wrote.
+        text: the text as the user wrote it.
         metric: the dotted name as written: ``latency.p99``, ``detections.latency.p99``, or
             ``sustained``, which has neither operator nor bound.
         metric_column: offset of the metric into `text`.
         bound_column: offset of the bound into `text`.
-        windows_share: the share of windows of `window_ns` in which the comparison must hold, as a
-            fraction; None where it concerns all that was measured at once.
+        windows_share: the share of windows of `window_ns` in which the comparison must be true,
+            as a fraction; None if it applies to all measurements at once.
         windows_column: offset of ``in`` into `text`.
     """
 
@@ -149,14 +149,14 @@ def parse_requirement(text: str) -> Requirement:
     """Parse one requirement.
 
     Raises:
-        RequirementError: with the offset at which the text stops making sense.
+        RequirementError: the text is not a requirement; with the offset of the first error.
     """
     if len(text) > _MAX_LENGTH:
-        raise RequirementError(f"a requirement has at most {_MAX_LENGTH} characters", 0)
+        raise RequirementError(f"the requirement has more than {_MAX_LENGTH} characters", 0)
     found = _METRIC.match(text)
     if found is None:
         raise RequirementError(
-            "a requirement begins with a metric, such as latency.p99",
+            "expected a metric, such as latency.p99",
             _next_token_column(text),
             "latency.p99 < 50 ms",
         )
@@ -165,7 +165,7 @@ def parse_requirement(text: str) -> Requirement:
     if metric == "sustained":
         if text[found.end() :].strip():
             column = _next_token_column(text, found.end())
-            raise RequirementError("nothing may follow 'sustained'", column)
+            raise RequirementError("unexpected text after 'sustained'", column)
         return Requirement(text=text, metric=metric, metric_column=metric_column)
     compared = _OPERATOR.match(text, found.end())
     if compared is None:
@@ -174,7 +174,9 @@ def parse_requirement(text: str) -> Requirement:
             (op for other, op in _OPERATOR_TYPOS.items() if text.startswith(other, column)), "<"
         )
         raise RequirementError(
-            f"after {quote(metric)} comes one of < <= > >= == !=", column, f"{metric} {meant} ..."
+            f"expected one of < <= > >= == != after {quote(metric)}",
+            column,
+            f"{metric} {meant} ...",
         )
     column = _next_token_column(text, compared.end())
     windows = _WINDOWS_START.search(text, compared.end())
@@ -195,10 +197,10 @@ def parse_requirement(text: str) -> Requirement:
 
 
 def _parse_windows(text: str, column: int) -> tuple[float, int]:
-    """What follows ``in``: the share of windows, and their length in nanoseconds."""
+    """The part after ``in``: the share of windows, and their length in nanoseconds."""
     found = re.match(r"(?P<share>[^%]*%)\s*", text[column:])
     if found is None:
-        message = "after 'in' comes a share of windows, such as 99 %"
+        message = "expected a share of windows after 'in', such as 99 %"
         raise RequirementError(message, _next_token_column(text, column), _WINDOWS_EXAMPLE)
     share = _parse_quantity(Share, found["share"], column)
     if not 0 < share.fraction <= 1:
@@ -207,16 +209,18 @@ def _parse_windows(text: str, column: int) -> tuple[float, int]:
     at = column + found.end()
     of = re.match(r"of\s+(?P<duration>.*?)\s*(?P<word>[A-Za-z_]*)\s*\Z", text[at:], re.DOTALL)
     if of is None:
-        message = "after the share comes 'of' and the length of a window"
+        message = "expected 'of' and the length of a window after the share"
         raise RequirementError(message, _next_token_column(text, at), _WINDOWS_EXAMPLE)
     start = at + of.start("duration")
     if of["word"] not in ("window", "windows"):
         duration = text[start:].rstrip()
-        message = "the sentence ends with 'windows'"
+        message = "expected 'windows' at the end"
         raise RequirementError(message, start + len(duration), f"of {duration or '1 s'} windows")
     length = _parse_quantity(Duration, of["duration"], start)
     if length.ns <= 0:
-        raise RequirementError("a window must be longer than nothing", start, _WINDOWS_EXAMPLE)
+        raise RequirementError(
+            "the length of a window must be more than zero", start, _WINDOWS_EXAMPLE
+        )
     return share.fraction, length.ns
 
 
@@ -229,7 +233,7 @@ def _parse_quantity(kind: type[_Q], text: str, column: int) -> _Q:
 
 def _parse_bound(text: str, column: int) -> Bound:
     if not text:
-        raise RequirementError("the bound is missing", column, "50 ms")
+        raise RequirementError("missing bound", column, "50 ms")
     relative = _RELATIVE_BOUND.fullmatch(text)
     if relative is not None:
         return _relative_bound(relative, column)
@@ -259,13 +263,13 @@ def _bound_error(text: str, column: int) -> RequirementError:
     if unit is not None and unit[2] not in units:
         close = did_you_mean(unit[2], units)
         return RequirementError(
-            f"{quote(unit[2])} is not a unit; known are {', '.join(units)}",
+            f"unknown unit {quote(unit[2])}; known units: {', '.join(units)}",
             column + unit.start(2),
             f"{unit[1]} {close}" if close else "",
         )
     return RequirementError(
         f"{quote(text)} is not a bound; write a number with a unit, such as 50 ms, 30 Hz, 2 % "
-        "or 64 MiB, or a whole number for a count",
+        "or 64 MiB, or an integer for a count",
         column,
     )
 
@@ -279,8 +283,8 @@ def _relative_bound(found: re.Match[str], column: int) -> Bound:
     if reference not in _REFERENCES:
         meant = did_you_mean(reference, _REFERENCES) or "offered"
         raise RequirementError(
-            "a bound is relative to 'offered', the rate that was asked for, or to 'baseline', an "
-            f"earlier run, not to {quote(reference)}",
+            f"unknown reference {quote(reference)}; a bound is relative to 'offered' (the offered "
+            "rate) or to 'baseline' (an earlier run)",
             column + found.start("reference"),
             f"{found['share']} of {meant}",
         )

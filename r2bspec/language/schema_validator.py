@@ -1,4 +1,4 @@
-"""The strict schema, applied: quickly where nothing is wrong, else by jsonschema."""
+"""Validation by the strict schema: fast for valid documents; jsonschema finds the violations."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.fast_validator import Predicate, compile_predicate
-from r2bspec.language.schema import strict_schema
+from r2bspec.language.schema.derive_strict import strict_schema
 from r2bspec.language.schema.schema_builder import ALLOWED_WORDS, KIND, SINGLE_ITEM
 from r2bspec.language.value_kinds import check_value
 
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
 
 @cache
 def schema(*, live: bool = False) -> dict[str, Any]:
-    """The strict schema, made once; for `live`, that of a document in which nothing is played."""
+    """The strict schema, built once; `live` is that of benchmarks in which nothing is played."""
     return strict_schema(live=live)
 
 
 def is_valid(plain: Any) -> bool:
-    """Whether the document violates nothing."""
+    """Whether the document is valid."""
     return _predicate(live=is_live(plain))(plain)
 
 
 def is_live(plain: Any) -> bool:
-    """Whether the document says that nothing is played."""
+    """Whether the document is a live benchmark, in which nothing is played."""
     playback = plain.get("playback") if isinstance(plain, dict) else None
     return isinstance(playback, dict) and playback.get("mode") == "live"
 
 
 def schema_at(path: Path) -> dict[str, Any] | None:
-    """The part of the strict schema that describes the value at a path, or None."""
+    """The part of the strict schema for the value at a path, or None."""
     part: Any = schema()
     for step in path:
         if isinstance(step, int):
@@ -98,11 +98,11 @@ def _validator(*, live: bool) -> Validator:
         if isinstance(instance, str):
             yield from validator.descend(instance, schema["items"])
 
-    # To JSON Schema 1.0 is an integer; to a ROS parameter and to YAML it is not.
+    # In JSON Schema, 1.0 is an integer; in ROS parameters and in YAML it is not.
     types = Draft7Validator.TYPE_CHECKER.redefine(
         "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
     )
-    # jsonschema's own additionalProperties goes through a set: another order in each process.
+    # jsonschema's own additionalProperties iterates over a set, in a random order.
     changed = {
         SINGLE_ITEM: check_alone,
         KIND: check_kind,

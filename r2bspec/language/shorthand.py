@@ -1,11 +1,12 @@
-"""The one place where the shorthands of the language are written out.
+"""Expansion of the shorthands of the language.
 
-It works on documents that obey the strict schema, and gives what `r2bspec.language.spec` reads:
+The input is a document that is valid by the strict schema, the output has the form of
+`r2bspec.language.spec`. Expanded are:
 
 - a bag, one condition, a transport, a harness or a QoS profile written as one word,
-- a QoS profile that departs from a named one,
-- several bags, of which the first is also *the* bag,
-- declared variables, of which the value is kept,
+- a QoS profile based on a named one,
+- several bags, the first of which is also *the* bag,
+- declared variables, of which only the value is kept,
 - parameters as a file or as a list of files and maps,
 - a range of rates,
 - ``at: peak``.
@@ -23,14 +24,14 @@ from r2bspec.language.quantities import Rate
 Plain = dict[str, Any]
 
 MAX_RANGE_RATES = 1000
-"""Rates that a range may stand for at most."""
+"""The most rates of a range."""
 
 LOADER_KEYS = ("extends", "matrix")
-"""Keys at the top of a document that no typed value has."""
+"""Top-level keys of a document that `Spec` does not have."""
 
 
 def expand_shorthands(document: Plain) -> Plain:
-    """The document without shorthands; what it is made of is shared, not changed."""
+    """The document without shorthands; its values are shared, not changed."""
     done = {key: value for key, value in document.items() if key not in LOADER_KEYS}
     for key, change in _SECTIONS.items():
         if key in done:
@@ -44,14 +45,14 @@ def expand_shorthands(document: Plain) -> Plain:
 
 
 def bag_source(bag: str | Plain) -> Plain:
-    """What a bag written as one string means: a path if it looks like one, else a dataset."""
+    """A bag written as a string: a path if it looks like one, else a dataset."""
     if isinstance(bag, dict):
         return bag
     return {"path" if "/" in bag or bag.startswith(".") else "dataset": bag}
 
 
 def qos(written: str | Plain) -> Plain:
-    """A profile with all fields that its name, or the name it departs from, gives it."""
+    """A profile with all fields of the named profile, or of the one it is based on."""
     if isinstance(written, str):
         return PROFILES[written]
     if "profile" not in written:
@@ -61,10 +62,10 @@ def qos(written: str | Plain) -> Plain:
 
 
 def expand_rate_range(between: Mapping[str, Any]) -> list[str]:
-    """The rates of a range, in exact arithmetic; the last is `to` only where a step leads there.
+    """The rates of a range, in exact arithmetic; the last is `to` only if the step reaches it.
 
-    More than `MAX_RANGE_RATES` are not written out, and a step that leads nowhere gives none: what
-    is odd about a range has been said before (`r2bspec.language.key_constraints.entry_keys`).
+    At most `MAX_RANGE_RATES`, and none for a step of zero: invalid ranges are reported by
+    `r2bspec.language.key_constraints.document_keys`.
     """
     first, last = (Decimal(repr(Rate.parse(between[key]).hz)) for key in ("from", "to"))
     if "step" in between:
@@ -77,7 +78,7 @@ def expand_rate_range(between: Mapping[str, Any]) -> list[str]:
 
 
 def variable_value(declared: Any) -> Any:
-    """The value of a declared variable, however it is declared; None if there is none."""
+    """The value of a variable, declared as a map or not; None if it has none."""
     if isinstance(declared, dict):
         return declared.get("value", declared.get("default"))
     return declared

@@ -1,4 +1,4 @@
-"""From an offset into a value to the column in the file."""
+"""The place in the file of a part of a value."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from r2bspec.language.source_text import Source
 
 
 def inner_span(source: Source | None, span: Span, text: str, offset: int, length: int) -> Span:
-    """Where ``text[offset : offset + length]`` stands, if `text` was written at `span`.
+    """The span of ``text[offset : offset + length]``, where `text` is the value at `span`.
 
     Quotes, escapes and folded lines make the characters of the file differ from those of the
-    value. The piece is therefore looked for in the file, as the occurrence of the same rank.
-    Where that fails, and where `source` is None, the answer is the whole span.
+    value. Therefore the part is searched for in the file, as the occurrence of the same rank. If
+    that fails, or if `source` is None, the result is the whole span.
     """
     if source is None:
         return span

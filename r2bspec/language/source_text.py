@@ -1,7 +1,7 @@
-"""The text of a document: read, decoded and refused where it is no text.
+"""Reading and decoding the text of a document.
 
-YAML allows UTF-16 and UTF-32, too. They are refused here: nothing else in a ROS workspace reads
-them, and a file in them is an accident of an editor.
+YAML also allows UTF-16 and UTF-32. They are refused here: no other tool of a ROS workspace reads
+them, so a file in one of them is most likely an accident.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from r2bspec.diagnostics import Diagnostic, Edit, Severity, Span
 from r2bspec.diagnostics.source_lines import split_lines
 
 MAX_DOCUMENT_BYTES = 10_000_000
-"""Size of the largest document that is read; specs have a few thousand bytes."""
+"""Size of the largest document that is read; a spec has a few thousand bytes."""
 
 _FORBIDDEN = re.compile(
     "[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"  # YAML's c-printable
@@ -26,18 +26,18 @@ _UTF16_AND_UTF32_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\x00\x00\xfe\xff")
 
 @dataclass(frozen=True)
 class Source:
-    """A document's text and the name that it has for the user."""
+    """The text of a document and the file name shown to the user."""
 
     file: str
     text: str
 
     @cached_property
     def lines(self) -> list[str]:
-        """The lines, broken where YAML breaks them, without their breaks."""
+        """The lines, split where YAML splits them, without line breaks."""
         return split_lines(self.text)
 
     def line(self, number: int) -> str:
-        """The line of that number, counted from 1; empty where there is none."""
+        """The line with that number, counted from 1; empty if there is none."""
         return self.lines[number - 1] if 0 < number <= len(self.lines) else ""
 
     def span_at(self, offset: int) -> Span:
@@ -49,19 +49,19 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class ReadResult:
-    """A source and what was wrong with it; with an error it is good for carets only."""
+    """A source and its problems; with an error the text serves for excerpts only."""
 
     source: Source
     diagnostics: tuple[Diagnostic, ...] = ()
 
     @property
     def usable(self) -> bool:
-        """Whether the text may be parsed."""
+        """Whether the text can be parsed."""
         return all(found.severity is not Severity.ERROR for found in self.diagnostics)
 
 
 def read_file(path: Path) -> ReadResult:
-    """Read and decode one file; ``-`` is standard input. Every problem becomes a diagnostic."""
+    """Read and decode one file; ``-`` is standard input. Problems become diagnostics."""
     file = "<stdin>" if str(path) == "-" else str(path)
     try:
         if str(path) == "-":
@@ -77,20 +77,20 @@ def read_file(path: Path) -> ReadResult:
 
 
 def decode(data: bytes, file: str) -> ReadResult:
-    """Decode the bytes of a document, whose name for the user is `file`."""
+    """Decode the bytes of a document; `file` is its name in messages."""
     if len(data) > MAX_DOCUMENT_BYTES:
         limit = MAX_DOCUMENT_BYTES // 1_000_000
         found = _error(
             "R2B002",
-            f"the file is larger than {limit} MB, the most that is read",
+            f"the file is larger than {limit} MB",
             Span.of_file(file),
-            "is this the right file? a spec names its data, it does not hold it",
+            "check the path: a spec refers to recorded data, it does not contain it",
         )
         return ReadResult(Source(file, ""), (found,))
     if data.startswith(_UTF16_AND_UTF32_BOMS):
         found = _error(
             "R2B003",
-            "the file is not UTF-8: it begins as UTF-16 or UTF-32 does",
+            "the file is encoded as UTF-16 or UTF-32, not as UTF-8",
             Span.of_file(file),
             "save it as UTF-8",
         )
@@ -102,7 +102,7 @@ def decode(data: bytes, file: str) -> ReadResult:
         place = source.span_at(len(data[: error.start].decode("utf-8")))
         found = _error(
             "R2B003",
-            f"the file is not UTF-8: byte 0x{data[error.start]:02x} makes no character here",
+            f"the file is not UTF-8: invalid byte 0x{data[error.start]:02x}",
             place,
             "save it as UTF-8",
         )
@@ -111,7 +111,7 @@ def decode(data: bytes, file: str) -> ReadResult:
 
 
 def read_text(text: str, file: str) -> ReadResult:
-    """Check text that is decoded already."""
+    """Check text that is already decoded."""
     found: list[Diagnostic] = []
     if text.startswith("\ufeff"):
         text = text[1:]
@@ -120,10 +120,9 @@ def read_text(text: str, file: str) -> ReadResult:
             Diagnostic(
                 "R2B004",
                 Severity.WARNING,
-                "the file begins with an invisible byte-order mark",
+                "the file begins with a byte-order mark (BOM)",
                 place,
-                help="save it as UTF-8 without BOM; some tools take the mark for a part of the "
-                "first key",
+                help="save it as UTF-8 without BOM; some tools read it as part of the first key",
             )
         )
     source = Source(file, text)

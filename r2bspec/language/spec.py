@@ -1,12 +1,12 @@
-"""The typed, frozen values that a spec becomes once it is parsed, substituted and checked.
+"""The typed, frozen values of a spec after parsing, substitution and validation.
 
 These classes and the JSON Schema (`r2bspec.language.schema`) describe the same language; a test
-holds them together. Two kinds of things differ, and both are marked: keys that the loader uses up
-(``extends``, ``matrix``, ``repeat``) are in the schema only, and the few fields in `DERIVED_FIELDS`
-are here only: shorthands are written out into them (`r2bspec.language.shorthand`).
+compares them. There are two differences, and both are marked: keys that the loader evaluates
+(``extends``, ``matrix``, ``repeat``) are in the schema only, and the fields in `DERIVED_FIELDS` are
+here only: shorthands are expanded into them (`r2bspec.language.shorthand`).
 
-Names are kept as the user wrote them: resolving `image` to `/r2b/image` is the plan's business.
-Quantities are exact (`r2bspec.language.quantities`).
+Names are kept as the user wrote them; the plan resolves `image` to `/r2b/image`. Quantities are
+exact (`r2bspec.language.quantities`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ from typing import Any, Literal
 
 import msgspec
 
+from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.node_kinds import NodeKind, kind_of
+from r2bspec.language.probe_length import PROBE
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
 
@@ -23,18 +26,18 @@ DERIVED_FIELDS = {
     "Objective": ("at_peak",),
     "Spec": ("segment",),
 }
-"""Fields that no document has: what a shorthand or a mixed value is written out into."""
+"""Fields that no document has: shorthands and mixed values are expanded into them."""
 
 Scalar = bool | int | float | str
 ParameterValue = Scalar | list[Any]
 
 
 class _SpecStruct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of all language values: immutable and closed."""
+    """Base of all values of the language: immutable, without unknown fields."""
 
 
 class BagSource(_SpecStruct, frozen=True, kw_only=True):
-    """Where the recorded messages come from: exactly one of `dataset` and `path`."""
+    """The source of the recorded messages: exactly one of `dataset` and `path`."""
 
     dataset: str = ""
     path: str = ""
@@ -42,22 +45,22 @@ class BagSource(_SpecStruct, frozen=True, kw_only=True):
 
 
 class Window(_SpecStruct, frozen=True, kw_only=True):
-    """The part of the recording that is used, counted from its first message."""
+    """The part of the recording to use, relative to its first message."""
 
     start: Duration = Duration(0)
     end: Duration | None = None
 
 
 class DataLoader(_SpecStruct, frozen=True, kw_only=True):
-    """The recording, the window, and which recorded topic becomes which topic in the graph.
+    """The recordings, the window, and the names of recorded topics in the graph.
 
     Attributes:
-        bag: the recording, or the first of `bags`; names nothing in a live benchmark.
-        bags: all of them where the document lists several, else empty; see `sources`.
-        publish_tf: whether recorded /tf is played along with the inputs.
-        publish_tf_static: whether recorded /tf_static is published in advance.
-        real_time: whether messages reach the preprocessors as they were recorded in time,
-            instead of as fast as these can take them.
+        bag: the recording, or the first of `bags`; empty in a live benchmark.
+        bags: all recordings if the document lists several, else empty; see `sources`.
+        publish_tf: whether the recorded /tf is played with the inputs.
+        publish_tf_static: whether the recorded /tf_static is published before playing starts.
+        real_time: whether the preprocessors get the messages at the recorded times instead of as
+            fast as they process them.
     """
 
     bag: BagSource = BagSource()
@@ -84,7 +87,7 @@ class QoS(_SpecStruct, frozen=True, kw_only=True):
 
 
 class Plugin(_SpecStruct, frozen=True, kw_only=True):
-    """A C++ component that stands in for a part of the harness."""
+    """A C++ component that replaces a part of the harness."""
 
     package: str
     plugin: str
@@ -92,11 +95,12 @@ class Plugin(_SpecStruct, frozen=True, kw_only=True):
 
 
 class Harness(_SpecStruct, frozen=True, kw_only=True):
-    """Who plays and watches.
+    """What plays and monitors.
 
     Attributes:
         placement: `separate` processes for player and monitors, or one `shared` process.
-        data_loader: with `ros2_benchmark`, the component in place of its own; None is its own.
+        data_loader: with `ros2_benchmark`, the component instead of its default; None is the
+            default.
     """
 
     kind: Literal["r2bspec", "ros2_benchmark"] = "r2bspec"
@@ -107,7 +111,7 @@ class Harness(_SpecStruct, frozen=True, kw_only=True):
 
 
 class Container(_SpecStruct, frozen=True, kw_only=True):
-    """A process that holds several nodes; `threads` 0 leaves the number to the executor."""
+    """A process for several nodes; `threads` 0 means the default of the executor."""
 
     executable: Literal[
         "component_container",
@@ -134,27 +138,24 @@ class Launch(_SpecStruct, frozen=True, kw_only=True):
 
 
 class ParameterSource(_SpecStruct, frozen=True, kw_only=True):
-    """One part of a node's parameters: a parameters file, or values."""
+    """One part of a node's parameters: a parameter file, or values."""
 
     file: str = ""
     values: dict[str, ParameterValue] = {}
 
 
-NodeKind = Literal["python", "plugin", "executable", "command", "launch", "external"]
-
-
 class Node(_SpecStruct, frozen=True, kw_only=True):
     """A node of the graph or of the preprocessors.
 
-    Exactly one kind is given: `python`, `package` with `plugin`, `package` with `executable`,
-    `command`, `launch`, or `external`.
+    The keys of exactly one kind are given (`r2bspec.language.node_kinds`).
 
     Attributes:
-        container: the name of the container that it runs in; empty leaves it to the placement.
-        parameters: the values that the document gives, of all maps, the later ones winning.
+        container: the name of its container; if empty, the placement of the graph applies.
+        parameters: the values in the document; of several maps, later ones have precedence.
         parameter_sources: files and values in the order in which they apply; empty if there is
-            no file, since `parameters` then says all.
-        qos: the profile of a topic, as the node's code names it, where the document knows it.
+            no file, because `parameters` is then complete.
+        qos: the profiles of topics, by their names in the code of the node, that the document
+            states.
     """
 
     description: str = ""
@@ -182,14 +183,8 @@ class Node(_SpecStruct, frozen=True, kw_only=True):
 
     @property
     def kind(self) -> NodeKind:
-        """Which of the kinds of node this is."""
-        if self.python:
-            return "python"
-        if self.package:
-            return "plugin" if self.plugin else "executable"
-        if self.launch is not None:
-            return "launch"
-        return "external" if self.external else "command"
+        """The kind of the node."""
+        return kind_of(self)
 
     @property
     def parameter_files(self) -> tuple[str, ...]:
@@ -198,9 +193,9 @@ class Node(_SpecStruct, frozen=True, kw_only=True):
 
 
 class PlaybackInput(_SpecStruct, frozen=True, kw_only=True):
-    """A topic that the graph reads: where its messages were buffered, and their type.
+    """A topic that is played to the graph: the source of its messages, and their type.
 
-    `timestamp` is `none` for messages whose header must stay as it was recorded.
+    `timestamp` is `none` for messages whose header stays as recorded.
     """
 
     source: str = msgspec.field(name="from")
@@ -210,11 +205,11 @@ class PlaybackInput(_SpecStruct, frozen=True, kw_only=True):
 
 
 class Timeline(_SpecStruct, frozen=True, kw_only=True):
-    """How recorded time becomes time of play.
+    """How recorded times are converted to times of playing.
 
     Attributes:
-        speed: of play, relative to the recording.
-        translations: by how much an input is played, and stamped, later than it was recorded.
+        speed: of playing, relative to the recording.
+        translations: how much later than recorded an input is played and stamped.
     """
 
     speed: Share = Share(1.0)
@@ -227,9 +222,9 @@ class Playback(_SpecStruct, frozen=True, kw_only=True):
     A `live` benchmark plays nothing: its `inputs` are empty.
 
     Attributes:
-        record_timeline: whether a timeline is taken from what came out of the preprocessors,
-            instead of from the recording.
-        tf: whether stamps inside /tf are shifted like all others, or kept.
+        record_timeline: whether the timeline follows the times at which the preprocessors
+            published the messages, instead of the recorded times.
+        tf: whether stamps in /tf are shifted like those of other messages, or kept.
     """
 
     mode: Literal["timeline", "looping", "sweeping", "live"] = "looping"
@@ -241,7 +236,7 @@ class Playback(_SpecStruct, frozen=True, kw_only=True):
 
 
 class SetupStep(_SpecStruct, frozen=True, kw_only=True):
-    """A command that runs before anything starts, unless the file `creates` is there."""
+    """A command that runs before anything starts, unless the file `creates` exists."""
 
     command: tuple[str, ...]
     creates: str = ""
@@ -258,7 +253,7 @@ class LogLine(_SpecStruct, frozen=True, kw_only=True):
 
 
 class ReadyProbe(_SpecStruct, frozen=True, kw_only=True):
-    """Something that must be so before the graph counts as ready: exactly one of the four."""
+    """A condition for the graph to be ready: exactly one of the first four fields."""
 
     file: str = ""
     service: str = ""
@@ -268,7 +263,7 @@ class ReadyProbe(_SpecStruct, frozen=True, kw_only=True):
 
 
 class ServiceCall(_SpecStruct, frozen=True, kw_only=True):
-    """A call of a service, with the fields of its request."""
+    """A service call, with the fields of its request."""
 
     name: str
     type: str
@@ -276,7 +271,7 @@ class ServiceCall(_SpecStruct, frozen=True, kw_only=True):
 
 
 class AfterReadyStep(_SpecStruct, frozen=True, kw_only=True):
-    """What is done once the graph stands: exactly one of a command and a service call."""
+    """A step that runs when the graph is ready: exactly one of a command and a service call."""
 
     command: tuple[str, ...] = ()
     service: ServiceCall | None = None
@@ -284,9 +279,10 @@ class AfterReadyStep(_SpecStruct, frozen=True, kw_only=True):
 
 
 class Graph(_SpecStruct, frozen=True, kw_only=True):
-    """The nodes under test, and where those run that name no container.
+    """The nodes under test, and the placement of nodes without a container.
 
-    `separate` is a process each, `shared` one process for all, `harness` beside the harness.
+    `separate` runs each node in its own process, `shared` all of one kind in one process,
+    `harness` in the process of the harness.
     """
 
     placement: Literal["separate", "shared", "harness"] = "separate"
@@ -301,13 +297,14 @@ class Ratio(_SpecStruct, frozen=True, kw_only=True):
 
 
 class Monitor(_SpecStruct, frozen=True, kw_only=True):
-    """A topic that is watched. `match` says how its messages find the input they answer.
+    """A monitored topic. `match` is how its messages are matched to inputs.
 
     Attributes:
-        answers: the inputs that it answers; empty for those from which a way to it is known.
+        answers: the inputs that its messages answer; empty means all inputs with a known path to
+            the topic.
         label: how reports call it; its name if empty.
-        taps: whether the topics on the way to it are watched, too, to tell where time goes.
-        parameters: of the component that watches, where the harness has such.
+        taps: whether the topics on the path to it are monitored, too, for the latency of each hop.
+        parameters: of the component that monitors, with the harness ros2_benchmark.
     """
 
     topic: str
@@ -322,9 +319,9 @@ class Monitor(_SpecStruct, frozen=True, kw_only=True):
 
 
 class Search(_SpecStruct, frozen=True, kw_only=True):
-    """The search for the highest rate that holds.
+    """The search for the highest sustained rate.
 
-    `holds` are conditions on one probe beyond the one that always applies: the backlog of
+    `holds` are conditions on a probe in addition to the one that always applies: the backlog of
     unanswered messages must not grow.
     """
 
@@ -332,30 +329,30 @@ class Search(_SpecStruct, frozen=True, kw_only=True):
     max: Rate
     precision: Share = Share(0.02)
     holds: tuple[Requirement, ...] = ()
-    probe: Duration = Duration(10 * 10**9)
-    confidence: Share = Share(0.95)
+    probe: Duration = PROBE
+    confidence: Share = Share(CONFIDENCE)
 
 
 class Gate(_SpecStruct, frozen=True, kw_only=True):
-    """How verdicts are reached, and what they lead to.
+    """How verdicts are reached, and their consequences.
 
     Attributes:
-        confidence: of every verdict, unless an objective says otherwise.
-        inconclusive: what the exit status says where the data decide nothing.
-        confirm: whether a FAIL must be found again, in fresh processes.
-        time_budget: the longest time that measuring may take, with everything that is optional.
+        confidence: of every verdict, unless an objective sets its own.
+        inconclusive: the effect of an inconclusive verdict on the exit status.
+        confirm: whether a FAIL counts only if a second run in new processes confirms it.
+        time_budget: the maximum duration of measuring, including everything that is optional.
     """
 
-    confidence: Share = Share(0.95)
+    confidence: Share = Share(CONFIDENCE)
     inconclusive: Literal["report", "pass", "fail"] = "report"
     confirm: bool = True
     time_budget: Duration | None = None
 
 
 class Benchmark(_SpecStruct, frozen=True, kw_only=True):
-    """What is played: `iterations` times `duration` at each of `rates`, and an optional search.
+    """What is played: `iterations` of `duration` at each of `rates`, and an optional search.
 
-    `max_iterations` is how many there may be where fewer decide nothing; 0 means `iterations`.
+    `max_iterations` is their maximum number while a verdict is inconclusive; 0 means `iterations`.
     """
 
     duration: Duration = Duration(5 * 10**9)
@@ -370,13 +367,13 @@ class Benchmark(_SpecStruct, frozen=True, kw_only=True):
 
 
 class Objective(_SpecStruct, frozen=True, kw_only=True):
-    """One service-level objective: requirements that must hold at one offered rate.
+    """One service-level objective: requirements at one offered rate.
 
     Attributes:
-        at: None for requirements that concern the search as a whole (`peak.rate`), and for
-            those `at_peak`, the highest rate that the search finds.
-        level: of a failure: only `error` fails the run; `off` is not judged at all.
-        when: values that variables must have for the objective to count.
+        at: None for requirements on the whole search (`peak.rate`), and for those `at_peak`, the
+            highest rate that the search finds.
+        level: the effect of a failure: only `error` fails the run; `off` skips the objective.
+        when: values that variables must have for the objective to apply.
         confidence: None means that of the gate.
     """
 
@@ -389,7 +386,7 @@ class Objective(_SpecStruct, frozen=True, kw_only=True):
 
 
 class Spec(_SpecStruct, frozen=True, kw_only=True):
-    """One benchmark, complete. `segment` is the size of the transport's shared memory."""
+    """One complete benchmark. `segment` is the size of the transport's shared memory."""
 
     r2bspec: Literal[1]
     name: str
@@ -416,5 +413,5 @@ class Spec(_SpecStruct, frozen=True, kw_only=True):
 
     @property
     def live(self) -> bool:
-        """Whether nothing is played: the graph has a source of its own."""
+        """Whether nothing is played, because the graph has a source of its own."""
         return self.playback.mode == "live"

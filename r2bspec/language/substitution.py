@@ -2,17 +2,18 @@
 
 The rules:
 
-- It happens in values, and in keys of maps whose keys are topics; nowhere below unknown keys.
-- A value that is one reference and nothing else takes the type of what it refers to, unless only
-  text may stand there; in any other text, the variable's own text is inserted.
-- Values of `variables:` may refer to the environment, not to other variables: order would begin
-  to matter, and cycles would be possible.
-- Inside an entry with `repeat`, the variables of the instance come before all others; the entry
-  is written out once for each.
-- ``$(env X)`` reads only what `environment:` lists, so that a reader of the file knows what it
-  depends on. What it reads is understood as an unquoted value, as with ``--var``.
-- ``$(env X)`` stays as it is where X holds a secret (`r2bspec.language.secret_variables`). It is
-  allowed only where nothing but a process needs the value.
+- References are replaced in values, and in keys of maps whose keys are topics; not below unknown
+  keys.
+- A value that consists of one reference gets the type of the variable, unless it must be a string;
+  in other text, the text of the variable is inserted.
+- Values of `variables:` may refer to the environment, not to other variables: otherwise their
+  order would matter, and cycles would be possible.
+- Inside an entry with `repeat`, the variables of the instance shadow all others; the entry is
+  expanded once per instance.
+- ``$(env X)`` reads only variables that `environment:` lists, so that the file shows what it
+  depends on. The text is read as an unquoted value, as with ``--var``.
+- ``$(env X)`` is not replaced if X is a secret (`r2bspec.language.secret_variables`). Such a
+  reference is allowed only where nothing but a process needs the value.
 """
 
 from __future__ import annotations
@@ -55,10 +56,10 @@ _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
 
 @dataclass(frozen=True, slots=True)
 class SubstitutionResult:
-    """The tree after substitution, what was wrong, and which variables were used.
+    """The tree after substitution, the problems, and the variables that were used.
 
     Attributes:
-        origins: for each entry that `repeat` made, the place that names the instance.
+        origins: for each entry made by `repeat`, the place that names the instance.
     """
 
     tree: TreeNode
@@ -74,9 +75,9 @@ def substitute(
     environ: Mapping[str, str],
     refused: frozenset[str] = frozenset(),
 ) -> SubstitutionResult:
-    """Replace every reference in a document; `schema` tells which keys are known.
+    """Replace every reference in a document; `schema` defines the known keys.
 
-    Nothing is said of variables in `refused`, which has been reported: their values are unknown.
+    Variables in `refused` have been reported, and have unknown values.
     """
     known = schema["properties"]
     work = _Substitution(root, sources, environ, _sections(known), refused)
@@ -93,7 +94,7 @@ def substitute(
 
 
 def _sections(known: dict[str, Any]) -> dict[int, TreePath]:
-    """Where entries may be repeated, by the schema of the map that holds them."""
+    """The sections whose entries may have `repeat`, by the schema of the section."""
     return {
         id(known["preprocessors"]): ("preprocessors",),
         id(known["graph"]["properties"]["nodes"]): ("graph", "nodes"),
@@ -149,12 +150,12 @@ class _Substitution:
             node = with_value(node, found)
         if isinstance(node, MapNode):
             sound = check_declaration(name, node, entry.key_span, self.problems)
-            if value is not None and not sound:  # said here, and not again wherever it is used
+            if value is not None and not sound:  # reported here, and not again where it is used
                 return with_value(node, UnknownNode(value.span))
         return node
 
     def walk(self, node: TreeNode, rule: Any) -> TreeNode:
-        """Substitute below a node of which the schema says `rule`; None is an unknown key."""
+        """Substitute below a node with the schema `rule`; None is an unknown key."""
         if not isinstance(rule, dict):
             return node
         if isinstance(node, ScalarNode):
@@ -203,7 +204,7 @@ class _Substitution:
     def _instances(
         self, section: TreePath, key: str, entry: Entry, rule: Any
     ) -> dict[str, Entry] | None:
-        """The entries that `repeat` makes of one, or None if it does not."""
+        """The entries that `repeat` makes of one, or None without `repeat`."""
         found = parse_repeat(entry.value) if isinstance(entry.value, MapNode) else None
         if found is None:
             return None
@@ -222,21 +223,21 @@ class _Substitution:
         return made
 
     def _count(self, node: TreeNode) -> None:
-        """Bound what repeating makes of a document."""
+        """Limit the size of the document that `repeat` makes."""
         before = self._repeated
         if isinstance(node, MapNode | ListNode):
             self._repeated += 1 + len(node.entries if isinstance(node, MapNode) else node.items)
         if before <= MAX_EXPANDED_VALUES < self._repeated:
-            message = f"written out, 'repeat' makes more than {MAX_EXPANDED_VALUES:,} values"
+            message = f"'repeat' expands to more than {MAX_EXPANDED_VALUES:,} values"
             self.problems.error("R2B129", message, node.span, "use fewer instances")
 
     def _key(self, key: str, span: Span, *, topics: bool) -> tuple[str, bool]:
         if not topics:
             self.problems.error(
                 "R2B125",
-                "nothing is replaced in this key",
+                "references are not supported in this key",
                 span,
-                "$(var ...) and $(env ...) may stand in values, and in keys that are topics",
+                "$(var ...) and $(env ...) are supported in values, and in keys that are topics",
             )
             return key, False
         found = self._without_secret(self._scalar(ScalarNode(key, key, span)))
@@ -245,14 +246,14 @@ class _Substitution:
     def _report_clash(self, key: str, span: Span, first: Span) -> None:
         self.problems.error(
             "R2B126",
-            f"with variables replaced, two keys are {quote(key)}",
+            f"duplicate key {quote(key)} after substitution",
             span,
-            "rename one of the two",
-            related=(Related("the first one", first),),
+            "rename one of them",
+            related=(Related("first used here", first),),
         )
 
     def _scalar(self, node: ScalarNode) -> ScalarNode | UnknownNode:
-        """Replace what `node` refers to; UnknownNode where that is not known."""
+        """Replace the references in a value; UnknownNode if one of them is unknown."""
         text = node.value
         if not isinstance(text, str) or OPENING not in text:
             return node
@@ -301,12 +302,12 @@ class _Substitution:
     def _too_long(self, span: Span) -> None:
         if not self._size_exceeded:
             limit = MAX_DOCUMENT_BYTES // 1_000_000
-            message = f"with variables replaced, the document has more than {limit} MB"
+            message = f"after substitution the document is larger than {limit} MB"
             self.problems.error("R2B129", message, span, "use shorter values")
         self._size_exceeded = True
 
     def _value(self, found: Reference | MalformedReference, node: ScalarNode) -> ScalarNode | None:
-        """What one reference stands for, with its origin; None if that is not known."""
+        """The value of one reference, with its origin; None if it is unknown."""
         if isinstance(found, MalformedReference):
             span = self._inner(node, found.start, found.end - found.start)
             self.problems.error("R2B123", found.message, span, found.help)
@@ -318,7 +319,7 @@ class _Substitution:
                 "R2B124",
                 "a variable cannot refer to another variable",
                 self._inner(node, found.start, found.end - found.start),
-                "write its value here, or combine both where they are used",
+                "write the value here, or combine both variables where they are used",
             )
             return None
         return self._variable(found, node)
@@ -329,27 +330,27 @@ class _Substitution:
             local = self._local[name]
             if not isinstance(local, ScalarNode):
                 return None
-            return replace(local, origin=Related(f"'{name}' gets its value here", local.span))
+            return replace(local, origin=Related(f"'{name}' is set here", local.span))
         declared = self.variables.entries if self.variables is not None else {}
         if name not in declared:
             if not self.problems.full:
                 span = self._inner(node, found.name_start, len(name))
-                way_out = _known_variables(name, {**declared, **self._local})
+                help_text = _known_variables(name, {**declared, **self._local})
                 close = did_you_mean(name, declared)
                 self.problems.error(
                     "R2B120",
-                    f"there is no variable '{name}'",
+                    f"unknown variable '{name}'",
                     span,
-                    way_out,
+                    help_text,
                     related=(*self._instance_origin, *_declared_at(close, declared)),
                 )
             return None
         self.used.add(name)
         value = declared_value(declared[name].value)
-        # A list, a map or nothing: the schema says so at the declaration, once.
+        # A list, a map or null: reported by the schema at the declaration, once.
         if not isinstance(value, ScalarNode) or value.value is None:
             return None
-        return replace(value, origin=Related(f"'{name}' gets its value here", value.span))
+        return replace(value, origin=Related(f"'{name}' is set here", value.span))
 
     def _environment(self, found: Reference, node: ScalarNode) -> ScalarNode | None:
         name = found.name
@@ -358,9 +359,9 @@ class _Substitution:
             close = did_you_mean(name, self._allowed)
             self.problems.error(
                 "R2B121",
-                f"'environment:' does not list {name}",
+                f"environment variable {name} is not listed under 'environment:'",
                 span,
-                f"did you mean {close}?" if close else f"add {name} to the list 'environment:'",
+                f"did you mean {close}?" if close else f"add {name} to 'environment:'",
             )
             return None
         if name in self._refused:
@@ -370,7 +371,7 @@ class _Substitution:
             span = self._inner(node, found.name_start, len(name))
             self.problems.error(
                 "R2B122",
-                f"the environment variable {name} is not set",
+                f"environment variable {name} is not set",
                 span,
                 f"set it, for example: export {name}=...",
                 related=(Related("listed here", self._allowed[name]),),
@@ -394,12 +395,12 @@ class _Substitution:
 
 
 def _as_text(node: ScalarNode | UnknownNode) -> ScalarNode | UnknownNode:
-    """A word of a command line that is a variable is text, also if the variable is a number."""
+    """A value that must be a string, such as an argument, also if the variable is a number."""
     return replace(node, value=node.text) if isinstance(node, ScalarNode) else node
 
 
 def parse_unquoted(text: str) -> ScalarValue:
-    """What a text from outside means: as if it stood unquoted in the document."""
+    """The value of a text from outside, read like an unquoted value of the document."""
     if not text:
         return text
     try:
@@ -418,5 +419,5 @@ def _known_variables(name: str, declared: Mapping[str, object]) -> str:
     if not declared:
         return f"declare it: 'variables: {{{name}: ...}}' at the top of the document"
     close = did_you_mean(name, declared)
-    known = "declared are " + ", ".join(sorted(declared)[:10])
+    known = "declared variables: " + ", ".join(sorted(declared)[:10])
     return f"did you mean '{close}'? {known}" if close else known

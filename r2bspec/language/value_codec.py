@@ -1,4 +1,4 @@
-"""How the values of the language that are strings in a document are read and written."""
+"""Reading and writing the values that are strings in a document: quantities, requirements."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from r2bspec.language.requirement_grammar import Requirement, parse_requirement
 
 
 def encode(value: object) -> str:
-    """The `enc_hook` of msgspec: a quantity or a requirement as the user would write it."""
+    """The `enc_hook` of msgspec: a quantity or a requirement as text."""
     if isinstance(value, Quantity):
         return str(value)
     if isinstance(value, Requirement):
@@ -21,8 +21,8 @@ def decode(kind: type, value: object) -> Any:
     """The `dec_hook` of msgspec: the inverse of `encode`.
 
     Raises:
-        QuantityError: the text is no quantity of that kind.
-        RequirementError: the text is no requirement.
+        QuantityError: the text is not a quantity of that kind.
+        RequirementError: the text is not a requirement.
     """
     if isinstance(value, kind):
         return value

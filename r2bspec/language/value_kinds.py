@@ -1,4 +1,4 @@
-"""Values that the schema alone cannot judge: quantities and requirements."""
+"""Validation of quantities and requirements, which JSON Schema alone cannot validate."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from r2bspec.language.schema.schema_builder import ALLOWED_WORDS, KIND, POSITIVE
 
 @dataclass(frozen=True, slots=True)
 class ValueProblem:
-    """Why a value is not of its kind.
+    """Why a value is invalid.
 
     Attributes:
-        column: offset into the text at which the problem begins, or None for all of it.
-        repair: what could be written in place of the value without changing its meaning.
+        column: offset into the text at which the problem begins, or None for all of the text.
+        repair: text with the same meaning that could replace the value.
     """
 
     code: str
@@ -28,7 +28,7 @@ class ValueProblem:
 
 
 def check_value(value: object, schema: dict[str, Any]) -> ValueProblem | None:
-    """Check a value against the annotations of `schema.schema_builder`; None if it is right."""
+    """Check a value against the annotations of `schema.schema_builder`; None if it is valid."""
     kind = schema[KIND]
     if kind == "requirement":
         return _requirement(value)
@@ -53,7 +53,7 @@ def _quantity(value: object, kind: type[Quantity], *, positive: bool) -> ValuePr
         )
     if positive and not parsed > type(parsed).parse(f"0 {next(iter(kind.units))}"):
         return ValueProblem(
-            "R2B111", f"this {kind.kind} must be more than zero", _suggestion_help(kind.example)
+            "R2B111", f"the {kind.kind} must be more than zero", _suggestion_help(kind.example)
         )
     return None
 
@@ -64,18 +64,16 @@ def _missing_unit(number: str, kind: type[Quantity]) -> ValueProblem:
         return ValueProblem(
             "R2B110", f"a {kind.kind} cannot be negative", _suggestion_help(kind.example)
         )
-    message = f"{number} has no unit; a {kind.kind} needs one of {', '.join(kind.units)}"
-    # 0.02 may well mean 2 %, so that a share has no repair that is safe.
+    message = f"{number} has no unit; {kind.units_text()}"
+    # 0.02 may mean 2 %, so there is no safe repair of a share.
     if kind is Share:
-        return ValueProblem("R2B109", message, f"write {number} {unit}, if that is what is meant")
+        return ValueProblem("R2B109", message, f"write {number} {unit} if that is the meaning")
     return ValueProblem("R2B109", message, f"write {number} {unit}", repair=f"{number} {unit}")
 
 
 def _requirement(value: object) -> ValueProblem | None:
     if not isinstance(value, str):
-        return ValueProblem(
-            "R2B103", "expected a requirement, as text", "for example: latency.p99 < 50 ms"
-        )
+        return ValueProblem("R2B103", "expected a requirement", "for example: latency.p99 < 50 ms")
     try:
         parse_requirement(value)
     except RequirementError as error:
@@ -88,4 +86,4 @@ def _requirement(value: object) -> ValueProblem | None:
 def _suggestion_help(text: str, repair: str = "") -> str:
     if not text:
         return ""
-    return f"write {text}" if text == repair else f"for example {text}"
+    return f"write {text}" if text == repair else f"for example: {text}"

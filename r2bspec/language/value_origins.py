@@ -1,7 +1,7 @@
-"""How a value got to where it is: told beside every finding about it.
+"""Why a value applies where it does: shown with every finding about it.
 
-Values come from other files, from siblings and from repeated entries, and keep the place where
-they were written. That place alone would be a riddle.
+Values come from extended files, siblings and repeated entries, and keep the place where they are
+written. Without the places that led there, a finding would be hard to understand.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from r2bspec.diagnostics import Diagnostic, Path, Related, Span
 
 @dataclass(frozen=True, slots=True)
 class ValueOrigins:
-    """The ways of one document.
+    """The origins of the values of one document.
 
     Attributes:
         files: for each file that is extended, the places that led to it, the nearest first.
-        entries: for the path of an entry that was made of another, the place that asked for it.
+        entries: for the path of an entry made from another, the place that says so.
     """
 
     files: Mapping[str, tuple[Related, ...]] = field(default_factory=dict)
     entries: Mapping[Path, tuple[Related, ...]] = field(default_factory=dict)
 
     def origins_of(self, path: Path, span: Span) -> tuple[Related, ...]:
-        """What led to the value at a path, which was written at `span`."""
+        """The places that led to the value at a path, which is written at `span`."""
         found: list[Related] = []
         for length in range(1, len(path) + 1) if self.entries else ():
             found += self.entries.get(path[:length], ())
         return (*found, *self.files.get(span.file, ()))
 
     def with_origins(self, diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
-        """The diagnostics, each with what led to its place."""
+        """The diagnostics, each with the places that led to its own."""
         if not self.files and not self.entries:
             return list(diagnostics)
         return [self._with_origins_of_one(one) for one in diagnostics]

@@ -1,4 +1,4 @@
-"""Where a value came from: every place between what the user wrote and what a run gets."""
+"""Where a value comes from: every place from its use back to where it is written."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, quote
-from r2bspec.language.loaded_spec import LoadedSpec
+from r2bspec.language.load_spec import LoadedSpec
 from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
@@ -25,10 +25,10 @@ _MAX_VALUE_CHARS = 200
 
 
 class UnknownPathError(ValueError):
-    """A path that leads to nothing that the language knows.
+    """A path that neither the document nor the language has.
 
     Attributes:
-        hint: what may have been meant.
+        hint: the likely intended name.
     """
 
     def __init__(self, message: str, hint: str = "") -> None:
@@ -38,7 +38,7 @@ class UnknownPathError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class ProvenanceStep:
-    """One place on the way of a value; `span` is None where nothing is written."""
+    """One place in the trace of a value; `span` is None for a default."""
 
     message: str
     span: Span | None = None
@@ -46,14 +46,14 @@ class ProvenanceStep:
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """A value, as YAML on one line, and its way, from where it is used to where it was written."""
+    """A value, as YAML on one line, and its trace from its use back to where it is written."""
 
     path: Path
     value: str
     steps: tuple[ProvenanceStep, ...]
 
     def text(self) -> str:
-        """The value and its way, one step a line."""
+        """The value and its trace, one step per line."""
         lines = [f"{format_path(self.path)} = {clip(self.value, _MAX_VALUE_CHARS)}"]
         for step in self.steps:
             place = f"{step.span.file}:{step.span.line}:{step.span.column}: " if step.span else ""
@@ -62,28 +62,28 @@ class Provenance:
 
 
 def provenance(loaded: LoadedSpec, text: str) -> Provenance:
-    """Where the value at a path came from.
+    """The trace of the value at a path.
 
     Raises:
-        UnknownPathError: the text names nothing that the document or the language has.
+        UnknownPathError: neither the document nor the language has the path.
     """
     path = parse_path(text)
     if not path or loaded.tree is None:
-        raise UnknownPathError(f"{quote(text)} is no path", "for example: benchmark.duration")
+        raise UnknownPathError(f"{quote(text)} is not a path", "for example: benchmark.duration")
     node = lookup(loaded.tree, path)
     if node is None:
         return _default_provenance(loaded.tree, path, text)
     origins = loaded.origins.origins_of(path, node.span)
-    told = {each.span for each in origins}
+    origin_spans = {each.span for each in origins}
     steps = list(_source_steps(loaded, node))
-    steps += [step for step in _alias_steps(loaded.tree, path) if step.span not in told]
+    steps += [step for step in _alias_steps(loaded.tree, path) if step.span not in origin_spans]
     known = {step.span for step in steps}
     steps += [ProvenanceStep(each.message, each.span) for each in origins if each.span not in known]
     return Provenance(path, to_flow_yaml(to_plain(node)), tuple(steps))
 
 
 def _source_steps(loaded: LoadedSpec, node: TreeNode) -> Iterator[ProvenanceStep]:
-    """Where the value itself stands, and the variable that it refers to."""
+    """The place of the value itself, and of the variable that it refers to."""
     source = loaded.sources.get(node.span.file)
     option = node.span.file.startswith("--")
     here = "given by this option" if option else "written here"
@@ -100,7 +100,7 @@ def _source_steps(loaded: LoadedSpec, node: TreeNode) -> Iterator[ProvenanceStep
 
 
 def _alias_steps(root: TreeNode, path: Path) -> Iterator[ProvenanceStep]:
-    """Aliases and merge keys on the way: what they bring stands outside of what holds it."""
+    """Aliases and merge keys: what they bring is written outside of the value that contains it."""
     node: TreeNode | None = root
     for part in path:
         owner, node = node, child(node, part) if node is not None else None
@@ -109,13 +109,11 @@ def _alias_steps(root: TreeNode, path: Path) -> Iterator[ProvenanceStep]:
         if isinstance(owner, MapNode):
             key = owner.entries[str(part)].key_span
             if _precedes(node.span, key):
-                yield ProvenanceStep(
-                    f"an alias stands here as the value of {quote(str(part))}", key
-                )
+                yield ProvenanceStep(f"an alias is the value of {quote(str(part))} here", key)
             elif key.file == owner.span.file and not _is_inside(key, owner.span):
-                yield ProvenanceStep(f"{quote(str(part))} is taken over from here", key)
+                yield ProvenanceStep(f"{quote(str(part))} is merged from here", key)
         elif isinstance(owner, ListNode) and not _is_inside(node.span, owner.span):
-            yield ProvenanceStep("an alias stands in this list", owner.span)
+            yield ProvenanceStep("an alias is an item of this list", owner.span)
 
 
 def _precedes(span: Span, other: Span) -> bool:
@@ -129,7 +127,7 @@ def _is_inside(span: Span, outer: Span) -> bool:
 
 
 def _default_provenance(root: TreeNode, path: Path, text: str) -> Provenance:
-    """The default of something that the document does not have."""
+    """The default of a key that the document does not have."""
     for length in range(1, len(path) + 1):
         known = schema_at(path[:length])
         if known is not None:
@@ -149,8 +147,8 @@ def _default_provenance(root: TreeNode, path: Path, text: str) -> Provenance:
         return Provenance(
             path,
             to_flow_yaml(found["default"]),
-            (ProvenanceStep("the default: nothing is written"),),
+            (ProvenanceStep("the default: the document does not set it"),),
         )
     return Provenance(
-        path, "nothing", (ProvenanceStep(f"{quote(text)} is not written, and has no default"),)
+        path, "nothing", (ProvenanceStep(f"{quote(text)} is not set and has no default"),)
     )

@@ -4,8 +4,8 @@
       width: 1280                                  # a value
       rate: {type: rate, value: 30 Hz, choices: [10 Hz, 30 Hz]}
 
-Whatever gives a variable its value, the file, ``--var`` or a case of the matrix: it must be of the
-declared type, and among the choices.
+The value, whether from the file, ``--var`` or a case of the matrix, must be of the declared type
+and one of the choices.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from r2bspec.language.yaml_scalars import ScalarValue
 
 _VALUE_KEYS = ("value", "default")
 _PLAIN_TYPES: dict[str, tuple[str, tuple[type, ...]]] = {
-    "string": ("text", (str,)),
-    "integer": ("a whole number", (int,)),
+    "string": ("a string", (str,)),
+    "integer": ("an integer", (int,)),
     "number": ("a number", (int, float)),
-    "boolean": ("true or false", (bool,)),
+    "boolean": ("a boolean", (bool,)),
 }
 
 
@@ -49,7 +49,7 @@ def listed_environment(root: TreeNode) -> dict[str, ScalarNode]:
 
 
 def declared_value(declared: TreeNode) -> TreeNode | None:
-    """The node that holds a variable's value, however it is declared; None if it has none."""
+    """The value of a variable, declared as a map or not; None if it has none."""
     if not isinstance(declared, MapNode):
         return declared
     for key in _VALUE_KEYS:
@@ -75,7 +75,7 @@ def with_variable(root: TreeNode, name: str, value: TreeNode) -> TreeNode:
 
 
 def is_declared_text(declared: TreeNode) -> bool:
-    """Whether a variable is declared to be text, so that 010 given to it is text."""
+    """Whether a variable is declared as a string, so that a value such as 010 is a string."""
     kind = child(declared, "type")
     return isinstance(kind, ScalarNode) and kind.value == "string"
 
@@ -90,12 +90,12 @@ def restricts_value(declared: MapNode) -> bool:
 def check_declaration(
     name: str, declared: MapNode, span: Span, problems: DiagnosticCollector
 ) -> bool:
-    """Report what is wrong with the value of a declared variable; `span` is that of its name.
+    """Report problems of the value of a declared variable; `span` is that of its name.
 
-    Values of types that no variable can have are left to the schema.
+    Lists and maps, which are never valid, are reported by the schema.
 
     Returns:
-        Whether the value, right or wrong, is of its type.
+        Whether the value is of the declared type.
     """
     given = [key for key in _VALUE_KEYS if key in declared.entries]
     if len(given) == 2:
@@ -103,14 +103,14 @@ def check_declaration(
             "R2B118",
             f"'variables.{name}' has both 'value' and 'default'",
             declared.entries[given[1]].key_span,
-            "keep the one that is meant",
-            related=(Related("the first one", declared.entries[given[0]].key_span),),
+            "keep one of them",
+            related=(Related("the other key", declared.entries[given[0]].key_span),),
         )
         return True
     value = declared_value(declared)
     if value is None:
-        message = f"the variable {quote(name)} has no value"
-        help_text = f"add 'value: ...', or give one with --var {name}=..."
+        message = f"variable {quote(name)} has no value"
+        help_text = f"add 'value: ...', or set it with --var {name}=..."
         problems.error("R2B132", message, span, help_text)
         return True
     kind = child(declared, "type")
@@ -136,30 +136,37 @@ def _check_type(
 ) -> bool:
     message, help_text = _mismatch(node, kind)
     if message and declared is not None:
-        related = (Related("its type", declared.span), *((node.origin,) if node.origin else ()))
-        message = f"the variable {quote(name)}: {message}"
+        related = (
+            Related("the declared type", declared.span),
+            *((node.origin,) if node.origin else ()),
+        )
+        message = f"variable {quote(name)}: {message}"
         problems.error("R2B130", message, node.span, help_text, related=related)
     return not message
 
 
 def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
-    """Why a value is not of a type, and the way out; two empty texts if it is."""
+    """Why a value is not of a type, and the fix; two empty strings if it is."""
     if kind in _PLAIN_TYPES:
         wanted, types = _PLAIN_TYPES[kind]
         if type(node.value) in types:
             return "", ""
-        way_out = f'quote it: "{node.text}"' if kind == "string" else "or declare another type"
-        return f"{quote(node.text)} is not {wanted}", way_out
+        help_text = (
+            f'quote it: "{node.text}"'
+            if kind == "string"
+            else "change the value or the declared type"
+        )
+        return f"{quote(node.text)} is not {wanted}", help_text
     quantity = QUANTITIES.get(kind)
-    if quantity is None:  # an unknown type: the schema says so
+    if quantity is None:  # an unknown type, reported by the schema
         return "", ""
     if not isinstance(node.value, str):
         unit = next(iter(quantity.units))
-        return f"{node.text} has no unit", f"write {node.text} {unit}, if that is what is meant"
+        return f"{node.text} has no unit", f"write {node.text} {unit} if that is the meaning"
     try:
         quantity.parse(node.value)
     except QuantityError as error:
-        return str(error), f"for example {error.suggestion or quantity.example}"
+        return str(error), f"for example: {error.suggestion or quantity.example}"
     return "", ""
 
 
@@ -170,10 +177,10 @@ def _check_choice(
         return
     texts = [one.text for one in choices]
     close = did_you_mean(value.text, texts)
-    known = "it may be " + ", ".join(texts[:12])
+    known = "choices: " + ", ".join(texts[:12])
     problems.error(
         "R2B131",
-        f"the variable {quote(name)} cannot be {quote(value.text)}",
+        f"variable {quote(name)}: {quote(value.text)} is not one of its choices",
         value.span,
         f"did you mean {close}? {known}" if close else known,
         related=(Related("the choices", _enclosing_span(choices)),),
@@ -181,7 +188,7 @@ def _check_choice(
 
 
 def equal_values(one: ScalarValue, other: ScalarValue) -> bool:
-    """Whether two values are the same: true is not 1, though Python says so."""
+    """Whether two values are equal; unlike in Python, true is not 1."""
     return one == other and isinstance(one, bool) == isinstance(other, bool)
 
 

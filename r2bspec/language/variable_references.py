@@ -1,4 +1,4 @@
-"""The two references of the language, ``$(var name)`` and ``$(env NAME)``, found in a text."""
+"""Parsing the references ``$(var name)`` and ``$(env NAME)`` in a text."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class MalformedReference:
-    """Something at ``text[start:end]`` that begins like a reference and is none."""
+    """Text at ``text[start:end]`` that begins like a reference but is not one."""
 
     start: int
     end: int
@@ -55,25 +55,25 @@ def _malformed(text: str, at: int) -> MalformedReference:
     inside = text[at + 2 : end].removesuffix(")")
     word, _, rest = inside.strip().partition(" ")
     if not text[at:end].endswith(")"):
-        return MalformedReference(at, end, "'$(' is never closed", "close it with ')'")
+        return MalformedReference(at, end, "unclosed '$('", "close it with ')'")
     if word in ("var", "env"):
         return MalformedReference(
             at,
             end,
-            f"$({word} ...) takes one name of letters, digits and underscores",
-            f"for example $({word} rate)" if word == "var" else "for example $(env HOME)",
+            f"$({word} ...) needs one name of letters, digits and underscores",
+            f"for example: $({word} rate)" if word == "var" else "for example: $(env HOME)",
         )
     if word in ("arg", "param") and rest:
         return MalformedReference(
-            at, end, f"'$({word} ...)' is not known", f"write $(var {rest.strip()})"
+            at, end, f"'$({word} ...)' is not supported", f"write $(var {rest.strip()})"
         )
     if word == "optenv" and rest:
         return MalformedReference(
-            at, end, "'$(optenv ...)' is not known", f"write $(env {rest.split()[0]})"
+            at, end, "'$(optenv ...)' is not supported", f"write $(env {rest.split()[0]})"
         )
     return MalformedReference(
         at,
         end,
-        "only $(var name) and $(env NAME) are replaced; there are no expressions",
-        "for anything that is computed, name a script that computes it",
+        "unknown reference; only $(var name) and $(env NAME) are supported",
+        "for computed values, let a script write the spec, or pass them with --var",
     )

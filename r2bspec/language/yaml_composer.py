@@ -1,12 +1,12 @@
-"""YAML text into a located tree, by a loop over the parser's events.
+"""Composing a located tree from YAML text, by a loop over the parser's events.
 
 PyYAML's own composer recurses once per level and expands aliases without limit, and its
-constructor drops positions; this one does neither. No object is ever constructed from a tag. Its
-limits are stated here, each with a diagnostic:
+constructor drops positions; this one does neither. No object is ever constructed from a tag. Each
+limit has a diagnostic of its own:
 
 - `MAX_DEPTH` levels of nesting,
 - `MAX_VALUES` keys and values in the document,
-- `MAX_EXPANDED_VALUES` keys and values more, once every alias is written out.
+- `MAX_EXPANDED_VALUES` additional keys and values after all aliases are expanded.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ _Loader: Any = getattr(yaml, "CLoader", yaml.Loader)
 
 @dataclass(frozen=True, slots=True)
 class ComposeResult:
-    """The tree, or None where the text is no document; and what was wrong with it."""
+    """The tree, or None if the text is not a document; and its problems."""
 
     tree: TreeNode | None
     diagnostics: tuple[Diagnostic, ...]
 
 
 def compose(source: Source) -> ComposeResult:
-    """Compose the one document of `source`. Never raises for any text."""
+    """Compose the document in `source`. Never raises because of the text."""
     composer = _Composer(source)
     found = composer.problems.diagnostics
     try:
@@ -85,7 +85,7 @@ class _Composer:
         if self._documents == 0:
             self.problems.stop(
                 "R2B020",
-                "the file holds no YAML document",
+                "the file contains no YAML document",
                 Span.of_file(self._source.file),
                 "a spec begins with 'r2bspec: 1' and 'name: ...'",
             )
@@ -95,9 +95,9 @@ class _Composer:
         if self._documents > 1:
             self.problems.stop(
                 "R2B021",
-                "a second document begins here; a file holds one benchmark",
+                "a second YAML document starts here; a file contains one benchmark",
                 self._span(event),
-                "put it into a file of its own, or remove the '---'",
+                "move it to its own file, or remove the '---'",
             )
 
     def _count(self, event: Any) -> None:
@@ -107,7 +107,7 @@ class _Composer:
                 "R2B002",
                 f"the document has more than {MAX_VALUES:,} keys and values",
                 self._span(event),
-                "is this the right file?",
+                "check the path: a spec has a few hundred",
             )
 
     def _scalar(self, event: Any) -> TreeNode:
@@ -123,7 +123,7 @@ class _Composer:
             return ScalarNode(resolve(text), text, span)
         except ScalarError as error:
             message = f"{quote(text)} is {error}"
-            self.problems.error("R2B029", message, span, "quote it if it is meant as text")
+            self.problems.error("R2B029", message, span, "quote it if it is text")
             return UnknownNode(span)
 
     def _start_collection(self, event: Any, *, is_map: bool) -> None:
@@ -136,7 +136,7 @@ class _Composer:
                 "R2B025",
                 f"values are nested more than {MAX_DEPTH} levels deep",
                 span,
-                "is a bracket or a brace left open?",
+                "look for an unclosed bracket or brace",
             )
         self._open.append(CollectionBuilder(span, event.anchor, is_map, self.problems))
 
@@ -145,19 +145,18 @@ class _Composer:
         if any(frame.anchor == name for frame in self._open):
             self.problems.error(
                 "R2B026",
-                f"'*{name}' stands inside the value that '&{name}' names: it would never end",
+                f"alias '*{name}' refers to a value that contains it",
                 span,
-                "name a smaller part, or repeat what is meant",
+                "put the anchor on a smaller value, or write the value out",
             )
             self._add(UnknownNode(span), 1, None)
             return
         if name not in self._anchors:
             self.problems.error(
                 "R2B026",
-                f"'*{name}' refers to '&{name}', which does not come before it",
+                f"alias '*{name}' has no anchor '&{name}' before it",
                 span,
-                f"mark the value that is meant with '&{name}', or quote the text if it begins "
-                "with a star",
+                f"add '&{name}' to an earlier value, or quote the text if it is not an alias",
             )
             self._add(UnknownNode(span), 1, None)
             return
@@ -166,10 +165,9 @@ class _Composer:
         if self._shared > MAX_EXPANDED_VALUES:
             self.problems.stop(
                 "R2B027",
-                f"written out, the aliases of this document stand for more than "
-                f"{MAX_EXPANDED_VALUES:,} values",
+                f"the aliases of this document expand to more than {MAX_EXPANDED_VALUES:,} values",
                 span,
-                "refer to smaller parts",
+                "use aliases for smaller values",
             )
         self._add(node, size, None, span)
 
@@ -187,10 +185,9 @@ class _Composer:
         written = self._source.line(span.line)[span.column - 1 :].split()
         self.problems.error(
             "R2B022",
-            f"tags such as {quote(written[0] if written else event.tag)} are not part of the "
-            "language",
+            f"YAML tags such as {quote(written[0] if written else event.tag)} are not supported",
             span,
-            "remove it; every value has the type that its text shows",
+            "remove the tag; the type of a value follows from its text",
         )
 
     def _span(self, event: Any) -> Span:
@@ -203,8 +200,8 @@ class _Composer:
 def _collection_span(done: CollectionBuilder, event: Any) -> Span:
     """From the first to the last character of a collection.
 
-    One in block style has no closing mark: it ends where its last value does, unless that is an
-    alias, whose value was written elsewhere.
+    One in block style has no closing mark: it ends with its last value, unless that is an alias,
+    whose value is written elsewhere.
     """
     start, end = done.start, event.end_mark
     last = done.last()

@@ -10,7 +10,7 @@ from r2bspec.language.yaml_scalars import ScalarError, resolve
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes shared values out in full, and quotes by YAML 1.2 as well as by YAML 1.1."""
+    """Writes shared values in full, and quotes what YAML 1.1 or YAML 1.2 would not read as text."""
 
     def ignore_aliases(self, data: object) -> bool:
         del data
@@ -32,6 +32,6 @@ _Dumper.add_representer(str, _represent_text)
 
 
 def to_yaml(plain: Any) -> str:
-    """The YAML text of dicts, lists and scalars, keys in their order."""
+    """The YAML text of dicts, lists and scalars; keys keep their order."""
     written: str = yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
     return written

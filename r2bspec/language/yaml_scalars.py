@@ -1,8 +1,8 @@
-"""What an unquoted word means: the core schema of YAML 1.2, as editors read it.
+"""The value of an unquoted scalar by the core schema of YAML 1.2, as in editors.
 
 YAML 1.1, which PyYAML implements, turns ``on`` and ``no`` into booleans, ``12:30`` into 750 and
-``010`` into 8. Here they are strings, and so are dates. One deviation from the core schema, for
-safety: ``010`` is neither 8 nor 10 but text, since people disagree about which it is.
+``010`` into 8. Here they are strings, and so are dates. There is one deliberate deviation from the
+core schema: ``010`` is neither 8 nor 10 but text, because readers disagree about it.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ _MAX_INT_CHARS = 25  # characters, prefix and sign included, of any integer with
 
 
 class ScalarError(ValueError):
-    """A number that no spec can hold."""
+    """A number that is not supported in specs."""
 
 
 def resolve(text: str) -> ScalarValue:
     """The value of an unquoted scalar.
 
     Raises:
-        ScalarError: a whole number beyond 64 bits, or a number that is not finite.
+        ScalarError: an integer that exceeds 64 bits, or a number that is not finite.
     """
     if text[:1] not in _MAYBE_NUMBER:
         return _CONSTANTS.get(text, text)
@@ -53,16 +53,16 @@ def resolve(text: str) -> ScalarValue:
 
 
 def _integer(text: str, base: int) -> int:
-    # The length is looked at first: Python needs quadratic time for long digit strings.
+    # The length is checked first: Python needs quadratic time for long digit strings.
     if len(text) <= _MAX_INT_CHARS:
         value = int(text, base)
         if -_MAX_INT - 1 <= value <= _MAX_INT:
             return value
-    raise ScalarError("a whole number beyond 64 bits")
+    raise ScalarError("an integer that exceeds 64 bits")
 
 
 def _finite(value: float) -> float:
-    # Plans and results are JSON, which has no word for these.
+    # Plans and results are JSON, which cannot represent these.
     if math.isfinite(value):
         return value
     raise ScalarError("not a finite number")

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from r2bspec.measure.distribution_parts import (
+    MAIN_PERCENTILES,
+    PERCENTILES,
+    TAIL_PERCENTILE,
+    Distribution,
+    part_value,
+)
 from r2bspec.measure.hop_latency import HopSamples
 from r2bspec.measure.latency import Seconds
 from r2bspec.measure.metrics import (
-    Distribution,
     HopMetrics,
     MonitorMetrics,
     Pace,
@@ -22,18 +28,7 @@ from r2bspec.measure.metrics import (
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.pooling import pool_monitor, pool_playback, pool_resource_use, process_names
 from r2bspec.measure.resource_usage import ResourceUse
-from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import MonitorSamples, PlaybackSamples, RunSamples, SegmentSamples
-from r2bspec.record.run_folder import Run
-
-
-def measure_run(run: Run) -> RunMetrics:
-    """Read a run's samples and compute its metrics.
-
-    Raises:
-        RecordError: a file of the run is missing or damaged.
-    """
-    return summarise(read_samples(run))
 
 
 def summarise(samples: RunSamples) -> RunMetrics:
@@ -107,12 +102,11 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
     seen = [one.monitors[monitor] for one in iterations]
     columns: dict[str, list[float | None]] = {
         "throughput.mean": [one.throughput_hz for one in seen],
-        "latency.mean": [one.latency.mean for one in seen],
-        "latency.p50": [one.latency.p50 for one in seen],
-        "latency.p90": [one.latency.p90 for one in seen],
-        "latency.p99": [one.latency.p99 for one in seen],
-        "latency.max": [one.latency.max for one in seen],
-        "jitter.p99": [one.jitter.p99 for one in seen],
+        **{
+            f"latency.{part}": [part_value(one.latency, part) for one in seen]
+            for part in ("mean", *MAIN_PERCENTILES, "max")
+        },
+        f"jitter.{TAIL_PERCENTILE}": [part_value(one.jitter, TAIL_PERCENTILE) for one in seen],
         "drop_rate": [one.drop_rate for one in seen],
     }
     known = {
@@ -178,10 +172,6 @@ def distribution(times: Seconds) -> Distribution:
         n=int(times.size),
         min=percentile(times, 0.0),
         mean=float(times.mean()) if times.size else None,
-        p50=percentile(times, 0.5),
-        p90=percentile(times, 0.9),
-        p95=percentile(times, 0.95),
-        p99=percentile(times, 0.99),
-        p99_9=percentile(times, 0.999),
         max=percentile(times, 1.0),
+        **{part: percentile(times, q) for part, q in PERCENTILES.items()},
     )

@@ -10,13 +10,13 @@ This module computes nothing and imports no NumPy, so that a spec can be checked
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.language.requirement_grammar import Bound
+from r2bspec.measure.distribution_parts import PERCENTILES, SHORT_PERCENTILES, quantile
 from r2bspec.measure.errors import MetricError
 
 Statistic = Literal["percentile", "share", "mean", "observation", "search", "sequential"]
@@ -87,8 +87,6 @@ _UNITS: dict[Dimension, str] = {
     "none": "",
 }
 
-_PERCENTILE = re.compile(r"p(\d{1,2})(?:_(\d{1,4}))?")
-
 _TIME_FAMILIES = {
     "latency": "time from publication of the input to reception of the output",
     "latency_from_due": "time from when the input was due to reception of the output",
@@ -99,11 +97,10 @@ _TIME_FAMILIES = {
 
 
 def _distribution(family: str, what: str) -> list[MetricInfo]:
-    shown = ("p50", "p90", "p95", "p99", "p99_9")
     return [
         _metric(f"{family}.min", "monitor", "time", "observation", f"smallest {what}"),
         _metric(f"{family}.mean", "monitor", "time", "mean", f"mean {what}"),
-        *(_percentile(family, part, what) for part in shown),
+        *(_percentile(family, part, what) for part in PERCENTILES),
         _metric(f"{family}.max", "monitor", "time", "observation", f"largest {what}"),
     ]
 
@@ -121,17 +118,6 @@ def _metric(
     return MetricInfo(name, scope, dimension, _UNITS[dimension], statistic, description)
 
 
-def quantile(part: str) -> float | None:
-    """The fraction that a percentile's name stands for: ``p99`` is 0.99, ``p99_9`` is 0.999.
-
-    None if `part` is no percentile; p0 and p00 are none, because they are the minimum.
-    """
-    found = _PERCENTILE.fullmatch(part)
-    if found is None or int(found[1]) == 0:
-        return None
-    return float(f"0.{int(found[1]):02d}{found[2] or ''}")
-
-
 _LATENESS_DESCRIPTION = "time that a publication began after it was due"
 
 _CATALOGUE: tuple[MetricInfo, ...] = (
@@ -145,8 +131,7 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
     _metric("reordered", "monitor", "count", "observation", "answers overtaken by a later step's"),
     _metric("unmatched", "monitor", "count", "observation", "messages that answer no step"),
     _metric("playback.rate", "playback", "rate", "mean", "(n - 1) / (last - first publication)"),
-    _percentile("playback.lateness", "p50", _LATENESS_DESCRIPTION),
-    _percentile("playback.lateness", "p99", _LATENESS_DESCRIPTION),
+    *(_percentile("playback.lateness", part, _LATENESS_DESCRIPTION) for part in SHORT_PERCENTILES),
     _metric(
         "playback.lateness.max",
         "playback",
@@ -169,7 +154,7 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
 
 METRICS: dict[str, MetricInfo] = {info.name: info for info in _CATALOGUE}
 """Every metric by name; ``<process>`` stands for any process, and more percentiles than those
-listed exist (see `quantile`)."""
+listed exist (see `r2bspec.measure.distribution_parts.quantile`)."""
 
 
 _LIVE_FAMILIES = ("throughput", "latency", "interval", "jitter", "received", "cpu", "memory")

@@ -10,26 +10,9 @@ from typing import Literal
 
 import msgspec
 
+from r2bspec.measure.distribution_parts import Distribution
 from r2bspec.measure.interference import Surroundings
 from r2bspec.record.run_record import Probe, SearchRecord
-
-
-class Distribution(msgspec.Struct, frozen=True, kw_only=True):
-    """A summary of `n` times, in seconds. Percentiles are observed values (nearest rank).
-
-    Latencies are those of the outputs that arrived; what was lost is in `MonitorMetrics.missed`,
-    and counts as over every bound when a requirement is judged.
-    """
-
-    n: int
-    min: float | None
-    mean: float | None
-    p50: float | None
-    p90: float | None
-    p95: float | None
-    p99: float | None
-    p99_9: float | None
-    max: float | None
 
 
 class HopMetrics(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,8 +1,8 @@
-"""Reference nodes: plain rclpy nodes that a spec can name, and that know nothing of r2bspec.
+"""Reference nodes: rclpy nodes that a spec can use, and that do not depend on r2bspec.
 
-The classes are loaded when they are first asked for, so that importing this package needs neither
-rclpy nor OpenCV. What each node reads, writes and takes is stated in ``interfaces.yaml`` beside
-this file, for tools that must know it without running anything.
+The classes are loaded on first access, so that importing this package needs neither rclpy nor
+OpenCV. The topics and parameters of each node are in ``interfaces.yaml`` in this folder, for tools
+that must not run them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A node that finds AprilTags and tells where they are."""
+"""A node that detects AprilTags and their poses."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from r2bspec.nodes.declared_parameters import declare, destroy_on_value_error, g
 
 
 class AprilTagNode(Node):
-    """Finds the AprilTags of one family in 8-bit images, with OpenCV's ArUco module.
+    """Detects the AprilTags of one family in 8-bit images, with OpenCV's ArUco module.
 
-    Reads ``image`` and ``camera_info``, paired by stamp; writes ``detections``, for each image the
-    poses of its tags by their ids, under the image's header. An image without tags gives an array
-    without poses. What a tag's pose means is said in `r2bspec.nodes.tag_poses`. All topics are
-    reliable and keep the last 10 messages.
+    Subscribes to ``image`` and ``camera_info``, paired by stamp; publishes ``detections``, for each
+    image the poses of its tags in the order of their ids, with the header of the image. For an
+    image without tags the array is empty. `r2bspec.nodes.tag_poses` defines the pose of a tag. All
+    topics are reliable and keep the last 10 messages.
 
     Raises:
-        ValueError: a parameter has a value that it may not have.
+        ValueError: the value of a parameter is not allowed.
     """
 
     def __init__(self, node_name: str = "apriltag", **kwargs: Any) -> None:

@@ -20,7 +20,7 @@ _COEFFICIENTS = (0, 4, 5, 8, 12, 14)
 
 
 class Roi(Protocol):
-    """sensor_msgs/msg/RegionOfInterest; all zero stands for the whole image."""
+    """sensor_msgs/msg/RegionOfInterest; all zero means the whole image."""
 
     x_offset: int
     y_offset: int
@@ -97,12 +97,12 @@ def distortion(info: CameraFields) -> Matrix:
     coefficients = np.array(info.d, dtype=np.float64)
     if coefficients.any() and info.distortion_model not in _MODELS:
         raise ValueError(
-            f"camera_info's distortion model {info.distortion_model!r} is none of "
+            f"camera_info's distortion model {info.distortion_model!r} is not one of "
             f"{', '.join(_MODELS)}"
         )
     if coefficients.size not in _COEFFICIENTS:
         raise ValueError(
-            f"camera_info has {coefficients.size} distortion coefficients, and not one of "
+            f"camera_info has {coefficients.size} distortion coefficients; expected one of "
             f"{', '.join(map(str, _COEFFICIENTS))}"
         )
     return coefficients

@@ -1,4 +1,4 @@
-"""Subscribing to an image and to the camera_info that belongs to it."""
+"""Subscribing to an image and its camera_info."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def subscribe_pair(
 ) -> None:
     """Call `on_pair(image, camera_info)` for each two messages with the same stamp.
 
-    Messages that find no partner are given up when more than `QOS_DEPTH` wait; the node's log then
-    says so, at most every few seconds. A ValueError out of `on_pair` stands for a message that the
-    node can't use: it is logged, and the node goes on with the next.
+    If more than `QOS_DEPTH` messages wait for their partners, the oldest is dropped, which is
+    logged at most every few seconds. A ValueError of `on_pair` means an unusable message: it is
+    logged, and the node continues with the next one.
     """
     pairs: StampPairs[Any, Any] = StampPairs(QOS_DEPTH)
     logger: Any = node.get_logger()
@@ -38,7 +38,7 @@ def subscribe_pair(
         elif pairs.discarded > reported:
             reported = pairs.discarded
             logger.warning(
-                f"{reported} messages dropped so far: no other one with the same stamp came; "
+                f"{reported} messages dropped so far, without a partner of the same stamp; "
                 f"each message on {image_topic} needs one on {info_topic}",
                 throttle_duration_sec=_LOG_INTERVAL_S,
             )

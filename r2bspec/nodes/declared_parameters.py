@@ -1,4 +1,4 @@
-"""Declaring node parameters whose values are checked, and refused in words."""
+"""Declaring node parameters with constraints on their values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TYPES = {bool: "a bool", int: "an integer", float: "a double", str: "a string"}
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """Which values a parameter may have: a test, and the same in words."""
+    """The allowed values of a parameter: a test, and its description."""
 
     text: str
     is_met_by: Callable[[Any], bool]
@@ -47,7 +47,7 @@ def any_bool() -> Constraint:
 
 @contextmanager
 def destroy_on_value_error(node: Any) -> Iterator[None]:
-    """Leave no half-made node in the graph where its parameters are refused."""
+    """Destroy a node whose parameters are invalid, so that it is not left in the graph."""
     try:
         yield
     except ValueError:
@@ -58,10 +58,10 @@ def destroy_on_value_error(node: Any) -> Iterator[None]:
 def declare(node: Node, name: str, default: T, meaning: str, constraint: Constraint) -> T:
     """Declare a parameter that is fixed when the node starts, and return its value.
 
-    The parameter's type is that of `default`; as everywhere in ROS, 5 is no double.
+    The parameter's type is that of `default`; as always in ROS, 5 is not a double.
 
     Raises:
-        ValueError: the value given is of another type, or not an allowed one.
+        ValueError: the value has another type, or is not allowed.
     """
     words = f"{_TYPES[type(default)]}, {constraint.text}"
     descriptor = ParameterDescriptor(

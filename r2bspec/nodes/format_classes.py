@@ -12,11 +12,11 @@ def message_type(name: str) -> type:
     """Find the class of a message type such as ``sensor_msgs/msg/Image``.
 
     Raises:
-        ValueError: that is no name of a message type, or the type is not installed.
+        ValueError: it is not the name of a message type, or the type is not installed.
     """
     parts = _NAME.fullmatch(name)
     if parts is None:
-        raise ValueError(f"{name!r} is no message type; write it as in sensor_msgs/msg/Image")
+        raise ValueError(f"{name!r} is not a message type such as sensor_msgs/msg/Image")
     package, message = parts.groups()
     try:
         found: type = getattr(importlib.import_module(f"{package}.msg"), message)

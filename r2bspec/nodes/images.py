@@ -87,19 +87,19 @@ def pixel_format(encoding: str) -> PixelFormat:
         ValueError: the encoding is none of `PIXEL_FORMATS`.
     """
     if encoding not in PIXEL_FORMATS:
-        raise ValueError(f"image encoding {encoding!r} is none of {', '.join(PIXEL_FORMATS)}")
+        raise ValueError(f"image encoding {encoding!r} is not one of {', '.join(PIXEL_FORMATS)}")
     return PIXEL_FORMATS[encoding]
 
 
 def view(image: ImageFields) -> Pixels:
-    """See the pixels of an image message, in this machine's byte order.
+    """The pixels of an image message, in this machine's byte order.
 
-    The result shares the message's memory, also where rows are padded. Two kinds of pixels are
-    copied: those of the other byte order, which OpenCV would silently read as native ones, and
-    those whose row step is no multiple of their values' size, which it refuses.
+    The result shares the memory of the message, even if rows are padded. Two kinds of pixels are
+    copied: those of the other byte order, which OpenCV would read as native ones, and those whose
+    row step is not a multiple of the size of a value, which OpenCV does not support.
 
     Returns:
-        An array of shape (height, width), or (height, width, channels) where there are several.
+        An array of shape (height, width), or (height, width, channels) for several channels.
 
     Raises:
         ValueError: the encoding is unknown, or size, step and data do not fit together.
@@ -118,7 +118,7 @@ def view(image: ImageFields) -> Pixels:
     needed = step * (height - 1) + row_bytes
     data_bytes = memoryview(image.data).nbytes
     if data_bytes < needed:
-        raise ValueError(f"image data holds {data_bytes} bytes; its size and step need {needed}")
+        raise ValueError(f"image data has {data_bytes} bytes; its size and step need {needed}")
 
     foreign = bool(image.is_bigendian) != (sys.byteorder == "big") and form.dtype.itemsize > 1
     dtype = form.dtype.newbyteorder() if foreign else form.dtype
@@ -155,7 +155,7 @@ def gray(pixels: Pixels, encoding: str) -> NDArray[np.uint8]:
     if encoding == "mono8":
         return pixels
     if encoding not in _TO_GRAY:
-        raise ValueError(f"image encoding {encoding!r} is none of mono8, {', '.join(_TO_GRAY)}")
+        raise ValueError(f"image encoding {encoding!r} is not one of mono8, {', '.join(_TO_GRAY)}")
     return np.asarray(cv2.cvtColor(pixels, _TO_GRAY[encoding]), dtype=np.uint8)
 
 

@@ -1,4 +1,4 @@
-"""OpenCV, or an ImportError that says how to get it."""
+"""OpenCV, or an ImportError that explains how to install it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A node that passes messages on after a known time, to calibrate measurements with."""
+"""A node that relays messages after a known time, to calibrate measurements."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from r2bspec.nodes.service_times import JITTERS, service_times_ns
 
 
 class RelayNode(Node):
-    """Copies ``input`` to ``output``, byte for byte, and is busy with each message for a while.
+    """Copies ``input`` to ``output``, byte for byte, with a service time for each message.
 
-    The time runs from the start of the callback to the call of publish: `service_time_ms` each, or
-    with `jitter` "exponential" on average. It is spent on the CPU, or with `spin` false asleep, for
-    graphs of more relays than the machine has cores. Messages of type `format` are
-    relayed one by one in the order of their arrival; both topics are reliable and keep the last
-    `queue_depth` messages.
+    The time is measured from the start of the callback to the call of publish: `service_time_ms`
+    for each message, or on average with `jitter` "exponential". The node uses the CPU in this time,
+    or sleeps if `spin` is false, for graphs with more relays than the machine has cores. Messages
+    of type `format` are relayed one by one in order of arrival; both topics are reliable and keep
+    the last `queue_depth` messages.
 
     Raises:
-        ValueError: a parameter has a value that it may not have.
+        ValueError: the value of a parameter is not allowed.
     """
 
     def __init__(self, node_name: str = "relay", **kwargs: Any) -> None:

@@ -21,15 +21,15 @@ _PIXELS = Constraint("1 or more, or -1 for the input's", lambda value: value == 
 
 
 class ResizeNode(Node):
-    """Resizes images and camera_info, under the names that image_proc's ResizeNode uses.
+    """Resizes images and camera_info, with the topics of image_proc's ResizeNode.
 
-    Reads ``image/image_raw`` and ``image/camera_info``, paired by stamp; writes
-    ``resize/image_raw`` and ``resize/camera_info`` with the headers that they came with. The size
-    is `width` and `height` in pixels, or with `use_scale` the input's times `scale_width` and
+    Subscribes to ``image/image_raw`` and ``image/camera_info``, paired by stamp; publishes
+    ``resize/image_raw`` and ``resize/camera_info`` with the same headers. The size is `width` and
+    `height` in pixels, or with `use_scale` that of the input times `scale_width` and
     `scale_height`. All topics are reliable and keep the last 10 messages.
 
     Raises:
-        ValueError: a parameter has a value that it may not have.
+        ValueError: the value of a parameter is not allowed.
     """
 
     def __init__(self, node_name: str = "resize", **kwargs: Any) -> None:

@@ -1,4 +1,4 @@
-"""How long a server of known behaviour works on each message."""
+"""Service times with a known distribution."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ JITTERS = ("none", "exponential")
 
 
 def service_times_ns(mean_ms: float, jitter: str, seed: int) -> Iterator[int]:
-    """Yield service times without end, nanoseconds.
+    """Yield an infinite sequence of service times, in nanoseconds.
 
     With `jitter` "none" each is the mean, and queues before the server behave as in M/D/1 or D/D/1;
-    with "exponential" they are independent and exponentially distributed (M/M/1, D/M/1), the same
-    ones for the same `seed`.
+    with "exponential" they are independent and exponentially distributed (M/M/1, D/M/1), and
+    reproducible with the same `seed`.
 
     Raises:
         ValueError: `jitter` is not one of `JITTERS`.
@@ -26,4 +26,4 @@ def service_times_ns(mean_ms: float, jitter: str, seed: int) -> Iterator[int]:
     if jitter == "exponential":
         generator = np.random.default_rng(seed)
         return (round(generator.exponential(mean_ns)) for _ in itertools.count())
-    raise ValueError(f"jitter {jitter!r} is none of {', '.join(JITTERS)}")
+    raise ValueError(f"jitter {jitter!r} is not one of {', '.join(JITTERS)}")

@@ -10,14 +10,14 @@ T = TypeVar("T")
 
 
 class StampPairs(Generic[A, B]):
-    """Holds each message until the other topic's message with exactly its stamp is there.
+    """Keeps each message until the message of the other topic with the same stamp arrives.
 
-    Pairs come in the order in which they become complete, whatever came first, late or not at all.
-    Each side holds at most `depth` messages that wait; one more and the oldest is given up.
+    Pairs are returned in the order in which they become complete. Each side keeps at most `depth`
+    messages; then the oldest is discarded.
 
     Attributes:
-        discarded: how many messages of either side were given up, or replaced by another one with
-            their stamp, so far.
+        discarded: the number of messages that were discarded, or replaced by another one with the
+            same stamp.
     """
 
     def __init__(self, depth: int) -> None:

@@ -153,14 +153,14 @@ def _turned_about_z(
 
 def _dictionary(family: str) -> Any:
     if family not in FAMILIES:
-        raise ValueError(f"tag family {family!r} is none of {', '.join(FAMILIES)}")
+        raise ValueError(f"tag family {family!r} is not one of {', '.join(FAMILIES)}")
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_APRILTAG_{family}"))
 
 
 @cache
 def _detector(family: str, refinement: str) -> Any:
     if refinement not in REFINEMENTS:
-        raise ValueError(f"corner refinement {refinement!r} is none of {', '.join(REFINEMENTS)}")
+        raise ValueError(f"corner refinement {refinement!r} is not one of {', '.join(REFINEMENTS)}")
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = getattr(cv2.aruco, f"CORNER_REFINE_{refinement.upper()}")
     # The border of an AprilTag is one cell wide inside and outside of its corners, so a window of

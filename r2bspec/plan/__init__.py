@@ -1,1 +1,1 @@
-"""From a `Spec` to a `Plan`: a pure function, and the ways to write a plan down."""
+"""Compiling a `Spec` to a `Plan` with a pure function, and the formats of a plan."""

@@ -1,7 +1,7 @@
-"""The one way in which a plan is written down, its hash, and reading it again.
+"""The canonical JSON of a plan, its hash, and reading it.
 
-Canonical form: JSON in UTF-8, keys sorted, two spaces of indentation, shortest floats that read
-back the same, a newline at the end. Quantities and requirements are the strings of the language.
+Canonical form: JSON in UTF-8, sorted keys, indentation of two spaces, shortest floats that can be
+read back exactly, a newline at the end. Quantities and requirements are strings of the language.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ PLAN_VERSION = 1
 
 
 class _PlanHeader(msgspec.Struct):
-    """The fields that tell what a file is before its content is trusted."""
+    """The fields that identify a file before its content is decoded."""
 
     r2bspec_plan: int
     generator: str = "an unknown generator"
 
 
 def canonical_json(plan: Plan) -> bytes:
-    """The plan's canonical form."""
+    """The canonical form of a plan."""
     text = msgspec.json.encode(plan, enc_hook=value_codec.encode, order="sorted")
     return msgspec.json.format(text, indent=2) + b"\n"
 
 
 def plan_hash(plan: Plan) -> str:
-    """The hash that names a plan: ``sha256:`` and the digest of its canonical form."""
+    """The hash that identifies a plan: ``sha256:`` and the digest of its canonical form."""
     return f"sha256:{hashlib.sha256(canonical_json(plan)).hexdigest()}"
 
 
 def read_plan(path: Path) -> Plan:
-    """Read a plan that `canonical_json` wrote; other spacing and order of keys do no harm.
+    """Read a plan written by `canonical_json`; spacing and the order of keys may differ.
 
     Raises:
-        PlanError: the file cannot be read (R2B610), is no plan of this version (R2B611), or is a
-            plan with a fault in it (R2B612).
+        PlanError: the file cannot be read (R2B610), is not a plan of this version (R2B611), or is
+            an invalid plan (R2B612).
     """
     try:
         data = path.read_bytes()
@@ -49,35 +49,35 @@ def read_plan(path: Path) -> Plan:
         raise PlanError(
             f"{path} cannot be read: {error.strerror}",
             code=PLAN_UNREADABLE,
-            hint="'r2bspec plan SPEC -o FILE' writes one",
+            hint="write a plan with 'r2bspec plan SPEC -o FILE'",
         ) from error
     return parse_plan(data, str(path))
 
 
 def parse_plan(data: bytes, name: str) -> Plan:
-    """Read a plan from its JSON; `name` is what messages call it.
+    """Read a plan from its JSON; `name` is its name in messages.
 
     Raises:
-        PlanError: as `read_plan`, but for R2B610.
+        PlanError: as for `read_plan`, except R2B610.
     """
     _check_header(data, name)
     try:
         return msgspec.json.decode(data, type=Plan, dec_hook=_decode)
     except msgspec.ValidationError as error:
         raise PlanError(
-            f"{name} is a plan with a fault in it: {error}",
+            f"{name} is an invalid plan: {error}",
             code=PLAN_BROKEN,
-            hint="write it anew with 'r2bspec plan SPEC -o FILE'; plans are not edited by hand",
+            hint="do not edit plans; write a new one with 'r2bspec plan SPEC -o FILE'",
         ) from error
 
 
 def _check_header(data: bytes, name: str) -> None:
-    hint = "'r2bspec plan SPEC -o FILE' writes a plan"
+    hint = "write a plan with 'r2bspec plan SPEC -o FILE'"
     try:
         head = msgspec.json.decode(data, type=_PlanHeader)
     except msgspec.ValidationError as error:
         raise PlanError(
-            f"{name} is JSON, but no plan of r2bspec: it has no 'r2bspec_plan'",
+            f"{name} is not a plan of r2bspec: it has no 'r2bspec_plan'",
             code=PLAN_FOREIGN,
             hint=hint,
         ) from error
@@ -88,7 +88,7 @@ def _check_header(data: bytes, name: str) -> None:
             f"{name} is a plan of version {head.r2bspec_plan}, written by {head.generator};"
             f" this r2bspec reads version {PLAN_VERSION}",
             code=PLAN_FOREIGN,
-            hint="write it anew with this version of r2bspec",
+            hint="write a new plan with this version of r2bspec",
         )
 
 

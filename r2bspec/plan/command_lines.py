@@ -1,25 +1,26 @@
-"""The command lines of a plan. None of them goes through a shell.
+"""The command lines of a plan, which do not use a shell.
 
-Harness processes and hosts of Python nodes all run ``$(python) -P -m r2bspec.harness.child`` (-P:
-what lies in the spec's folder shadows no module); what they do is told to them over the control
-channel. An executable is started as ``ros2 run`` would, with its node name, namespace, remappings
-and parameters as ROS arguments. A `command` is started exactly as written, unless the spec gives it
-a namespace, parameters, remappings, `publishes` or `subscribes`: then it is taken to be a ROS
-process and gets ROS arguments, too, but no node name, because it may hold several nodes; its
-parameter files are handed on as they are, because they may be meant for all of these.
+Harness processes and hosts of Python nodes run ``$(python) -P -m r2bspec.harness.child`` (with -P,
+files in the folder of the spec cannot shadow modules); they receive their role over the control
+channel. An executable is started as by ``ros2 run``, with its node name, namespace, remappings and
+parameters as ROS arguments. A `command` is started exactly as written, unless the spec gives it a
+namespace, parameters, remappings, `publishes` or `subscribes`: it is then a ROS process and also
+receives ROS arguments, but no node name, because it may have several nodes. Its parameter files are
+passed unchanged, because they may be for all of its nodes.
 
-A launch file is started by ``ros2 launch`` through a launch file of r2bspec's own, which takes the
-namespace, the remappings and the arguments as launch arguments (`r2bspec.harness.included_launch`).
+A launch file is started by ``ros2 launch`` through a launch file of r2bspec, which has launch
+arguments for the namespace, the remappings and the arguments (`r2bspec.harness.included_launch`).
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
+from r2bspec.language.node_kinds import NodeKindName
 from r2bspec.language.secret_variables import quoted_secret_references
-from r2bspec.language.spec import Container, Launch, Node, ParameterValue
+from r2bspec.language.spec import Container, Launch, ParameterValue
 from r2bspec.wiring.wiring import NodeWiring
 
 HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
@@ -31,15 +32,15 @@ CONTAINER_PACKAGE = "rclcpp_components"
 
 
 def host_argv() -> tuple[str, ...]:
-    """How a process of Python nodes is started."""
+    """The command line of a host of Python nodes."""
     return HARNESS_ARGV
 
 
 def container_argv(name: str, container: Container, namespace: str) -> tuple[str, ...]:
-    """How a component container is started.
+    """The command line of a component container.
 
-    Only ``component_container_mt`` takes a number of threads; ``component_container_isolated``
-    gives each component an executor of its own, of several threads if asked to.
+    Only ``component_container_mt`` accepts a number of threads; ``component_container_isolated``
+    gives each component its own executor, optionally with several threads.
     """
     words = [f"$(executable {CONTAINER_PACKAGE} {container.executable})"]
     isolated = container.executable == "component_container_isolated"
@@ -52,23 +53,28 @@ def container_argv(name: str, container: Container, namespace: str) -> tuple[str
 
 
 def container_node_name(argv: Iterable[str]) -> str:
-    """The full name of the node of a container that is started so."""
+    """The full name of the node of a container with this command line."""
     rules = dict(word.split(":=", 1) for word in argv if word.startswith(("__node:=", "__ns:=")))
     return f"{rules['__ns'].rstrip('/')}/{rules['__node']}"
 
 
 def node_argv(wired: NodeWiring) -> tuple[str, ...]:
-    """How the process of a node that has one of its own is started."""
+    """The command line of a node with its own process."""
+    return _ARGV[wired.node.kind.name](wired)
+
+
+def _component(wired: NodeWiring) -> tuple[str, ...]:
+    return container_argv(f"{wired.key}_container", Container(), wired.namespace)
+
+
+def _executable(wired: NodeWiring) -> tuple[str, ...]:
     node = wired.node
-    if node.kind == "python":
-        return HARNESS_ARGV
-    if node.kind == "plugin":
-        return container_argv(f"{wired.key}_container", Container(), wired.namespace)
-    if node.kind == "launch" and node.launch is not None:
-        return _launch_argv(node.launch, wired)
-    if node.kind == "executable":
-        called = (f"$(executable {node.package} {node.executable})", *node.arguments)
-        return (*called, *_ros_arguments(wired, wired.parameters, f"__node:={wired.key}"))
+    called = (f"$(executable {node.package} {node.executable})", *node.arguments)
+    return (*called, *_ros_arguments(wired, wired.parameters, f"__node:={wired.key}"))
+
+
+def _command(wired: NodeWiring) -> tuple[str, ...]:
+    node = wired.node
     called = (*node.command, *node.arguments)
     if not wired.is_ros_process:
         return called
@@ -76,8 +82,9 @@ def node_argv(wired: NodeWiring) -> tuple[str, ...]:
     return (*called, *_ros_arguments(wired, node.parameters), *files)
 
 
-def _launch_argv(launch: Launch, wired: NodeWiring) -> tuple[str, ...]:
-    node: Node = wired.node
+def _launch_argv(wired: NodeWiring) -> tuple[str, ...]:
+    node = wired.node
+    launch = node.launch or Launch()
     place = (
         (f"package:={launch.package}", f"file:={launch.file}")
         if launch.package
@@ -93,8 +100,18 @@ def _launch_argv(launch: Launch, wired: NodeWiring) -> tuple[str, ...]:
     )
 
 
+_ARGV: Mapping[NodeKindName, Callable[[NodeWiring], tuple[str, ...]]] = {
+    "python": lambda _: HARNESS_ARGV,
+    "plugin": _component,
+    "executable": _executable,
+    "command": _command,
+    "launch": _launch_argv,
+}
+"""How the process of each kind of node is started; what runs already has none."""
+
+
 def _argument(value: object) -> str:
-    """A launch argument is a text; truth values are written as launch files compare them."""
+    """The text of a launch argument; booleans are in lower case, as launch files expect."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
@@ -110,9 +127,9 @@ def _ros_arguments(
 
 
 def parameter_text(value: ParameterValue) -> str:
-    """A parameter as rcl's command line reads it: YAML in flow style, with strings quoted.
+    """A parameter for the command line of rcl: YAML in flow style, with quoted strings.
 
-    Quoting keeps ``"10"`` a string, which rcl would otherwise read as a number.
+    Without quotes, rcl would read ``"10"`` as a number.
     """
     if isinstance(value, list):
         return f"[{', '.join(parameter_text(each) for each in value)}]"

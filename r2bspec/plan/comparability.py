@@ -1,4 +1,4 @@
-"""Plans that are compared: what makes them measure the same, and one pair's share of a plan."""
+"""Comparing plans: whether they measure the same, and the plan of one run of a pair."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from r2bspec.plan.plan_diff import PlanDifference, diff_plans
 IGNORED_FIELDS: Final = frozenset(
     {"objectives", "title", "description", "labels", "generator", "name", "gate"}
 )
-"""Fields of a plan in which two may differ and still measure the same."""
+"""Fields of a plan without influence on the measurement."""
 
 _LOAD_FIELDS: Final = frozenset(
     {
@@ -24,11 +24,11 @@ _LOAD_FIELDS: Final = frozenset(
         *("play_at_peak", "timeline", "harness", "search", "warm_up_ns", "transport"),
     }
 )
-"""Fields that say what a graph is offered and how it is watched."""
+"""Fields for the load on the graph, and for its monitoring."""
 
 
 def measured_hash(plan: Plan) -> str:
-    """Names what a plan measures: its hash without what only words or judges the measurement."""
+    """The hash of the plan without texts, objectives and gate: identifies the measurement."""
     bare = msgspec.structs.replace(
         plan, objectives={}, title="", description="", labels={}, gate=GatePlan()
     )
@@ -36,20 +36,20 @@ def measured_hash(plan: Plan) -> str:
 
 
 def load_differences(base: Plan, head: Plan) -> list[PlanDifference]:
-    """In what the load or the harness of two plans differs, beyond the graph under test."""
+    """The differences in the load or the harness of two plans, not in the graph under test."""
     return [each for each in diff_plans(base, head) if each.path[0] in _LOAD_FIELDS]
 
 
 def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
-    """In what two plans differ that may change what is measured."""
+    """The differences of two plans that may affect the measurement."""
     return [each for each in diff_plans(base, head) if each.path[0] not in IGNORED_FIELDS]
 
 
 def single_run_plan(plan: Plan) -> Plan:
-    """The plan of one run of a pair: each rate is played once, and nothing is confirmed.
+    """The plan of one run of a pair: one iteration per rate, without a confirmation run.
 
-    Pairs take the place of iterations. A search for the peak costs more than all else; it is made
-    where an objective asks for the peak.
+    Pairs replace iterations. The peak search takes the most time, so it is included only if an
+    objective needs the peak.
     """
     searched = any(_wants_peak(each) for each in plan.objectives.values())
     at_peak = plan.play_at_peak
@@ -72,13 +72,13 @@ def _wants_peak(objective: Objective) -> bool:
 
 
 def pair_count(plan: Plan) -> int:
-    """How many pairs a plan asks for: as many as iterations, and one without any."""
+    """The number of pairs of a plan: its number of iterations, at least one."""
     plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
     return max((each.iterations for each in plays), default=1)
 
 
 def difference_lines(differences: list[PlanDifference], max_lines: int = 12) -> Iterator[str]:
-    """Differences a line each, cut short with a count."""
+    """The differences, one per line, limited to `max_lines` and a count of the others."""
     yield from (str(each) for each in differences[:max_lines])
     if len(differences) > max_lines:
         yield f"{len(differences) - max_lines} more differences"

@@ -1,4 +1,4 @@
-"""From a spec to the plan of its run."""
+"""Compiling a spec to the plan of its run."""
 
 from __future__ import annotations
 
@@ -40,19 +40,18 @@ def compile_plan(
     companion_files: CompanionFiles = NO_COMPANION_FILES,
     wiring: Wiring | None = None,
 ) -> Plan:
-    """Work out everything that a run of a spec will do.
+    """Compile the plan of a run.
 
-    A pure function: the same spec, bag metadata and version of r2bspec give the same plan on every
-    machine. It reads no clock, no environment and no path.
+    This is a pure function: the same spec, bag metadata and version of r2bspec result in the same
+    plan on every machine. It uses no clock, no environment variables and no files.
 
     Args:
-        spec: a spec in which `r2bspec.check` finds no error; otherwise the plan is as good as it
-            can be, and running it makes no sense.
-        bag: what is known of the bag, or of each of several; None leaves types of bag topics
-            empty and counts zero.
+        spec: a spec without errors of `r2bspec.check`; otherwise the plan may be incomplete and
+            must not be run.
+        bag: the index of the bag, or of each of several; None if unknown: the types of bag topics
+            are then empty and their counts zero.
         table: interfaces of Python nodes; by default those of the reference nodes.
-        companion_files: the companion files of the spec, parameter files among them; by default
-            none.
+        companion_files: the companion files of the spec, such as parameter files; by default none.
         wiring: the wiring of the spec with these types and companion files, where the caller has
             built it already.
     """
@@ -105,7 +104,7 @@ def compile_plan(
 
 
 def active_objectives(spec: Spec) -> dict[str, Objective]:
-    """The objectives that count: not switched off, and their `when` is so."""
+    """The active objectives: their level is not `off`, and their `when` is true."""
     return {
         name: each
         for name, each in spec.slos.items()
@@ -115,7 +114,7 @@ def active_objectives(spec: Spec) -> dict[str, Objective]:
 
 
 def bag_types(spec: Spec, bag: BagIndex | None) -> dict[str, str]:
-    """The types of the bag topics that a spec names, by the name that it uses."""
+    """The types of the bag topics of a spec, by their names in the spec."""
     if bag is None:
         return {}
     found = {name: bag.find(name) for name in spec.data_loader.topics}
@@ -123,7 +122,7 @@ def bag_types(spec: Spec, bag: BagIndex | None) -> dict[str, str]:
 
 
 def _datasets(spec: Spec, bags: Sequence[BagIndex | None], wiring: Wiring) -> Iterator[DatasetPlan]:
-    """Each recording with the topics that it holds; one that nobody knows is taken to hold all."""
+    """Each recording with its topics; an unknown one is assumed to have all."""
     sources = spec.data_loader.sources or (BagSource(),)
     for position, source in enumerate(sources):
         bag = bags[position] if position < len(bags) else None
@@ -241,12 +240,12 @@ def _play_at(spec: Spec, rate_hz: float) -> PlayPlan:
 
 
 def _play_at_peak(spec: Spec, objectives: dict[str, Objective]) -> PlayPlan | None:
-    asked = any(each.at_peak for each in objectives.values())
-    return _play_at(spec, 0.0) if asked and spec.benchmark.search is not None else None
+    at_peak = any(each.at_peak for each in objectives.values())
+    return _play_at(spec, 0.0) if at_peak and spec.benchmark.search is not None else None
 
 
 def has_own_rate(spec: Spec) -> bool:
-    """Whether the recording, or the graph's own source, decides how fast messages come."""
+    """Whether the recording, or the graph's own source, determines the rate of messages."""
     return spec.playback.mode in {"timeline", "live"}
 
 

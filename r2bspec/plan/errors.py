@@ -1,10 +1,11 @@
-"""What can be wrong with a plan file."""
+"""Errors of plan files."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 
 PLAN_UNREADABLE: Final = "R2B610"
 PLAN_FOREIGN: Final = "R2B611"
@@ -12,7 +13,7 @@ PLAN_BROKEN: Final = "R2B612"
 
 
 class PlanError(R2bspecError):
-    """A file that cannot be used as a plan. The message names the file; `hint` the way out."""
+    """A file cannot be used as a plan. The message names the file; `hint` is the remedy."""
 
     code = PLAN_BROKEN
-    exit_code = 2
+    exit_code = ExitStatus.USAGE

@@ -1,4 +1,4 @@
-"""What a drawing of a plan shows, whatever it is drawn with."""
+"""The content of a drawing of a plan, independent of its format."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ BoxKind = Literal["node", "opaque", "harness", "bag", "topic"]
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A thing in the drawing.
+    """A box in the drawing.
 
     Attributes:
         id: unique in the figure; letters, digits and ``_``.
-        kind: a node of which no topic is known is ``opaque``.
+        kind: a node without known topics is ``opaque``.
         lines: its label, the name first.
     """
 
@@ -27,7 +27,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Arrow:
-    """From one box to another; `stored` if messages are kept in between."""
+    """From one box to another; `stored` if messages are buffered in between."""
 
     tail: str
     head: str
@@ -58,7 +58,7 @@ _PHASE_TITLES = {"preprocess": "preprocess", "measure": "measure"}
 
 @dataclass
 class _FigureBuilder:
-    """A figure in the making: ids are given in the order of drawing."""
+    """Builds a figure; ids are assigned in the order of drawing."""
 
     plan: Plan
     ids: dict[tuple[str, str, str], str] = field(default_factory=dict)
@@ -69,7 +69,7 @@ class _FigureBuilder:
 
 
 def figure(plan: Plan) -> Figure:
-    """The figure of a plan: both phases, and how the messages get from one to the other."""
+    """The figure of a plan: both phases, and the messages between them."""
     sketch = _FigureBuilder(plan)
     sources = tuple(each.source for each in plan.datasets) or (plan.dataset.source,)
     played = any(sources)
@@ -113,7 +113,7 @@ def _group(sketch: _FigureBuilder, phase: str) -> Group:
 
 
 def _harness_boxes(sketch: _FigureBuilder, phase: str, seen: set[str]) -> list[Box]:
-    """Loader and recorder are one process, and monitors another; each end gets its own box."""
+    """The boxes of the harness: one for each role and monitor, even if they share a process."""
     plan = sketch.plan
     if phase == "preprocess":
         names = ["loader"] if "loader" in seen else []
@@ -126,7 +126,7 @@ def _harness_boxes(sketch: _FigureBuilder, phase: str, seen: set[str]) -> list[B
 
 
 def _program(called: str) -> str:
-    """What a process runs, in short: package and executable, or the file's name."""
+    """The program of a process in short: package and executable, or the name of the file."""
     if called.startswith("$(executable "):
         return called.removeprefix("$(executable ").removesuffix(")")
     return called.rpartition("/")[2]

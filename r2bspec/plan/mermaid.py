@@ -1,4 +1,4 @@
-"""A plan as a Mermaid flowchart, which GitHub and GitLab draw inside Markdown."""
+"""A plan as a Mermaid flowchart, which GitHub and GitLab render in Markdown."""
 
 from __future__ import annotations
 
@@ -52,6 +52,6 @@ def _box(box: Box) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Mermaid has no backslash: it writes characters that end a label as entities."""
+    """Mermaid has no escape character; special characters of labels are entities."""
     entities = {"#": "#35;", '"': "#quot;", "<": "#lt;", ">": "#gt;", "&": "#amp;"}
     return "".join(entities.get(letter, letter) for letter in text)

@@ -1,4 +1,4 @@
-"""The monitors of a plan, and the topics on the way to them."""
+"""The monitors of a plan, and the topics on the paths to them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
 def _answers(monitor: Monitor, spec: Spec, wiring: Wiring) -> tuple[str, ...]:
     """The inputs of a timeline that a monitor answers, in the order of the spec.
 
-    Where it does not say, those from which a way is known to lead to it; all if none is.
+    Without `answers`, they are those with a known path to the monitor; all if there is none.
     """
     if spec.playback.mode != "timeline":
         return ()

@@ -1,8 +1,8 @@
-"""The plan: everything that a run will do, as frozen values that serialise to canonical JSON.
+"""The plan of a run, as frozen values that serialise to canonical JSON.
 
-Topic and node names are fully resolved here (``/r2b/image``). Times are nanoseconds, rates hertz.
-Paths are as the spec wrote them, relative to the spec's folder, so that a plan has the same bytes
-on every machine.
+Topic and node names are fully resolved (``/r2b/image``). Times are in nanoseconds, rates in hertz.
+Paths are as in the spec, relative to its folder, so that a plan has the same bytes on every
+machine.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective, QoS, Scalar
 
@@ -20,7 +21,7 @@ class _Value(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class BagTopicPlan(_Value, frozen=True, kw_only=True):
-    """One topic of the bag: its name there, its name in the graph, and what the bag says of it."""
+    """One topic of the bag: its names in the bag and in the graph, and its metadata."""
 
     bag_topic: str
     topic: str
@@ -30,15 +31,15 @@ class BagTopicPlan(_Value, frozen=True, kw_only=True):
 
 
 class DatasetPlan(_Value, frozen=True, kw_only=True):
-    """A recording. `source` is the bag as the spec names it; empty in a live benchmark.
+    """A recording. `source` is the bag as in the spec; empty in a live benchmark.
 
     Attributes:
-        start_ns: where the window begins, after the first message of any recording of the plan.
-        publish_tf: whether its /tf is given to the preprocessors and played along with the inputs.
-        publish_tf_static: whether all of its /tf_static is published, latched, before anything
-            else of a phase.
-        real_time: whether the preprocessors get the messages as they were recorded in time,
-            instead of as fast as they can take them.
+        start_ns: the start of the window, relative to the first message of all recordings.
+        publish_tf: whether its /tf is published to the preprocessors and played with the inputs.
+        publish_tf_static: whether its /tf_static is published, latched, before all other messages
+            of a phase.
+        real_time: whether the preprocessors receive the messages at their recorded times, instead
+            of as fast as they process them.
     """
 
     source: str
@@ -53,11 +54,11 @@ class DatasetPlan(_Value, frozen=True, kw_only=True):
 
 
 class NodePlan(_Value, frozen=True, kw_only=True):
-    """A node: its resolved name, what it is, its parameters, and its remappings as written.
+    """A node: its resolved name, its program, its parameters, and its remappings as written.
 
     `target` is ``module.Class`` or ``./file.py:Class`` for Python nodes and empty otherwise.
-    `parameters` are those that it ends up with, from all files and values of the spec; but those
-    of a `command` that come from files are left to ``--params-file`` on its command line.
+    `parameters` are the effective ones, from all files and values of the spec; only for a
+    `command`, parameters from files are passed by ``--params-file`` on its command line.
 
     Attributes:
         package: the ROS package of a `plugin`, which is the class of a C++ component; both are
@@ -76,31 +77,30 @@ class NodePlan(_Value, frozen=True, kw_only=True):
 
 
 class ProcessPlan(_Value, frozen=True, kw_only=True):
-    """One process. `env` holds only the changes to the environment that the run gives to all.
+    """One process. `env` has only the changes to the environment common to all processes.
 
-    ``$(python)`` in `argv` stands for the interpreter that runs r2bspec; ``$(executable P E)``
-    for the path of executable E of package P in the ament index; ``$(included_launch)`` for the
-    launch file of r2bspec that includes another one (`r2bspec.harness.included_launch`). What the
-    spec calls `prefix` stands at the beginning of `argv`. `nodes` of a command are what the spec
-    calls it; a bare command need not be a ROS node.
+    In `argv`, ``$(python)`` is the interpreter that runs r2bspec, ``$(executable P E)`` the path of
+    executable E of package P in the ament index, and ``$(included_launch)`` the launch file of
+    r2bspec that includes another one (`r2bspec.harness.included_launch`). The `prefix` of the spec
+    is at the beginning of `argv`. `nodes` of a command has its name in the spec; a command need
+    not be a ROS node.
 
     Roles:
-        loader, player, monitor: the harness's own, configured over the control channel.
-        harness: player and monitor in one process, with the Python nodes in `nodes` beside them.
-        host: a process of Python nodes; `executor` and `threads` say how it spins them.
-        container: a C++ component container, into which the `nodes` are loaded in order through
-            its ``_container/load_node`` service once it is up. With a harness of
-            ``ros2_benchmark`` the parts of the harness are among them.
-        command: anything else, also an executable of a package or a launch file.
+        loader, player, monitor: processes of the harness, configured over the control channel.
+        harness: player and monitor in one process, with the Python nodes in `nodes`.
+        host: a process of Python nodes, which it spins with `executor` and `threads`.
+        container: a C++ component container, into which the `nodes` are loaded in order with its
+            ``_container/load_node`` service. With the harness ``ros2_benchmark``, `nodes` includes
+            the parts of the harness.
+        command: any other process, including an executable of a package or a launch file.
 
     Attributes:
-        container: the name that the spec gives the container; empty for a process of the plan's
-            own making.
-        executor: how many threads a host spins its nodes with: one, or `threads` of them.
+        container: the name of the container in the spec; empty for other processes.
+        executor: of a host: with one thread, or with `threads` threads.
         threads: 0 leaves the number to the executor.
-        nice: by how much the process yields to others; 0 changes nothing.
-        cpus: the processors that it may run on; all if empty.
-        memory_limit_bytes: resident memory at which the run ends; 0 for none.
+        nice: the nice value of the process; 0 leaves it unchanged.
+        cpus: the CPUs on which it may run; all if empty.
+        memory_limit_bytes: the resident memory at which the run fails; 0 for none.
     """
 
     name: str
@@ -118,17 +118,18 @@ class ProcessPlan(_Value, frozen=True, kw_only=True):
 
 
 class ExternalPlan(_Value, frozen=True, kw_only=True):
-    """A node that must already run when the graph starts, and that the run leaves alone."""
+    """A node that must already run when the graph starts; the run does not start or end it."""
 
     name: str
     phase: Literal["preprocess", "measure"]
 
 
 class SetupPlan(_Value, frozen=True, kw_only=True):
-    """A command that runs before anything starts, one after the other, without a shell.
+    """A command that runs before all processes, in order and without a shell.
 
-    It is skipped where the file `creates` (relative to the spec's folder) is there, and locked
-    while it is made. `directory` is where it runs, relative to the spec's folder.
+    It is skipped if the file `creates` (relative to the folder of the spec) exists; the file is
+    locked while it is created. `directory` is the working directory, relative to the folder of the
+    spec.
     """
 
     name: str
@@ -140,12 +141,13 @@ class SetupPlan(_Value, frozen=True, kw_only=True):
 
 
 class ProbePlan(_Value, frozen=True, kw_only=True):
-    """What must be so before the graph counts as ready, as far as `kind` says.
+    """A condition that must be met before the graph counts as ready.
 
     Attributes:
-        target: the path of a `file`, relative to the spec's folder; the full name of a `service`
-            or of a `topic` that must have a writer and a reader; the process of a `log`.
-        pattern: the regular expression that a line of a `log` must contain.
+        target: the path of a `file`, relative to the folder of the spec; the full name of a
+            `service`, or of a `topic` that must have a publisher and a subscription; the process
+            of a `log`.
+        pattern: the regular expression that must match in a line of a `log`.
     """
 
     name: str
@@ -156,7 +158,7 @@ class ProbePlan(_Value, frozen=True, kw_only=True):
 
 
 class AfterReadyPlan(_Value, frozen=True, kw_only=True):
-    """What is done once the graph stands: a command without a shell, or a service call."""
+    """A step after the graph is ready: a command without a shell, or a service call."""
 
     name: str
     argv: tuple[str, ...] = ()
@@ -167,12 +169,11 @@ class AfterReadyPlan(_Value, frozen=True, kw_only=True):
 
 
 class TopicPlan(_Value, frozen=True, kw_only=True):
-    """A topic: who writes and who reads it, by process-independent names.
+    """A topic with its publishers (`writers`) and subscribers (`readers`).
 
-    Writers and readers are full node names (``/r2b/apriltag``), ``loader``, ``player`` or
-    ``monitor``; the loader reads what it records for playback. Where a node's interface is unknown,
-    it is listed in neither. An empty type is unknown. `qos` is what each of them is known to offer
-    or to ask for.
+    These are full node names (``/r2b/apriltag``), ``loader``, ``player`` or ``monitor``; the
+    loader subscribes to topics that it records for playback. A node with an unknown interface is
+    in neither. An empty type is unknown. `qos` has the known profiles that they offer or request.
     """
 
     name: str
@@ -184,12 +185,11 @@ class TopicPlan(_Value, frozen=True, kw_only=True):
 
 
 class InputPlan(_Value, frozen=True, kw_only=True):
-    """An input of the graph: the topic played, and where its messages come from.
+    """An input of the graph: the topic that is played, and the source of its messages.
 
-    `bag_topic`, as the spec writes it, is set where they come straight from the bag; otherwise
-    they are what the preprocessors publish on `source`. With `timestamp` ``none`` the header
-    stamp stays as it was recorded. In a timeline, `later_ns` is by how much the input is played
-    and stamped later than it was recorded.
+    `bag_topic`, as in the spec, is set if they are from the bag; otherwise the preprocessors
+    publish them on `source`. With `timestamp` ``none`` the header stamp remains as recorded. In a
+    timeline, `later_ns` is the delay of the input, and of its stamps, relative to the recording.
     """
 
     topic: str
@@ -202,22 +202,22 @@ class InputPlan(_Value, frozen=True, kw_only=True):
 
 
 class TapPlan(_Value, frozen=True, kw_only=True):
-    """A topic on the way from the inputs to a monitored one, to be watched, too."""
+    """A topic on the path from the inputs to a monitored one, which is also recorded."""
 
     topic: str
     type: str
 
 
 class MonitorPlan(_Value, frozen=True, kw_only=True):
-    """A watched topic. `qos` None means: whatever its writer offers.
+    """A monitored topic. `qos` None means the QoS that its publisher offers.
 
     Attributes:
-        ratio_inputs: with `match` order, every so many inputs lead to `ratio_outputs` messages.
-        label: how reports call it; its name if empty.
+        ratio_inputs: with `match` order, this number of inputs leads to `ratio_outputs` messages.
+        label: its name in reports; its name in the spec if empty.
         answers: in a timeline, the topics of the inputs that it answers: a step counts for it if
-            it has messages of all of them. Empty elsewhere, where each step has all inputs.
-        taps: topics whose messages are matched by stamp, too; in the order of the plan's topics.
-        parameters: for the component that watches, with a harness of ``ros2_benchmark``.
+            it has messages of all of them. Otherwise empty, because each step has all inputs.
+        taps: topics whose messages are also matched by stamp; in the order of the plan's topics.
+        parameters: of the monitor component, with the harness ``ros2_benchmark``.
     """
 
     name: str
@@ -234,21 +234,21 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
 
 
 class SearchPlan(_Value, frozen=True, kw_only=True):
-    """The search for the peak rate; `precision` is a relative width, as a fraction."""
+    """The peak search; `precision` is a relative width, as a fraction."""
 
     min_hz: float
     max_hz: float
     precision: float
     probe_ns: int
     holds: tuple[Requirement, ...]
-    confidence: float = 0.95
+    confidence: float = CONFIDENCE
 
 
 class PlayPlan(_Value, frozen=True, kw_only=True):
     """`iterations` times `duration_ns` at one rate.
 
     A rate of 0 is that of the recording (timeline), or of the graph's own source (live).
-    `max_iterations` is how many there may be where fewer decide nothing; 0 means `iterations`.
+    `max_iterations` is the limit if `iterations` do not decide; 0 means `iterations`.
     """
 
     rate_hz: float
@@ -258,13 +258,13 @@ class PlayPlan(_Value, frozen=True, kw_only=True):
 
 
 class TimelinePlan(_Value, frozen=True, kw_only=True):
-    """How recorded time becomes time of play.
+    """How recorded times are converted to playback times.
 
     Attributes:
-        speed: of play relative to the recording; 1.0 is as recorded.
-        recorded: whether the times are those at which messages came out of the preprocessors,
+        speed: of the playback relative to the recording; 1.0 is as recorded.
+        recorded: whether the times are those at which the preprocessors published the messages,
             instead of those of the recording.
-        shift_tf: whether stamps inside /tf are shifted like all others.
+        shift_tf: whether stamps in /tf are also shifted.
     """
 
     speed: float
@@ -273,7 +273,7 @@ class TimelinePlan(_Value, frozen=True, kw_only=True):
 
 
 class PluginPlan(_Value, frozen=True, kw_only=True):
-    """A C++ component that stands in for a part of the harness."""
+    """A C++ component that replaces a part of the harness."""
 
     package: str
     plugin: str
@@ -281,7 +281,7 @@ class PluginPlan(_Value, frozen=True, kw_only=True):
 
 
 class HarnessPlan(_Value, frozen=True, kw_only=True):
-    """Who plays and watches; the plugins are those of ``ros2_benchmark``, else None."""
+    """The harness; the plugins are those of ``ros2_benchmark``, otherwise None."""
 
     kind: Literal["r2bspec", "ros2_benchmark"] = "r2bspec"
     placement: Literal["separate", "shared"] = "separate"
@@ -291,32 +291,31 @@ class HarnessPlan(_Value, frozen=True, kw_only=True):
 
 
 class GatePlan(_Value, frozen=True, kw_only=True):
-    """How verdicts are reached, and what they lead to; a budget of 0 is none."""
+    """How verdicts are decided, and their consequences; a budget of 0 is none."""
 
-    confidence: float = 0.95
+    confidence: float = CONFIDENCE
     inconclusive: Literal["report", "pass", "fail"] = "report"
     confirm: bool = True
     time_budget_ns: int = 0
 
 
 class Plan(_Value, frozen=True, kw_only=True):
-    """The whole run.
+    """The plan of a run.
 
     `phases` are those of setup, load, preprocess, start, floor, graph, ready, after_ready, warm_up,
-    search, sustained, play and collect that happen, in this order. `sustained_hz` are the rates
-    that an objective requires to be sustained and that get one sequential probe each.
-    `play_at_peak` is what is played at the rate that the search finds, where an objective speaks
-    of it; its own rate is 0.
-    `largest_message_bytes` is over the bag topics that are used, and 0 if unknown.
+    search, sustained, play and collect that the run has, in this order. `sustained_hz` are the
+    rates that an objective requires to be sustained, with one sequential probe each.
+    `play_at_peak` is played at the peak rate of the search, if an objective needs it; its own rate
+    is 0. `largest_message_bytes` is over the bag topics that are used, and 0 if unknown.
 
     Attributes:
-        objectives: those that count: a level of `off`, or a variable that has not the value that
-            `when` asks for, leaves one out.
-        datasets: every recording where there are several, `dataset` being the first of them;
-            empty where there is one.
-        timeline: only in that mode.
+        objectives: the active ones: their level is not `off`, and all variables have the values in
+            their `when`.
+        datasets: all recordings, if there are several; `dataset` is the first of them. Empty if
+            there is one.
+        timeline: only in this mode.
         external: nodes that must already run.
-        segment_bytes: the size of the shared memory that the spec asks for; 0 leaves it to the
+        segment_bytes: the size of the shared memory segment in the spec; 0 derives it from the
             largest message.
     """
 

@@ -1,4 +1,4 @@
-"""What differs between two plans."""
+"""The differences of two plans."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from r2bspec.plan.plan import Plan
 
 
 class _Absent:
-    """The value of what is not there."""
+    """The value of an absent member."""
 
     def __repr__(self) -> str:
         return "(absent)"
@@ -22,8 +22,8 @@ class _Absent:
 
 ABSENT: Final = _Absent()
 
-# Members of these lists are compared with the member of the same identity, wherever it stands, so
-# that one process more does not make all that follow it differ.
+# Members of these lists are compared by identity instead of position, so that an additional process
+# does not make all following ones differ.
 _IDENTITY_KEYS: Final = {
     "bag topics": ("bag_topic",),
     "inputs": ("topic",),
@@ -36,7 +36,7 @@ _IDENTITY_KEYS: Final = {
 
 
 class PlanDifference(NamedTuple):
-    """A value that differs, as JSON values; `ABSENT` on the side that does not have it."""
+    """A different value, as JSON values; `ABSENT` if one plan does not have it."""
 
     path: Path
     before: Any
@@ -47,7 +47,7 @@ class PlanDifference(NamedTuple):
 
 
 def diff_plans(before: Plan, after: Plan) -> list[PlanDifference]:
-    """Every difference of two plans, in the order of the plan's fields; empty if they are equal."""
+    """All differences of two plans, in the order of the fields; empty if they are equal."""
     return list(_diff((), _builtins(before), _builtins(after)))
 
 
@@ -86,7 +86,7 @@ def _diff_lists(path: Path, before: Any, after: Any) -> Iterator[PlanDifference]
 
 
 def _by_identity(path: Path, members: Any) -> dict[str | int, Any] | None:
-    """The members by identity, or None if they have none or one is there twice."""
+    """The members by identity; None if they have none, or if one occurs twice."""
     keys = _IDENTITY_KEYS.get("bag topics" if path[:1] == ("dataset",) else str(path[-1]))
     if keys is None or not all(isinstance(each, dict) for each in members):
         return None

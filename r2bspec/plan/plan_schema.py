@@ -1,4 +1,4 @@
-"""The JSON Schema of a plan, generated from the types that read it."""
+"""The JSON Schema of a plan, generated from its types."""
 
 from __future__ import annotations
 

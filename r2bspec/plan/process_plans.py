@@ -1,9 +1,9 @@
-"""Which processes a plan has, and which nodes run in each.
+"""The processes of a plan, and their nodes.
 
-A node runs in the container that it names. What names none goes where ``graph.placement`` says:
-into a process of its own (`separate`), together with all others (`shared`), or, if it is a Python
-node, into the process of the harness (`harness`). C++ components need a component container in any
-case; preprocessors that name no container always have a process of their own.
+A node runs in the container that it names. The placement of other nodes is ``graph.placement``: in
+their own processes (`separate`), in one common process (`shared`), or, for Python nodes, in the
+process of the harness (`harness`). C++ components always need a component container; preprocessors
+without a container always have their own processes.
 """
 
 from __future__ import annotations
@@ -17,19 +17,16 @@ from r2bspec.plan.plan import ExternalPlan, NodePlan, ProcessPlan
 from r2bspec.wiring.wiring import NodeWiring, Phase, Wiring
 
 HARNESS_PROCESS_NAMES = ("loader", "player", "monitor")
-"""Names of the harness's own processes."""
+"""Names of the processes of the harness."""
 
 HARNESS_NAME = "harness"
-"""Name of the process of a harness that is not spread over several."""
+"""Name of the process of a harness in a single process."""
 
 SHARED_PROCESS_NAME = "graph"
-"""Name of the process that all Python nodes share under ``placement: shared``."""
+"""Name of the process of all Python nodes with ``placement: shared``."""
 
 SHARED_CONTAINER_NAME = "components"
-"""Name of the container that all C++ components share under ``placement: shared``."""
-
-_SHAREABLE_KINDS = ("python", "plugin")
-"""The kinds of node that can share a process."""
+"""Name of the container of all C++ components with ``placement: shared``."""
 
 _ROS2_BENCHMARK_PLUGINS = {
     "data_loader": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::DataLoaderNode"),
@@ -39,9 +36,9 @@ _ROS2_BENCHMARK_PLUGINS = {
 
 
 def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
-    """All processes, each phase in the order writers, nodes, readers.
+    """All processes; those of each phase in the order publishers, nodes, subscriptions.
 
-    A preprocessor's process is called ``preprocess.KEY``, which no node of the graph can be.
+    The process of a preprocessor has the name ``preprocess.KEY``, which no node can have.
     """
     nodes = tuple(_graph_processes(spec, wiring))
     if has_single_harness(spec):
@@ -56,12 +53,12 @@ def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
         ExternalPlan(name=node.name, phase=phase.phase)
         for phase in wiring.phases
         for node in phase.nodes
-        if node.node.kind == "external"
+        if node.node.kind.role is None
     )
 
 
 def has_single_harness(spec: Spec) -> bool:
-    """Whether all of the harness that runs while measuring is one process."""
+    """Whether the harness is one process during the measurement."""
     return (
         spec.harness.placement == "shared"
         or spec.harness.kind == "ros2_benchmark"
@@ -70,9 +67,9 @@ def has_single_harness(spec: Spec) -> bool:
 
 
 def reserved_names(spec: Spec) -> tuple[str, ...]:
-    """The names among processes that no node of the graph, and no container, can have.
+    """The names of processes that no node of the graph, and no container, can have.
 
-    ``system`` is none, but stands for the whole machine in the names of metrics.
+    ``system`` is not a process, but the whole machine in the names of metrics.
     """
     harness = (HARNESS_NAME,) if has_single_harness(spec) else ()
     shared = (
@@ -82,7 +79,7 @@ def reserved_names(spec: Spec) -> tuple[str, ...]:
 
 
 def process_names(spec: Spec, wiring: Wiring) -> tuple[str, ...]:
-    """The names of the processes that run while measuring."""
+    """The names of the processes that run during the measurement."""
     return tuple(each.name for each in plan_processes(spec, wiring) if each.phase == "measure")
 
 
@@ -102,23 +99,23 @@ def _graph_processes(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
     yield from _containers(spec, wiring, placed, phase.phase)
     together: list[NodeWiring] = []
     for node in alone:
-        if spec.graph.placement == "separate" or node.node.kind not in _SHAREABLE_KINDS:
+        if spec.graph.placement == "separate" or not node.node.kind.shares_process:
             yield from _process(node, node.key, phase.phase)
         else:
             together.append(node)
     if spec.graph.placement == "shared":
         yield from _shared(wiring, together)
     elif spec.harness.kind != "ros2_benchmark":
-        # The harness holds Python nodes only.
+        # The process of the harness can have Python nodes only.
         for node in together:
-            if node.node.kind == "plugin":
+            if node.node.kind.role == "container":
                 yield from _process(node, node.key, phase.phase)
 
 
 def _group_by_container(
     nodes: Iterable[NodeWiring], spec: Spec
 ) -> tuple[dict[str, list[NodeWiring]], list[NodeWiring]]:
-    """The nodes by the container that they name, and those that name none."""
+    """The nodes by their containers, and the nodes without one."""
     placed: dict[str, list[NodeWiring]] = {}
     alone = []
     for node in nodes:
@@ -162,9 +159,9 @@ def _container(
 
 
 def _shared(wiring: Wiring, nodes: list[NodeWiring]) -> Iterator[ProcessPlan]:
-    """One process of all Python nodes, and one of all C++ components."""
-    python = [each for each in nodes if each.node.kind == "python"]
-    components = [each for each in nodes if each.node.kind == "plugin"]
+    """One process for all Python nodes, and one for all C++ components."""
+    python = [each for each in nodes if each.node.kind.role == "host"]
+    components = [each for each in nodes if each.node.kind.role == "container"]
     if components:
         argv = container_argv(SHARED_CONTAINER_NAME, Container(), wiring.namespace)
         yield ProcessPlan(
@@ -198,16 +195,16 @@ def _harness_process(role: Literal["loader", "player", "monitor"], phase: Phase)
 
 
 def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
-    """The harness in one process, with the nodes of the graph that are placed beside it."""
-    beside = [
+    """The harness in one process, with the nodes of the graph that are placed in it."""
+    placed = [
         node
         for node in wiring.measure.nodes
         if spec.graph.placement == "harness"
         and node.node.container not in spec.containers
-        and node.node.kind in _SHAREABLE_KINDS
+        and node.node.kind.shares_process
     ]
     if spec.harness.kind == "ros2_benchmark":
-        components = [each for each in beside if each.node.kind == "plugin"]
+        components = [each for each in placed if each.node.kind.role == "container"]
         container = Container(executable="component_container_mt")
         return ProcessPlan(
             name=HARNESS_NAME,
@@ -220,7 +217,7 @@ def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
                 *(_node(each) for each in components),
             ),
         )
-    python = [each for each in beside if each.node.kind == "python"]
+    python = [each for each in placed if each.node.kind.role == "host"]
     return ProcessPlan(
         name=HARNESS_NAME,
         role="harness",
@@ -232,14 +229,14 @@ def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
 
 
 def harness_plugins(harness: Harness) -> dict[str, Plugin]:
-    """The components of the harness by their part; none where r2bspec itself plays and watches."""
+    """The components of the harness by part; empty for the harness of r2bspec."""
     if harness.kind != "ros2_benchmark":
         return {}
     return {part: getattr(harness, part) or own for part, own in _ROS2_BENCHMARK_PLUGINS.items()}
 
 
 def _harness_nodes(spec: Spec, namespace: str) -> Iterator[NodePlan]:
-    """The components of the harness: loader, player, and one for each monitor."""
+    """The components of the harness: loader, player, and one per monitor."""
     plugins = harness_plugins(spec.harness)
     parts = [("data_loader", "data_loader", plugins["data_loader"].parameters)]
     parts.append(("playback", "playback", plugins["playback"].parameters))
@@ -261,13 +258,11 @@ def _harness_nodes(spec: Spec, namespace: str) -> Iterator[NodePlan]:
 
 
 def _process(node: NodeWiring, name: str, phase: Phase) -> Iterator[ProcessPlan]:
-    """The process of a node that has one of its own; none for one that already runs."""
+    """The process of a node with its own process; none for an external node."""
     spec: Node = node.node
-    if spec.kind == "external":
+    role = spec.kind.role
+    if role is None:
         return
-    role: Literal["host", "container", "command"] = (
-        "host" if spec.kind == "python" else "container" if spec.kind == "plugin" else "command"
-    )
     yield ProcessPlan(
         name=name,
         role=role,
@@ -282,14 +277,14 @@ def _process(node: NodeWiring, name: str, phase: Phase) -> Iterator[ProcessPlan]
 
 
 def _node(node: NodeWiring) -> NodePlan:
-    command = node.node.kind == "command"
+    kind = node.node.kind
     return NodePlan(
         name=node.name,
         node=node.key,
         namespace=node.namespace,
         target=node.node.python,
-        parameters=dict(node.node.parameters if command else node.parameters),
+        parameters=dict(node.node.parameters if kind.any_program else node.parameters),
         remappings=dict(node.node.remappings),
-        package=node.node.package if node.node.kind == "plugin" else "",
+        package=node.node.package if kind.role == "container" else "",
         plugin=node.node.plugin,
     )

@@ -1,4 +1,4 @@
-"""What happens around a run: setup before it, probes of readiness, steps once the graph stands."""
+"""The setup steps of a plan, its readiness probes, and the steps after the graph is ready."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from r2bspec.wiring.build_wiring import harness_topic
 
 
 def plan_setup(spec: Spec) -> tuple[SetupPlan, ...]:
-    """The steps before anything starts, in the order of the spec."""
+    """The setup steps, in the order of the spec."""
     return tuple(
         SetupPlan(
             name=name,
@@ -25,7 +25,7 @@ def plan_setup(spec: Spec) -> tuple[SetupPlan, ...]:
 
 
 def plan_ready(spec: Spec, namespace: str) -> tuple[ProbePlan, ...]:
-    """The probes that replace sleeps, in the order of the spec."""
+    """The readiness probes, in the order of the spec."""
     return tuple(_probes(spec, namespace))
 
 
@@ -51,7 +51,7 @@ def _probes(spec: Spec, namespace: str) -> Iterator[ProbePlan]:
 
 
 def plan_after_ready(spec: Spec, namespace: str) -> tuple[AfterReadyPlan, ...]:
-    """The steps once the graph stands, in the order of the spec."""
+    """The `after_ready` steps, in the order of the spec."""
     return tuple(
         AfterReadyPlan(
             name=name,

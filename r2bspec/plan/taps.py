@@ -1,4 +1,4 @@
-"""The topics on the way to the monitors, which are watched where a monitor is tapped."""
+"""Taps: topics on the path to a monitor that are also recorded, and the hops of the path."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Collection, Iterable
 from r2bspec.plan.plan import MonitorPlan, Plan, TapPlan, TopicPlan
 
 PLAYER = "player"
-"""Where every way begins; stands for all inputs, which are published together."""
+"""The beginning of every path; represents all inputs, which are published together."""
 
 _TAP_PREFIX = "tap."
 
 
 def all_taps(monitors: Iterable[MonitorPlan]) -> tuple[TapPlan, ...]:
-    """Every tapped topic once, however many monitors it leads to."""
+    """Every tapped topic once, even if several monitors have it."""
     return tuple({tap.topic: tap for each in monitors for tap in each.taps}.values())
 
 
 def tap_monitors(monitors: Iterable[MonitorPlan]) -> tuple[MonitorPlan, ...]:
-    """The taps as the monitor's process watches them: with the QoS of whoever writes."""
+    """The taps as monitors, with the QoS of their publishers."""
     return tuple(
         MonitorPlan(
             name=tap_name(tap.topic), topic=tap.topic, type=tap.type, match="stamp", qos=None
@@ -28,22 +28,22 @@ def tap_monitors(monitors: Iterable[MonitorPlan]) -> tuple[MonitorPlan, ...]:
 
 
 def tap_name(topic: str) -> str:
-    """The name under which a tap's samples are kept; neither topics nor monitors have dots."""
+    """The name of the samples of a tap; neither topics nor monitors have dots in their names."""
     return _TAP_PREFIX + topic.strip("/").replace("/", ".")
 
 
 def hops_to(
     plan: Plan, monitor: MonitorPlan, leave_out: Collection[str] = ()
 ) -> tuple[tuple[str, str], ...]:
-    """The hops of the way to a tapped monitor, as (source, target), from the player on.
+    """The hops of the path to a tapped monitor, as (source, target), beginning at the player.
 
-    A hop leads from one topic to another if a node reads the one and writes the other. Where
-    several nodes make one message of several, more than one hop leads to its topic.
+    A hop leads from one topic to another if a node subscribes to the first and publishes the
+    second. If a node has several inputs, several hops lead to its output.
 
     Args:
-        plan: knows who reads and who writes.
-        monitor: the monitor.
-        leave_out: taps of which nothing can be said; what lies on either side becomes one hop.
+        plan: with the publishers and subscribers of the topics.
+        monitor: at the end of the path.
+        leave_out: taps without usable samples; the hops on both sides are joined.
     """
     if not monitor.taps:
         return ()
@@ -71,7 +71,7 @@ def _is_hop(source: TopicPlan | None, target: TopicPlan | None) -> bool:
 
 
 def _sort_by_distance(hops: Collection[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
-    """Hops by how far their target, then their source, is from the player."""
+    """Hops by the distance of their target, then of their source, from the player."""
     distance = {PLAYER: 0}
     ahead = [PLAYER]
     for topic in ahead:

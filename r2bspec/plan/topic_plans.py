@@ -1,4 +1,4 @@
-"""The topics of a plan, and where the messages of each playback input come from."""
+"""The topics of a plan, and the sources of its playback inputs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
 
 
 def direct_bag_topic(source: str, spec: Spec, wiring: Wiring) -> str:
-    """The bag topic whose messages need no preprocessing to become `source`; else empty."""
+    """The bag topic that is loaded as `source` without preprocessing; empty if there is none."""
     if any(each.is_node for each in wiring.preprocess.publishers(source)):
         return ""
     for bag_topic, target in spec.data_loader.topics.items():
@@ -38,10 +38,10 @@ def direct_bag_topic(source: str, spec: Spec, wiring: Wiring) -> str:
 
 
 def plan_topics(spec: Spec, wiring: Wiring) -> tuple[TopicPlan, ...]:
-    """Every topic that will exist, by phase and name.
+    """All topics of the run, by phase and name.
 
-    In the preprocess phase the loader writes only what a preprocessor reads or, where nothing is
-    known of one, may read; and only what preprocessors make is recorded, by the loader's process.
+    In the preprocess phase the loader publishes only topics to which a preprocessor subscribes or,
+    if its interface is unknown, may subscribe. It records only outputs of preprocessors.
     """
     before = _preprocess_topics(spec, wiring) if wiring.preprocess.nodes else ()
     return (*before, *(_topic(wiring.measure, name) for name in wiring.measure.topics))
@@ -79,11 +79,11 @@ def _topic(phase: PhaseWiring, name: str, readers: tuple[Endpoint, ...] | None =
 
 
 def _qos_profiles(endpoints: tuple[Endpoint, ...]) -> dict[str, QoS]:
-    """The profiles of nodes that are known; those of the harness stand at inputs and monitors."""
+    """The known profiles of nodes; those of the harness are in inputs and monitors."""
     return {each.owner: each.qos for each in endpoints if each.is_node and each.qos is not None}
 
 
 def _owners(endpoints: tuple[Endpoint, ...]) -> tuple[str, ...]:
-    # The loader's process records, too: it is one process with both ends.
+    # The loader is also the recorder: one process has both roles.
     names = ("loader" if each.owner == "recorder" else each.owner for each in endpoints)
     return tuple(dict.fromkeys(names))

@@ -1,7 +1,7 @@
-"""What a plan asks for that this version does not carry out yet.
+"""Features of a plan that this version cannot run yet.
 
-Validating and planning accept it; `r2bspec run` refuses. This is the one place that says so: what
-the executor learns is taken out here.
+`validate` and `plan` accept them; `run` does not. A feature is removed from this module when the
+executor supports it.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from r2bspec.plan.plan import Plan
 
 
 class UnsupportedFeature(NamedTuple):
-    """A part of a plan that cannot be carried out: where it stands, and what it is."""
+    """A feature of a plan that cannot be run, with its path in the plan."""
 
     path: str
     what: str
 
 
 def unsupported_features(plan: Plan) -> list[UnsupportedFeature]:
-    """All such parts, in the order of the plan's fields; empty if the plan can be run."""
+    """All such features, in the order of the plan's fields; empty if the plan can be run."""
     return [*_harness(plan)]
 
 

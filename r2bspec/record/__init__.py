@@ -1,1 +1,1 @@
-"""The run folder: what a run observed, how it is written and how it is read again."""
+"""The run folder: the measurements of a run, and writing and reading them."""

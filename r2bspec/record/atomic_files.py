@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Writing files atomically."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
 
 
 def write_atomically(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
-    """Write a file so that a reader sees the old content or the new one, never a part.
+    """Write a file so that other processes see the old or the new content, never a part.
 
-    The content goes to a temporary file in the same folder, reaches the disk, and is renamed
-    over `path`; parent folders are made. A crash at any moment leaves at most a hidden file
+    The content is written to a temporary file in the same folder, synchronised to the disk, and
+    renamed to `path`; parent folders are created. A crash at any time leaves at most a hidden file
     whose name ends in ``.tmp``.
 
     Args:
@@ -24,7 +24,7 @@ def write_atomically(path: Path, content: bytes | Callable[[BinaryIO], object]) 
         content: the bytes, or a function that writes them to an open binary file.
 
     Raises:
-        RecordError: the file system refuses.
+        RecordError: the file cannot be written.
     """
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:
@@ -41,7 +41,7 @@ def write_atomically(path: Path, content: bytes | Callable[[BinaryIO], object]) 
     except OSError as error:
         raise RecordError(
             f"{path} cannot be written: {error.strerror or error}",
-            hint="Choose another folder with --output, or make room on this one.",
+            hint="Choose another folder with --output, or free space on this disk.",
             code=RUN_UNWRITABLE,
         ) from error
     finally:
@@ -50,7 +50,7 @@ def write_atomically(path: Path, content: bytes | Callable[[BinaryIO], object]) 
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make a rename in `folder` survive a power cut, where the file system can."""
+    """Synchronise a rename in `folder` to the disk, if the file system supports it."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:

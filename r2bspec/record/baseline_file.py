@@ -1,7 +1,7 @@
-"""The earlier runs that a run was compared with, kept in its folder: ``baseline.json``.
+"""The baseline of a run, in its folder: ``baseline.json``.
 
-The values are copied, so that the run can be judged again when the history has moved on and the
-stored run is gone. The folder ``confirm`` beside it is a fresh run that was made after a failure.
+The values are copied, so that the run can be judged again after the history has changed or the
+stored run was deleted. The folder ``confirm`` contains the confirmation run after a failure.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ CONFIRMATION_FOLDER: Final = "confirm"
 
 
 class BaselineSeries(msgspec.Struct, frozen=True, kw_only=True):
-    """A metric in earlier runs: one value for each of them, or, of a stored run, each iteration.
+    """A metric of the baseline: one value per run of a history, or per iteration of a stored run.
 
     Attributes:
-        at_hz: the offered rate; None for the run as a whole.
-        monitor: None for a metric that belongs to none.
-        values: oldest first, in the metric's SI unit; None where there is none.
+        at_hz: the offered rate; None for the whole run.
+        monitor: None for a metric without a monitor.
+        values: oldest first, in the SI unit of the metric; None if missing.
     """
 
     at_hz: float | None
@@ -34,14 +34,14 @@ class BaselineSeries(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BaselineRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """Earlier runs.
+    """The baseline of a run.
 
     Attributes:
-        kind: a ``history`` decides, a single ``stored`` run only advises.
-        source: the file or folder, as the user named it.
-        run_ids: of the earlier runs, oldest first.
-        differences: in what they differ from this run, a line each.
-        series: their values.
+        kind: a ``history`` decides; a single ``stored`` run is only informative.
+        source: the file or folder, as given by the user.
+        run_ids: of the runs of the baseline, oldest first.
+        differences: between these runs and this one, one per line.
+        series: the values.
     """
 
     r2bspec_baseline: Literal[1] = 1
@@ -54,7 +54,7 @@ class BaselineRecord(msgspec.Struct, frozen=True, kw_only=True):
     def find(
         self, at_hz: float | None, monitor: str | None, metric: str
     ) -> tuple[float | None, ...]:
-        """The values of a metric; none if the earlier runs do not have it."""
+        """The values of a metric; empty if the baseline does not have it."""
         for one in self.series:
             if (one.at_hz, one.monitor, one.metric) == (at_hz, monitor, metric):
                 return one.values
@@ -67,7 +67,7 @@ def to_json(record: BaselineRecord) -> bytes:
 
 
 def read_baseline(folder: Path) -> BaselineRecord | None:
-    """The earlier runs that a run folder names; None if it was not compared.
+    """The baseline of a run folder; None if the run was not compared.
 
     Raises:
         RecordError: the file is damaged.
@@ -80,12 +80,12 @@ def read_baseline(folder: Path) -> BaselineRecord | None:
     except (OSError, msgspec.DecodeError, UnicodeDecodeError) as error:
         raise RecordError(
             f"{path} is damaged: {error}",
-            hint="The folder was changed after the run, or is not one that r2bspec wrote.",
+            hint="The folder was changed after the run, or was not written by r2bspec.",
         ) from error
 
 
 def read_confirmation(folder: Path) -> Run | None:
-    """The fresh run that was made after a failure; None if there is none.
+    """The confirmation run; None if there is none.
 
     Raises:
         RecordError: it cannot be read.

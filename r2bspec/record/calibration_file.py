@@ -1,7 +1,7 @@
-"""What a machine can tell at all: the noise that `r2bspec calibrate` found, in a file by the spec.
+"""The noise of a benchmark on a machine, measured by `r2bspec calibrate`, in a companion file.
 
-``NAME.noise.json`` lies beside ``NAME.r2b.yaml``, may be committed with it, and holds one
-calibration for each benchmark (cases of a matrix have names of their own) on each kind of machine.
+``NAME.noise.json`` is in the folder of ``NAME.r2b.yaml``, may be committed with it, and contains
+one calibration per benchmark (each case of a matrix is one) and kind of machine.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ _SPEC_SUFFIXES = (".r2b.yaml", ".yaml", ".yml")
 
 
 class MetricNoise(msgspec.Struct, frozen=True, kw_only=True):
-    """By how much a metric of an unchanged graph differs within a pair.
+    """The difference of a metric within a pair of runs of an unchanged graph.
 
     Attributes:
-        at_hz: the offered rate; None for the run as a whole.
-        monitor: None for a metric that belongs to none.
+        at_hz: the offered rate; None for the whole run.
+        monitor: None for a metric without a monitor.
         deviation: the standard deviation of the logarithm of second over first; 0.02 is 2 %.
         upper: its upper bound at the confidence of the calibration.
         bias: the mean of the logarithms, which should be 0 within its error.
         biased: whether it is not.
-        n: pairs that it rests on.
-        margins: by the number of pairs of a comparison, the smallest regression that is found, and
-            the smallest margin with which an unchanged graph passes, nine times in ten: a
-            logarithm, worked out from `upper`.
+        n: the number of pairs.
+        margins: by the number of pairs of a comparison, the smallest regression that is detected,
+            and the smallest margin with which an unchanged graph passes, with a probability of
+            90 %: a logarithm, calculated from `upper`.
     """
 
     at_hz: float | None
@@ -48,18 +48,18 @@ class MetricNoise(msgspec.Struct, frozen=True, kw_only=True):
     margins: dict[str, float]
 
     def margin(self, pairs: int) -> float | None:
-        """The smallest margin for so many pairs, or for the next smaller number that is known."""
+        """The smallest margin for this number of pairs, or for the next smaller known one."""
         known = [int(number) for number in self.margins if int(number) <= pairs]
         return self.margins[str(max(known))] if known else None
 
 
 class Calibration(msgspec.Struct, frozen=True, kw_only=True):
-    """A benchmark on one kind of machine.
+    """The calibration of a benchmark on one kind of machine.
 
     Attributes:
-        machine: in words.
-        run_id: of the comparison that it was made from.
-        plan: names what was measured.
+        machine: its description.
+        run_id: of the comparison from which it was calculated.
+        plan: identifies the measurement.
     """
 
     machine: str
@@ -78,7 +78,7 @@ class CalibrationFile(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def calibration_path(spec_file: Path) -> Path:
-    """Where the noise of a spec is kept."""
+    """The path of the noise file of a spec."""
     name = spec_file.name
     for suffix in _SPEC_SUFFIXES:
         if name.endswith(suffix):
@@ -91,7 +91,7 @@ def read_calibration_file(path: Path) -> CalibrationFile | None:
     """Read a noise file; None if there is none.
 
     Raises:
-        RecordError: it is damaged, or of a version that this one does not know.
+        RecordError: it is damaged, or has an unknown version.
     """
     try:
         content = path.read_bytes()
@@ -103,12 +103,12 @@ def read_calibration_file(path: Path) -> CalibrationFile | None:
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise RecordError(
             f"{path} cannot be used: {error}",
-            hint="Put it aside; 'r2bspec calibrate SPEC' writes it anew.",
+            hint="Remove it, and write a new one with 'r2bspec calibrate SPEC'.",
         ) from error
 
 
 def add_calibration(path: Path, benchmark: str, host: str, found: Calibration) -> None:
-    """Write a calibration into a noise file; others in it stay.
+    """Add or replace a calibration in a noise file.
 
     Raises:
         RecordError: the file is damaged, or cannot be written.

@@ -1,15 +1,15 @@
-"""The folder of a comparison: runs of a base and of a head, interleaved, and what they are.
+"""The folder of a comparison: interleaved runs of a base and of a head.
 
-    spec.yaml          the head's spec with every substitution done
-    plan.json          the head's plan, with its objectives: what is judged
-    base.plan.json     the base's plan
-    pairs.json         a `PairsRecord`: which runs make which pair; written after each of them
-    base/NNN/          a run folder (`r2bspec.record.run_record`) of the base for pair NNN
-    head/NNN/          the same of the head
+    spec.yaml          the resolved spec of the head
+    plan.json          the plan of the head, with the objectives that are judged
+    base.plan.json     the plan of the base
+    pairs.json         a `PairsRecord`: the runs of each pair; written after each of them
+    base/NNN/          the run folder (`r2bspec.record.run_record`) of the base for pair NNN
+    head/NNN/          that of the head
     result.json        metrics of the head and verdicts, computed from all of the above
 
-A pair that is played again has folders ``NNN-again``; those of the pairs that confirm a failure
-begin with ``confirm-``.
+The folders of a repeated pair are ``NNN-again``; those of confirmation pairs begin with
+``confirm-``.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ Side = Literal["base", "head"]
 
 
 class PairRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """A run of the base and a run of the head, next to each other.
+    """A run of the base and a run of the head, one directly after the other.
 
     Attributes:
-        number: counted from 1; a pair that was played again has a record of the same number.
-        order: which was played first: ``AB`` is the base.
-        base: the folder of its run, below the folder of the comparison.
+        number: from 1; a repeated pair has a record with the same number.
+        order: of the runs; in ``AB`` the base is first.
+        base: the folder of its run, relative to the folder of the comparison.
         head: likewise.
-        again: whether it was played in the place of another one.
-        confirms: whether it is one of the fresh pairs that were played after a failure.
-        unusable: why nothing can be judged by it, or empty.
-        disturbed: what the machine did meanwhile, or empty.
+        again: whether it is the repetition of another pair.
+        confirms: whether it is a confirmation pair after a failure.
+        unusable: why it cannot be judged; otherwise empty.
+        disturbed: the host interference that affected it; otherwise empty.
     """
 
     number: int
@@ -66,12 +66,12 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A comparison, complete or not.
 
     Attributes:
-        against: what the base is, as the user named it; empty where head runs against itself.
-        control: whether base and head are the same, so that every difference is noise.
-        planned: how many pairs were asked for.
-        differences: in what the plan of the base differs from that of the head, a line each.
-        environment: the variables that the base had otherwise, by name; empty for one it lacked.
-        notes: what was decided on the way, a sentence each.
+        against: the base, as given by the user; empty if the head is compared with itself.
+        control: whether base and head are equal, so that every difference is noise.
+        planned: the requested number of pairs.
+        differences: between the plans of the base and the head, one per line.
+        environment: the changed variables of the base, by name; empty for a removed one.
+        notes: on decisions during the comparison, one sentence each.
     """
 
     r2bspec_pairs: Literal[1] = 1
@@ -92,7 +92,7 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ComparisonFolder(RunFolder):
-    """The folder of a comparison that is being made."""
+    """The folder of a comparison that is being written."""
 
     def write_base_plan(self, plan: Plan) -> None:
         """Write the plan of the base."""
@@ -114,15 +114,15 @@ class PairedComparison:
     base_plan: Plan
 
     def usable_pairs(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
-        """The pairs that count: each as it was first played in a way that can be judged."""
+        """The pairs that count: of each number the first usable one."""
         return self._first(lambda each: not each.unusable, confirms=confirms)
 
     def unaffected(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
-        """The pairs that nothing disturbed, those that were played again in their places."""
+        """The pairs without host interference: of each number the first unaffected one."""
         return self._first(lambda each: not (each.unusable or each.disturbed), confirms=confirms)
 
     def dropped(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
-        """The pairs that were played again and could not be judged either."""
+        """The pairs whose repetition was not usable either."""
         kept = {each.number for each in self.usable_pairs(confirms=confirms)}
         found = {
             each.number: each
@@ -170,7 +170,7 @@ class PairedComparison:
         return path.read_text(encoding="utf-8") if path.exists() else ""
 
     def _fallback_runs(self, side: Side) -> list[Run]:
-        """A run that tells machine and versions where no pair can be judged."""
+        """A run with machine and versions, if no pair is usable."""
         for pair in self.record.pairs:
             folder = self.folder / (pair.base if side == "base" else pair.head)
             if (folder / "record.json").exists():
@@ -199,7 +199,7 @@ class PairedComparison:
 
 
 def is_comparison(path: Path) -> bool:
-    """Whether a folder is that of a comparison."""
+    """Whether a folder is the folder of a comparison."""
     return (path / PAIRS_FILE).is_file()
 
 
@@ -207,8 +207,7 @@ def open_comparison(path: Path) -> PairedComparison:
     """Open a comparison.
 
     Raises:
-        RecordError: a file is missing or damaged, or was written in a format that this version
-            does not know.
+        RecordError: a file is missing or damaged, or has an unknown format version.
     """
     folder = path.absolute()
     try:
@@ -218,13 +217,13 @@ def open_comparison(path: Path) -> PairedComparison:
             raise RecordError(
                 f"{folder / PAIRS_FILE} has format version {version}; this r2bspec reads version "
                 f"{FORMAT_VERSION}",
-                hint="Use the r2bspec that made the comparison, or a newer one.",
+                hint="Use the version of r2bspec that wrote the comparison, or a newer one.",
             )
         record = msgspec.json.decode(content, type=PairsRecord)
     except OSError as error:
         raise RecordError(
             f"{folder / PAIRS_FILE} cannot be read: {error.strerror or error}",
-            hint="Name the folder of a comparison, the one that holds pairs.json.",
+            hint="Give the folder of a comparison, which contains pairs.json.",
         ) from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise RecordError(
@@ -238,7 +237,7 @@ def open_comparison(path: Path) -> PairedComparison:
     )
 
 
-_CHANGED_HINT = "The folder was changed afterwards, or is not one that r2bspec wrote."
+_CHANGED_HINT = "The folder was changed after the comparison, or was not written by r2bspec."
 
 
 class _VersionHeader(msgspec.Struct):
@@ -251,10 +250,10 @@ def _open_plan(path: Path, expected: str) -> Plan:
     except OSError as error:
         raise RecordError(
             f"{path} cannot be read: {error.strerror or error}",
-            hint="The folder is not complete; compare again.",
+            hint="The folder is incomplete; repeat the comparison.",
         ) from error
     except PlanError as error:
         raise RecordError(str(error), hint=_CHANGED_HINT) from error
     if plan_hash(plan) != expected:
-        raise RecordError(f"{path} is not the plan that was carried out", hint=_CHANGED_HINT)
+        raise RecordError(f"{path} is not the plan of this comparison", hint=_CHANGED_HINT)
     return plan

@@ -1,4 +1,4 @@
-"""Which kind of machine a run was made on: what runs must share to be compared."""
+"""The fingerprint of a machine, which runs must share to be comparable."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from typing import Any, Final
 import msgspec
 
 MACHINE_FACTS: Final = ("architecture", "cpu", "cores", "gpus", "cpu_governor")
-"""The facts that decide how fast a machine is, and that do not change from day to day. The name of
-the host is not among them: machines of one kind are exchangeable, as in a pool of CI runners."""
+"""The facts that determine the speed of a machine and are constant over time. They do not include
+the host name: machines of one kind are interchangeable, as in a pool of CI runners."""
 
 _FINGERPRINT_DIGITS = 12
 
 
 def fingerprint(machine: Mapping[str, Any]) -> str:
-    """Names the kind of machine, in twelve hexadecimal digits.
+    """Identifies the kind of machine, with twelve hexadecimal digits.
 
     Args:
-        machine: as `RunRecord.machine` describes it; what is not known is taken as nothing.
+        machine: as in `RunRecord.machine`; unknown facts are ignored.
     """
     facts = [machine.get(key) or None for key in MACHINE_FACTS]
     return hashlib.sha256(msgspec.json.encode(facts)).hexdigest()[:_FINGERPRINT_DIGITS]
 
 
 def describe_machine(machine: Mapping[str, Any]) -> str:
-    """The same for a reader, on one line."""
+    """The description of a machine, on one line."""
     cores = machine.get("cores")
     parts = (
         str(machine.get("cpu") or machine.get("architecture") or "an unknown machine"),

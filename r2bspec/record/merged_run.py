@@ -1,7 +1,7 @@
-"""Several runs read as one: their segments one after the other, under names of their own.
+"""Merging several runs to one, with the segments of all of them under unique names.
 
-Runs of one machine share a clock (CLOCK_MONOTONIC since boot), so that the merged run is as good as
-one that was played with pauses. Each iteration keeps its samples; indices are counted anew.
+Runs on one machine share a clock (CLOCK_MONOTONIC since boot), so the merged run is equivalent to
+one run with pauses. Each iteration keeps its samples; the indices are renumbered.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _SEPARATOR = "."
 
 @dataclass(frozen=True)
 class MergedRun(Run):
-    """Runs of one plan as a single one.
+    """Several runs of one plan as a single run.
 
     Attributes:
-        runs: the runs, in the order of their pairs.
+        runs: in the order of their pairs.
         spec: the resolved spec of all of them.
     """
 
@@ -52,7 +52,7 @@ class MergedRun(Run):
         return run.tap(own, topic)
 
     def resources(self) -> Rows:
-        """See `Run.resources`; each run's processes follow those of the one before it."""
+        """See `Run.resources`; the processes of each run follow those of the previous one."""
         found: list[Rows] = []
         before = 0
         for run in self.runs:
@@ -63,7 +63,7 @@ class MergedRun(Run):
         return np.concatenate(found) if found else np.empty(0, RESOURCE_DTYPE)
 
     def interference(self) -> Rows:
-        """See `Run.interference`; of runs that have none there are none."""
+        """See `Run.interference`; runs without samples are skipped."""
         return np.concatenate(
             [np.empty(0, INTERFERENCE_DTYPE), *(run.interference() for run in self.runs)]
         )
@@ -80,13 +80,13 @@ class MergedRun(Run):
 def merge_runs(
     runs: Sequence[Run], *, folder: Path, plan: Plan, whole: RunRecord, spec: str = ""
 ) -> MergedRun:
-    """Runs as one.
+    """Merge runs.
 
     Args:
-        runs: what is merged; it may be none.
-        folder: that all of them lie in.
-        plan: that they were made for.
-        whole: what the record says that is not the sum of the parts.
+        runs: may be empty.
+        folder: contains all of them.
+        plan: of all of them.
+        whole: the record of the merged run, without the merged fields.
         spec: the resolved spec.
     """
     records = [run.record for run in runs]
@@ -95,7 +95,7 @@ def merge_runs(
     for number, record in enumerate(records, start=1):
         for one in record.segments:
             key = (one.kind, one.rate_hz)
-            # What was played again keeps the place of what it stands for.
+            # A repetition has the index of the segment that it replaces.
             counts[key] = counts.get(key, 0) + (not one.rerun_of)
             segments.append(
                 msgspec.structs.replace(
@@ -130,7 +130,7 @@ def _prefixed_id(number: int, own: str) -> str:
 
 
 def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
-    """The bracket that contains those of all runs, so that it decides what all of them decide."""
+    """The bracket that contains the brackets of all runs."""
     found = [record.search for record in records if record.search is not None]
     if not found:
         return None

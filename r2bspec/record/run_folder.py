@@ -1,8 +1,8 @@
-"""The run folder: writing one during a run, and opening one afterwards.
+"""The run folder: writing it during a run, and opening it afterwards.
 
-`r2bspec.record.run_record` describes the layout. Every file appears whole or not at all, and
-``record.json`` is what makes a folder a run: it is written last, and may be written earlier as
-incomplete so that a killed run still counts as one.
+`r2bspec.record.run_record` describes the layout. Every file is written atomically. A folder with
+``record.json`` is a run folder: it is written last, and also earlier, marked as incomplete, so that
+a killed run can be read.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from r2bspec.record.sample_arrays import (
 
 FORMAT_VERSION = 1
 
-_CHANGED_HINT = "The folder was changed after the run, or is not one that r2bspec wrote."
+_CHANGED_HINT = "The folder was changed after the run, or was not written by r2bspec."
 
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=@-]*")
 
@@ -52,11 +52,11 @@ class RunFolder:
 
     @classmethod
     def create(cls, path: Path) -> Self:
-        """Make the folder and its parents.
+        """Create the folder and its parents.
 
         Raises:
-            RecordError: it exists and is not empty, so that two runs never mix; or the file
-                system refuses.
+            RecordError: it is not empty, because it may contain another run; or it cannot be
+                created.
         """
         path = path.absolute()
         try:
@@ -64,27 +64,27 @@ class RunFolder:
             occupied = any(path.iterdir())
         except OSError as error:
             raise RecordError(
-                f"{path} cannot be made: {error.strerror or error}",
+                f"{path} cannot be created: {error.strerror or error}",
                 hint="Choose another folder with --output.",
                 code=RUN_UNWRITABLE,
             ) from error
         if occupied:
             raise RecordError(
                 f"{path} is not empty",
-                hint="Each run needs a folder of its own: choose a new one with --output.",
+                hint="Each run needs its own folder: choose a new one with --output.",
                 code=RUN_UNWRITABLE,
             )
         return cls(path)
 
     def log_path(self, process: str) -> Path:
-        """Where the output of a process goes; its folder exists afterwards."""
+        """The path of the log of a process; its folder is created."""
         path = self.path / "logs" / f"{_safe_name(process)}.log"
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
     @property
     def ros_logs(self) -> Path:
-        """Where ROS processes write the log files that they make themselves."""
+        """The folder for log files that ROS processes write themselves."""
         return self.path / "logs" / "ros"
 
     def write_spec(self, text: str) -> None:
@@ -96,17 +96,17 @@ class RunFolder:
         write_atomically(self.path / "plan.json", text.encode())
 
     def write_playback(self, segment: str, rows: Rows) -> None:
-        """Write what was played in a segment: rows of `PLAYBACK_DTYPE`."""
+        """Write the playback of a segment: rows of `PLAYBACK_DTYPE`."""
         write_rows(_segment_folder(self.path, segment) / "playback.npy", rows, PLAYBACK_DTYPE)
 
     def write_monitor(self, segment: str, monitor: str, rows: Rows) -> None:
-        """Write what a monitor received in a segment, also when it is nothing (no rows)."""
+        """Write the messages of a monitor in a segment, even if there are none (no rows)."""
         write_rows(
             _segment_folder(self.path, segment) / _monitor_file(monitor), rows, MONITOR_DTYPE
         )
 
     def write_tap(self, segment: str, topic: str, rows: Rows) -> None:
-        """Write what a tap saw of a topic in a segment."""
+        """Write the messages of a tap in a segment."""
         write_rows(_segment_folder(self.path, segment) / _tap_file(topic), rows, MONITOR_DTYPE)
 
     def write_resources(self, rows: Rows) -> None:
@@ -118,7 +118,7 @@ class RunFolder:
         write_rows(self.path / "surroundings.npy", rows, INTERFERENCE_DTYPE)
 
     def write_record(self, record: RunRecord) -> None:
-        """Write ``record.json``; it may be written again as the run goes on."""
+        """Write ``record.json``; it may be written repeatedly during the run."""
         text = msgspec.json.format(msgspec.json.encode(record), indent=1)
         write_atomically(self.path / "record.json", text + b"\n")
 
@@ -129,9 +129,9 @@ class RunFolder:
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder that has been opened: what was planned, what was observed.
+    """An opened run folder: its plan and its measurements.
 
-    The samples are read when they are asked for, segment by segment.
+    The samples are read on request, segment by segment.
     """
 
     folder: Path
@@ -139,7 +139,7 @@ class Run:
     plan: Plan
 
     def playback(self, segment: Segment) -> Rows:
-        """What was played, one row per step, of type `r2bspec.record.sample_arrays.PLAYBACK_DTYPE`.
+        """The playback, one row per step, of type `r2bspec.record.sample_arrays.PLAYBACK_DTYPE`.
 
         Raises:
             RecordError: the file is missing or damaged.
@@ -147,7 +147,7 @@ class Run:
         return read_rows(_segment_folder(self.folder, segment.id) / "playback.npy", PLAYBACK_DTYPE)
 
     def monitor(self, segment: Segment, name: str) -> Rows:
-        """What a monitor received, one row per message in order of arrival (type `MONITOR_DTYPE`).
+        """The messages of a monitor, one row each in order of arrival (type `MONITOR_DTYPE`).
 
         Raises:
             RecordError: the file is missing or damaged.
@@ -157,7 +157,7 @@ class Run:
         )
 
     def tap(self, segment: Segment, topic: str) -> Rows:
-        """What a tap saw of a topic, one row per message as they arrived (type `MONITOR_DTYPE`).
+        """The messages of a tap, one row each in order of arrival (type `MONITOR_DTYPE`).
 
         Raises:
             RecordError: the file is missing or damaged.
@@ -194,17 +194,17 @@ def open_run(path: Path) -> Run:
     """Open a finished run.
 
     Raises:
-        RecordError: there is no such folder, it is no run folder, its files are damaged, or
-            they were written in a format that this version does not know.
+        RecordError: the folder does not exist or is not a run folder, or its files are damaged or
+            have an unknown format version.
     """
     folder = path.absolute()
     if not folder.is_dir():
         raise RecordError(
-            f"{path} is not a folder", hint="Name a run folder, the one that holds record.json."
+            f"{path} is not a folder", hint="Give a run folder, which contains record.json."
         )
     if not (folder / "record.json").exists():
         raise RecordError(
-            f"{path} is not a run folder: it holds no record.json",
+            f"{path} is not a run folder: it has no record.json",
             hint="A run that was killed before its first record leaves only logs and samples.",
         )
     content = _read(folder / "record.json")
@@ -218,20 +218,20 @@ class _VersionHeader(msgspec.Struct):
 
 
 def _check_version(path: Path, content: bytes) -> None:
-    """Tell a newer format from a broken one before anything else is decoded."""
+    """Check the format version before anything else is decoded."""
     version = _decode(path, content, _VersionHeader).r2bspec_record
     if version != FORMAT_VERSION:
         raise RecordError(
             f"{path} has format version {version}; this r2bspec reads version {FORMAT_VERSION}",
-            hint="Use the r2bspec that made the run, or a newer one.",
+            hint="Use the version of r2bspec that wrote the run, or a newer one.",
         )
 
 
 def _open_plan(path: Path, record: RunRecord) -> Plan:
-    """Read the plan, and see that it is the one that was carried out."""
+    """Read the plan, and check that it is the one of the run."""
     content = _read(path)
     if record.plan_hash != f"sha256:{hashlib.sha256(content).hexdigest()}":
-        raise RecordError(f"{path} is not the plan that this run carried out", hint=_CHANGED_HINT)
+        raise RecordError(f"{path} is not the plan of this run", hint=_CHANGED_HINT)
     try:
         return parse_plan(content, str(path))
     except PlanError as error:
@@ -244,7 +244,7 @@ def _read(path: Path) -> bytes:
     except OSError as error:
         raise RecordError(
             f"{path} cannot be read: {error.strerror or error}",
-            hint="The run folder is not complete; run the benchmark again.",
+            hint="The run folder is incomplete; run the benchmark again.",
         ) from error
 
 
@@ -268,7 +268,7 @@ def _tap_file(topic: str) -> str:
 
 
 def _safe_name(name: str) -> str:
-    """A name that stays inside the run folder when it becomes a file name."""
+    """Check that a name can be a file name in the run folder."""
     if _SAFE_NAME.fullmatch(name) is None:
         raise RecordError(f"{name!r} cannot be part of a file name in a run folder")
     return name

@@ -1,16 +1,16 @@
-"""What was observed in a run, as frozen values. The samples themselves are arrays in files.
+"""The record of a run, as frozen values. The samples themselves are arrays in files.
 
-A run folder holds::
+A run folder contains::
 
-    spec.yaml          the spec with every substitution done
-    plan.json          the plan that was carried out
-    record.json        a `RunRecord`: this module, written last, whole or not at all
+    spec.yaml          the resolved spec
+    plan.json          the plan of the run
+    record.json        a `RunRecord`: this module, written last and atomically
     result.json        metrics and verdicts, computed from all of the above
     samples/SEGMENT/   playback.npy, monitor.NAME.npy for each monitor, and tap.TOPIC.npy for
-                       each tapped topic, with dots for its slashes
+                       each tapped topic, with dots instead of slashes
     resources.npy      CPU and memory of every process over the whole run
-    surroundings.npy   what else happened on the machine meanwhile
-    logs/PROCESS.log   what each process printed
+    surroundings.npy   host interference over the whole run
+    logs/PROCESS.log   the output of each process
 
 All times are CLOCK_MONOTONIC nanoseconds of the host, unless the name says otherwise.
 """
@@ -28,10 +28,10 @@ PLAYBACK_FIELDS = (
     ("done_ns", "<i8"),
     ("inputs", "<i8"),
 )
-"""One row per step: the unique header stamp (system clock) that all inputs of the step carry, when
-publishing was due, when it began, when the last input of the step was handed over, and of which
-inputs of the plan the step has messages: bit k stands for input k; -1 for all of them. In a
-timeline a step begins, and is due, with the first of its messages."""
+"""One row per step: the unique header stamp (system clock) of all inputs of the step; the times at
+which publishing was due, at which it began, and at which the last input was published; and the
+inputs of the plan of which the step has messages: bit k for input k, -1 for all of them. In a
+timeline a step is due, and begins, with its first message."""
 
 MONITOR_FIELDS = (
     ("stamp_ns", "<i8"),
@@ -39,8 +39,9 @@ MONITOR_FIELDS = (
     ("taken_ns", "<i8"),
     ("bytes", "<i8"),
 )
-"""One row per received message, in the order of arrival: its header stamp (0 where the type has
-none), when the middleware received it, when the monitor had it, and its serialised size."""
+"""One row per received message, in order of arrival: its header stamp (0 if the type has none), the
+times at which the middleware received it and at which the monitor took it, and its serialised
+size."""
 
 RESOURCE_FIELDS = (
     ("time_ns", "<i8"),
@@ -49,9 +50,9 @@ RESOURCE_FIELDS = (
     ("memory_bytes", "<i8"),
 )
 """One row per process and sampling time: `process` indexes `RunRecord.processes`, with -1 for the
-whole machine and -2 for the controller; `cpu_s` is the processor time used so far, in seconds,
-summed over all cores and the process's descendants (for -2: without them); `memory_bytes` is the
-resident set (for -1: memory in use)."""
+whole machine and -2 for the controller; `cpu_s` is the cumulative CPU time in seconds, summed over
+all cores and the descendants of the process (for -2: without them); `memory_bytes` is the resident
+set (for -1: memory in use)."""
 
 INTERFERENCE_FIELDS = (
     ("time_ns", "<i8"),
@@ -60,30 +61,30 @@ INTERFERENCE_FIELDS = (
     ("waited_s", "<f8"),
     ("throttled_s", "<f8"),
 )
-"""One row per sampling time, everything but the time summed up since some point in the past, in
-seconds, and NaN where the system does not tell: processor time used on the cores that the run may
-use, and processor time of theirs that other virtual machines got; the time in which some task
-waited for a processor (PSI, ``some``); the time for which the control group had no quota left, or a
-core was throttled for heat."""
+"""One row per sampling time. All values but the time are cumulative, in seconds, and NaN if the
+system does not provide them: the CPU time used on the cores that the run may use; their CPU time
+taken by other virtual machines; the time in which some task waited for a CPU (PSI, ``some``); the
+time in which the control group had used up its quota, or a core was throttled for heat."""
 
 
 SegmentKind = Literal["warm_up", "probe", "sustained", "iteration", "confirmation"]
-"""What a segment was played for; ``confirmation``: in the fresh batch that follows a failure."""
+"""The purpose of a segment; those of the confirmation run after a failure are ``confirmation``."""
 
 
 class Segment(msgspec.Struct, frozen=True, kw_only=True):
-    """One stretch of playing at one rate; a rate of 0 is that of the recording, or of the source.
+    """Playback at one rate; a rate of 0 is that of the recording, or of the graph's own source.
 
-    `id` names its folder below ``samples/``. `steps` is how many steps were asked for. The
-    sending window runs from the first due time to `ended_ns`, the end of the last period.
-    `complete` is False if playing was cut short. `played_before` is how many steps the graph had
-    been given before the first one of this segment. `rerun_of` is the id of the disturbed iteration
-    in whose place it was played, or empty. For `monitor_held_ns` the process that watches had no
-    processor: what arrived meanwhile is there, but when it arrived is not known.
+    `id` is the name of its folder in ``samples/``. `steps` is the requested number of steps. The
+    sending window is from the first due time to `ended_ns`, the end of the last period. `complete`
+    is False if the playback was interrupted. `played_before` is the number of steps that the graph
+    had received before this segment. `rerun_of` is the id of the iteration affected by host
+    interference that this one replaces, or empty. `monitor_held_ns` is the time for which the
+    monitor was stalled: messages that arrived in this time are recorded, but their arrival times
+    are unknown.
 
     Attributes:
-        live: whether nothing was played, because the graph has a source of its own. The window is
-            then that in which messages were received, and `steps` is 0.
+        live: whether nothing was played, because the graph has its own source. The window is then
+            the one in which messages were received, and `steps` is 0.
         clock_offset_ns: in a live segment, the system clock minus CLOCK_MONOTONIC; None if that
             changed by more than a millisecond.
     """
@@ -104,10 +105,10 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):
-    """One probe: what was offered, what came out, and whether the rate holds.
+    """One probe: the offered rate, the delivered rate, and whether the rate is sustained (`holds`).
 
-    `holds` is None where that stayed open. `confidence` is how sure the answer is, one-sided;
-    0 in records of versions that did not state it.
+    `holds` is None if undecided. `confidence` is one-sided; 0 in records of versions that did not
+    state it.
     """
 
     segment: str
@@ -119,12 +120,12 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """The outcome of a search for the peak rate.
+    """The result of the peak search.
 
-    The peak lies between `holds_hz`, the highest rate that held (None where none did), and
-    `fails_hz`, the lowest that did not (None where none failed: the peak is at least `holds_hz`).
-    `limited_by` says what set it. The bracket is as narrow as `precision`, a relative width, unless
-    probes between its ends stayed open; `confidence` is how sure it is (0: not stated).
+    The peak is between `holds_hz`, the highest sustained rate (None if there is none), and
+    `fails_hz`, the lowest rate that was not sustained (None if there is none: the peak is at least
+    `holds_hz`). `limited_by` is what limits it. The bracket is as narrow as `precision`, a relative
+    width, unless probes in it were undecided; `confidence` is that of the bracket (0: not stated).
     """
 
     probes: tuple[Probe, ...]
@@ -136,15 +137,15 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def upper_hz(self) -> float | None:
-        """What the peak of the graph is below; None where only a lower bound is known.
+        """The upper bound of the peak of the graph; None if only a lower bound is known.
 
-        A rate that the player could not offer bounds the player, not the graph.
+        A rate that the player could not offer is not a bound for the graph.
         """
         return None if self.limited_by == "player" else self.fails_hz
 
     @property
     def open_hz(self) -> tuple[float, ...]:
-        """The rates within the bracket whose probes stayed open, ascending."""
+        """The rates in the bracket whose probes were undecided, ascending."""
         lower, upper = self.holds_hz or 0.0, self.fails_hz or float("inf")
         decided = {probe.rate_hz for probe in self.probes if probe.holds is not None}
         found = {probe.rate_hz for probe in self.probes if probe.holds is None} - decided
@@ -152,7 +153,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """A process that ran. `exit_code` is negative for a signal, None if it was never collected."""
+    """A process of the run. `exit_code` is negative for a signal, None if it is unknown."""
 
     name: str
     role: str
@@ -161,11 +162,12 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What harness and transport take with nothing under test, for one input.
+    """The harness overhead for one input: latency of harness and transport without the graph.
 
-    Measured before the nodes were started, from the player to a reader on the input `topic` itself;
-    `received` of `sent` messages of at most `bytes` bytes arrived. Latency is from publication to
-    the arrival in the middleware, lateness from the due time to publication; None without samples.
+    It is measured before the nodes are started, from the player to a subscription on the input
+    `topic`; `received` of `sent` messages of at most `bytes` bytes arrived. Latency is from
+    publication to the arrival in the middleware, lateness from the due time to publication; None
+    without samples.
     """
 
     topic: str
@@ -180,11 +182,11 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """An output that fell silent while something was measured, and where its messages stop.
+    """An output that stopped during the measurement, and the diagnosis.
 
-    `segment` is the one in which that was noticed; afterwards some steps were played and every
-    topic was watched. `reason` names the first break; `way` says of each topic who writes and who
-    reads it, and how many messages passed.
+    `segment` is the one in which this was detected; afterwards some steps were played while the
+    messages of every topic were counted. `reason` is the first fault on the path; `way` has the
+    publishers, the subscriptions and the number of messages of each topic of the path.
     """
 
     segment: str
@@ -194,15 +196,15 @@ class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Difference(msgspec.Struct, frozen=True, kw_only=True):
-    """Something in which the real graph is not the one of the spec.
+    """A difference between the running graph and the spec.
 
     Attributes:
-        code: that of the rule of ``r2bspec validate`` which finds the same where it can be known.
-        part: what it is about: a `parameter` or a `remapping` of a node, or an `endpoint`.
-        owner: the full name of the node, or the part of the harness, that has it.
+        code: of the rule of ``r2bspec validate`` that finds the same error.
+        part: a `parameter` or a `remapping` of a node, or an `endpoint`.
+        owner: the full name of the node, or the part of the harness.
         name: the parameter, the left side of the remapping, or the full name of the topic.
-        topic: the full name that the remapping would have given.
-        harmless: whether the run could go on all the same.
+        topic: the full name that is the target of the remapping.
+        harmless: whether the run could continue nevertheless.
     """
 
     code: str
@@ -216,11 +218,12 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ConfirmationRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """The fresh batch that was played after a failure.
+    """The confirmation run after a failure.
 
-    Its segments have the kind ``confirmation``. Those that the probes in `search` and `sustained`
-    name are theirs, the others are iterations. What nothing failed by was not played again: None,
-    or no probes. `floor` is that of its own processes, as in `RunRecord`.
+    Its segments have the kind ``confirmation``. Segments named by the probes in `search` and
+    `sustained` belong to these; the others are iterations. Only what the failed requirements need
+    was measured again; otherwise `search` is None and `sustained` empty. `floor` is the harness
+    overhead of its own processes, as in `RunRecord`.
     """
 
     search: SearchRecord | None
@@ -231,13 +234,13 @@ class ConfirmationRecord(msgspec.Struct, frozen=True, kw_only=True):
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A run, complete or not.
 
-    `sustained` has one probe for each rate of the plan's `sustained_hz`. `dataset` says which
-    bag was read, with its hash; `machine` and `versions` where and with what.
-    `events` are (monotonic time, text): phases entered and everything notable. `floor` has one
-    entry per input; it is empty where nothing is played, or where measuring would have disturbed.
-    `confirmation` is there if a failure was followed by a fresh batch. `silences` are outputs that
-    stopped, `differences` what of the real graph is not as the spec says. `left_out` says, a
-    sentence each, what the verdict might have used and was not played, and why.
+    `sustained` has one probe for each rate of the plan's `sustained_hz`. `dataset` is the bag, with
+    its hash; `machine` and `versions` describe host and software. `events` are (monotonic time,
+    text): the beginnings of phases, and notes. `floor` has the harness overhead of each input; it
+    is empty if nothing is played, or if its measurement would have affected the graph.
+    `confirmation` is the confirmation run, if there was one. `silences` are outputs that stopped,
+    `differences` those between the running graph and the spec. `left_out` has one sentence for
+    each optional part that was not played, with the reason.
     """
 
     r2bspec_record: Literal[1] = 1

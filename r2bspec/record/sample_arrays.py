@@ -28,11 +28,11 @@ INTERFERENCE_DTYPE: np.dtype[np.void] = np.dtype(list(INTERFERENCE_FIELDS))
 
 
 def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> None:
-    """Write rows to an ``.npy`` file, whole or not at all.
+    """Write rows atomically to an ``.npy`` file.
 
     Raises:
         ValueError: `rows` is not one-dimensional or not of type `dtype`.
-        RecordError: the file system refuses.
+        RecordError: the file cannot be written.
     """
     if rows.ndim != 1 or rows.dtype != dtype:
         raise ValueError(f"{path.name}: expected rows of {dtype}, not {rows.ndim}-d {rows.dtype}")
@@ -44,13 +44,13 @@ def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> None:
 
 
 def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
-    """Read rows of type `dtype` from an ``.npy`` file; pickles are refused.
+    """Read rows of type `dtype` from an ``.npy`` file; pickles are not allowed.
 
-    Fields that the rows lack at their end, because an older version wrote them, are -1.
+    Trailing fields that are missing, because an older version wrote the file, are -1.
 
     Raises:
-        RecordError: the file is missing, truncated, has something after its end, or holds
-            anything but one-dimensional rows of `dtype`.
+        RecordError: the file is missing or truncated, has data after its end, or does not contain
+            one-dimensional rows of `dtype`.
     """
     try:
         with path.open("rb") as file:
@@ -59,17 +59,17 @@ def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
     except FileNotFoundError as error:
         raise RecordError(f"{path} is missing", hint=_HINT) from error
     except (OSError, ValueError, EOFError, MemoryError) as error:
-        # NumPy says ValueError for a truncated file and for one that is no array at all.
+        # NumPy raises ValueError for a truncated file and for one that is not an array.
         raise RecordError(f"{path} is damaged: {error}", hint=_HINT) from error
     if whole and rows.ndim == 1 and rows.dtype != dtype:
         rows = _with_missing_fields(rows, dtype)
     if not whole or rows.ndim != 1 or rows.dtype != dtype:
-        raise RecordError(f"{path} is damaged: it does not hold {path.stem} rows", hint=_HINT)
+        raise RecordError(f"{path} is damaged: it has no {path.stem} rows", hint=_HINT)
     return rows
 
 
 def _with_missing_fields(rows: Rows, dtype: np.dtype[np.void]) -> Rows:
-    """Rows with all fields of a type, if they have the first ones of it; else as they are."""
+    """Rows extended to all fields of a type, if they have its first ones; else unchanged."""
     names = rows.dtype.names or ()
     wanted = dtype.names or ()
     if not names or wanted[: len(names)] != names:
@@ -82,4 +82,4 @@ def _with_missing_fields(rows: Rows, dtype: np.dtype[np.void]) -> Rows:
     return extended
 
 
-_HINT = "The run folder was cut short or changed after the run; run the benchmark again."
+_HINT = "The run folder is incomplete or was changed after the run; run the benchmark again."

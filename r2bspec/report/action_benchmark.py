@@ -7,15 +7,13 @@ from collections.abc import Iterator
 from typing import Any
 
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.measure.distribution_parts import MAIN_PERCENTILES, part_value
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.units import at_rate, show_range
 from r2bspec.report.report_wording import peak_text
 
 _SMALLER = (
-    ("latency.mean", "s", 1e3, "ms"),
-    ("latency.p50", "s", 1e3, "ms"),
-    ("latency.p90", "s", 1e3, "ms"),
-    ("latency.p99", "s", 1e3, "ms"),
+    *((f"latency.{part}", "s", 1e3, "ms") for part in ("mean", *MAIN_PERCENTILES)),
     ("drop_rate", "share", 100.0, "%"),
 )
 _BIGGER = (("throughput.mean", "Hz", 1.0, "Hz"),)
@@ -44,7 +42,7 @@ def _entries(
     for metric, unit, factor, shown in _BIGGER if bigger else _SMALLER:
         family, _, part = metric.partition(".")
         value = {"throughput": seen.throughput_hz, "drop_rate": seen.drop_rate}.get(family)
-        value = getattr(seen.latency, part) if family == "latency" else value
+        value = part_value(seen.latency, part) if family == "latency" else value
         if value is None:
             continue
         entry: dict[str, Any] = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.exit_status import ExitStatus
 
 REPORT_FORMAT_UNKNOWN: Final = "R2B660"
 REPORT_UNMAKEABLE: Final = "R2B661"
@@ -20,4 +21,4 @@ class ReportError(R2bspecError):
     """A report cannot be made: a library is missing, or the run holds no samples for it."""
 
     code = REPORT_UNMAKEABLE
-    exit_code = 2
+    exit_code = ExitStatus.USAGE

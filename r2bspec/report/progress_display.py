@@ -36,7 +36,7 @@ class SegmentProgress(Protocol):
         """Messages that have come."""
 
     def p99_ns(self) -> int | None:
-        """The p99 of the latencies so far."""
+        """The p99 of the latest latencies."""
 
     def cores(self) -> Mapping[str, float]:
         """Processor time per time, by process."""

@@ -137,6 +137,13 @@ def own_pace(metrics: RunMetrics) -> str:
     return next((rate.pace for rate in metrics.rates if not rate.offered_hz), "")
 
 
+def loaded_rmw(result: Result) -> str:
+    """The middleware (RMW implementation) of the run; empty if that is not known."""
+    rmw = result.versions.get("rmw", "")
+    # Earlier versions recorded the variable, and this where it was not set.
+    return "" if rmw == "default" else rmw
+
+
 def notes(result: Result) -> Iterator[str]:
     """What a reader must know to trust the numbers, a sentence each."""
     if result.status != "complete":

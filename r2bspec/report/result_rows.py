@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.measure.metrics import Distribution, MonitorMetrics, SegmentMetrics, UseMetrics
-
-DISTRIBUTION_PARTS = ("min", "mean", "p50", "p90", "p95", "p99", "p99_9", "max")
-"""Of a distribution, in ascending order but for the mean."""
+from r2bspec.measure.distribution_parts import PARTS, Distribution, part_value
+from r2bspec.measure.metrics import MonitorMetrics, SegmentMetrics, UseMetrics
 
 _COUNTS = (
     *("sent", "answered", "received", "missed", "duplicates", "reordered", "unmatched"),
@@ -102,8 +100,8 @@ def _monitor(seen: MonitorMetrics) -> Iterator[tuple[str, str, float | None]]:
 
 
 def _distribution(family: str, times: Distribution) -> Iterator[tuple[str, str, float | None]]:
-    for part in DISTRIBUTION_PARTS:
-        yield f"{family}.{part}", "s", getattr(times, part)
+    for part in PARTS:
+        yield f"{family}.{part}", "s", part_value(times, part)
 
 
 def _use(process: str, use: UseMetrics) -> Iterator[tuple[str, str, float | None]]:

@@ -1,1 +1,1 @@
-"""Who writes and who reads which topic, worked out from a spec without running anything."""
+"""The publishers and subscriptions of every topic, derived from a spec without running it."""

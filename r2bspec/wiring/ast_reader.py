@@ -1,8 +1,8 @@
-"""What a Python file says literally of a node's topics and parameters, read without running it.
+"""Reading a node's topics and parameters from its Python source, without running it.
 
-A class is understood if it derives from `Node` alone and if each call of `create_publisher`,
-`create_subscription` and `declare_parameter` on `self` has literal arguments, outside of loops and
-branches. Otherwise the side in question is unknown; nothing is guessed.
+A class is supported if its only base class is `Node`, and if every call of `create_publisher`,
+`create_subscription` and `declare_parameter` on `self` has literal arguments and is outside of
+loops and branches. Otherwise its publishers, subscriptions or parameters are unknown.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _TYPES: dict[type, ParameterType] = {
 
 @dataclass
 class _PartialInterface:
-    """What has been read so far; a side becomes None with the first call that is not literal."""
+    """The interface so far; a part becomes None with the first call that is not literal."""
 
     topics: dict[str, dict[str, str] | None] = field(
         default_factory=lambda: {"create_publisher": {}, "create_subscription": {}}
@@ -47,7 +47,7 @@ class _PartialInterface:
 
 
 def read_node_source(source: Path, name: str) -> InterfaceEntry | None:
-    """The interface of the class `name` in a file, or None if nothing can be said of it."""
+    """The interface of the class `name` in a file, or None if it is unknown."""
     try:
         if source.stat().st_size > _MAX_FILE_BYTES:
             return None
@@ -77,7 +77,7 @@ def _read(tree: ast.Module, name: str) -> InterfaceEntry | None:
 
 
 def _import_names(tree: ast.Module) -> dict[str, str]:
-    """The full names of what the file imports, by the name that it uses."""
+    """The full names of imports, by the names that the file uses."""
     names = {}
     for each in ast.walk(tree):
         if isinstance(each, ast.ImportFrom) and each.module and not each.level:
@@ -106,7 +106,7 @@ def _full_name(node: ast.expr, imported: dict[str, str]) -> str:
 
 
 def _leaks_self(found: ast.ClassDef) -> bool:
-    """Whether `self` is given to other code, which may then make topics of the node."""
+    """Whether `self` is passed to other code, which may then create topics of the node."""
     for each in ast.walk(found):
         if isinstance(each, ast.Call):
             given = (*each.args, *(keyword.value for keyword in each.keywords))
@@ -116,7 +116,7 @@ def _leaks_self(found: ast.ClassDef) -> bool:
 
 
 def _calls(found: ast.ClassDef) -> Iterator[tuple[ast.Call, bool]]:
-    """Each call of a method of `self`, and whether it certainly happens, once."""
+    """Each call of a method of `self`, and whether it is certainly made exactly once."""
 
     def below(node: ast.AST, certain: bool) -> Iterator[tuple[ast.Call, bool]]:
         for child in ast.iter_child_nodes(node):
@@ -183,7 +183,7 @@ def _topic(call: ast.Call, imported: dict[str, str]) -> tuple[str, str] | None:
 
 
 def _qos_from_depth(call: ast.Call, position: int) -> QoS | None:
-    """The profile that a bare number stands for."""
+    """The profile for a QoS argument that is a number."""
     given = _argument(call, position, "qos_profile")
     depth = given.value if isinstance(given, ast.Constant) else None
     return QoS(depth=depth) if type(depth) is int and depth > 0 else None
@@ -199,6 +199,6 @@ def _parameter(call: ast.Call) -> tuple[str, ParameterInfo] | None:
         return name.value, ParameterInfo("")
     kind: ParameterType | Literal[""] = _TYPES.get(type(default), "")
     if any(keyword.arg == "descriptor" for keyword in call.keywords) or len(call.args) > 2:
-        # It may allow other types.
+        # A descriptor may allow other types.
         return name.value, ParameterInfo("", default if kind else None)
     return name.value, ParameterInfo(kind, default if kind else None)

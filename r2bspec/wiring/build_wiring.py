@@ -1,9 +1,10 @@
-"""From a spec to its wiring.
+"""Building the wiring of a spec.
 
-Harness and nodes meet on topics: in the preprocess phase the loader writes what `data_loader`
-names and the recorder reads the `from` of every playback input; in the measure phase the player
-writes the playback inputs and each monitor reads its topic. Recorded transforms that the spec asks
-for are written by the loader and, later, by the player. A live benchmark has only monitors.
+The harness and the nodes are connected by topics. In the preprocess phase, the loader publishes the
+topics in `data_loader`, and the recorder subscribes to the `from` topic of every playback input. In
+the measure phase, the player publishes the playback inputs, and each monitor subscribes to its
+topic. Recorded transforms are published by the loader and then by the player, if the spec says so.
+A live benchmark has only monitors.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring, Wiring
 TF_MESSAGE_TYPE = "tf2_msgs/msg/TFMessage"
 
 _HARNESS_QOS = QoS()
-"""What loader and recorder use: the profile of a bare depth of ten."""
+"""The profile of loader and recorder: the default profile with a depth of 10."""
 
 
 def build_wiring(
@@ -39,13 +40,13 @@ def build_wiring(
     table: InterfaceTable | None = None,
     companion_files: CompanionFiles = NO_COMPANION_FILES,
 ) -> Wiring:
-    """Work out who writes and who reads which topic.
+    """Build the wiring of a spec: the endpoints of every topic in both phases.
 
     Args:
-        spec: the spec; it may hold any mistake that a rule reports.
-        bag_types: type of each topic of the bag that is known, by the name that the spec uses.
+        spec: the spec; it may have any problem that a rule reports.
+        bag_types: the known types of topics in the bag, by their names in the spec.
         table: interfaces of Python nodes by path; by default those of the reference nodes.
-        companion_files: what was read beside the spec; by default nothing.
+        companion_files: the content of companion files; by default none.
     """
     table = reference_node_interfaces() if table is None else table
     namespace = join_namespaces("/", spec.namespace)
@@ -75,16 +76,16 @@ def build_wiring(
 
 
 def harness_topic(name: str, namespace: str) -> str:
-    """The full name of a topic that the spec names outside of any node."""
+    """The full name of a topic that the spec names outside of a node."""
     return expand(name, "", namespace)
 
 
 def has_ros_settings(node: Node) -> bool:
-    """Whether the spec says anything of a node that only a ROS process can follow.
+    """Whether the spec has settings of a node that need a ROS process.
 
-    A bare `command` may be anything, and is run exactly as written.
+    A `command` without such settings may be any program, and is run exactly as written.
     """
-    return node.kind != "command" or bool(
+    return not node.kind.any_program or bool(
         node.namespace
         or node.parameters
         or node.parameter_sources
@@ -176,7 +177,7 @@ def _data_endpoints(spec: Spec, namespace: str, types: Mapping[str, str]) -> Ite
 
 
 def _transform_endpoints(spec: Spec, owner: str) -> Iterator[Endpoint]:
-    """The transforms of the recording, where the spec asks for them."""
+    """The recorded transforms, if the spec publishes them."""
     loader = spec.data_loader
     static = QoS(durability="transient_local", depth=1)
     for enabled, topic, qos in (
@@ -242,7 +243,7 @@ def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[Endpoint]:
 def _endpoint(
     node: NodeWiring, own_name: str, kind: str, declared_under: str, *, is_publisher: bool
 ) -> Endpoint:
-    """An endpoint of a node, placed at what decides its topic: remapping, statement or node."""
+    """An endpoint of a node, with the place that decides its topic: remapping, key or node."""
     topic, rule = remap(own_name, node.node.remappings, node.key, node.namespace)
     declared = (*node.path, declared_under, own_name) if declared_under else ()
     path = (*node.path, "remappings", rule) if rule is not None else declared or node.path

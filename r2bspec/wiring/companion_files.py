@@ -1,8 +1,7 @@
-"""What lies beside a spec: recorded interfaces, parameter files, and Python files of nodes.
+"""Companion files of a spec: recorded interfaces, parameter files, and Python files of nodes.
 
-All of it is read as data, once, before anything is worked out, so that wiring and plan stay pure
-functions of values. Nothing outside the spec's folder is read, but for parameter files that the
-spec names.
+They are read as data, once, so that wiring and plan are pure functions of values. Except for
+parameter files that the spec names, nothing outside of the folder of the spec is read.
 """
 
 from __future__ import annotations
@@ -17,20 +16,20 @@ from r2bspec.wiring.node_interface import InterfaceEntry, parse_interface_entry,
 from r2bspec.wiring.parameter_files import ParameterFile, read_parameter_file
 
 INTERFACES_FOLDER = "interfaces"
-"""The folder beside a spec in which recorded interfaces lie, one file for each node."""
+"""The folder next to a spec with recorded interfaces, one file for each node."""
 
 _MAX_FILE_BYTES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class CompanionFiles:
-    """What was found.
+    """The content of the companion files.
 
     Attributes:
-        interfaces: recorded interfaces by the node's key.
-        interface_errors: interface files that say nothing, by the node's key, and why.
-        parameter_files: by the path that the spec writes.
-        sources: what Python files say literally, by the text of ``python:``.
+        interfaces: recorded interfaces by the key of the node.
+        interface_errors: why an interface file cannot be used, by the key of the node.
+        parameter_files: by their paths in the spec.
+        sources: interfaces read from Python files, by the text of ``python:``.
     """
 
     interfaces: Mapping[str, InterfaceEntry] = field(default_factory=dict)
@@ -43,12 +42,12 @@ NO_COMPANION_FILES = CompanionFiles()
 
 
 def interface_file(base_dir: Path, node: str) -> Path:
-    """Where the recorded interface of a node lies."""
+    """The path of the recorded interface of a node."""
     return base_dir / INTERFACES_FOLDER / f"{node}.yaml"
 
 
 def read_companion_files(spec: Spec, base_dir: Path) -> CompanionFiles:
-    """Read all that is said beside a spec about its nodes.
+    """Read the companion files of a spec.
 
     Args:
         spec: the spec.

@@ -1,4 +1,4 @@
-"""The catalogue of well-known packages: what their nodes read, write and take, as data."""
+"""The catalogue of known packages: topics and parameters of their nodes, as data."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ ROS_DISTRIBUTION = "ROS 2 Jazzy"
 
 @cache
 def catalogue_packages() -> frozenset[str]:
-    """The packages of which the catalogue knows nodes."""
+    """The packages in the catalogue."""
     return frozenset(file.stem for file in _FOLDER.glob("*.yaml"))
 
 
 @cache
 def catalogue_nodes(package: str) -> InterfaceTable:
-    """The nodes of a package by plugin; empty for one that the catalogue does not have."""
+    """The nodes of a package by plugin; empty if the catalogue does not have the package."""
     if package not in catalogue_packages():
         return {}
     described_package = f"{package} of {ROS_DISTRIBUTION}"
@@ -31,7 +31,7 @@ def catalogue_nodes(package: str) -> InterfaceTable:
 
 
 def catalogue_entry(node: Node) -> InterfaceEntry | None:
-    """What the catalogue says of a node, if it has it."""
+    """The catalogue entry of a node, if there is one."""
     if not node.package:
         return None
     known = catalogue_nodes(node.package)

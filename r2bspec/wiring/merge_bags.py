@@ -1,4 +1,4 @@
-"""Several recordings as the one that a benchmark uses."""
+"""Merging the indexes of several recordings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 def merge_indexes(indexes: Sequence[BagIndex]) -> BagIndex | None:
     """The index of all recordings together, from the first message of any to the last of any.
 
-    A topic that several of them hold counts all their messages; its type is that of the first.
+    The message counts of a topic in several recordings are added; its type is that of the first.
     None without recordings.
     """
     if len(indexes) < 2:

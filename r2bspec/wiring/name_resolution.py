@@ -5,8 +5,8 @@ Grammar of a topic name, which the schema of the language enforces::
     name      = ["/" | "~/"] token { "/" token }  |  "~"
     token     = letter or "_", then letters, digits and "_"
 
-An absolute name begins with ``/``; a relative one is resolved in the node's namespace, and ``~``
-stands for the node's own full name. Substitutions in braces are not part of the language.
+An absolute name begins with ``/``; a relative one is resolved in the namespace of the node, and
+``~`` is replaced by the full name of the node. Substitutions in braces are not supported.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import NamedTuple
 SHARED_TOPICS = frozenset(
     {"/tf", "/tf_static", "/rosout", "/parameter_events", "/clock", "/diagnostics"}
 )
-"""Topics that are made for any number of writers and readers, or that every node has."""
+"""Topics made for any number of publishers and subscriptions, or that every node has."""
 
 
 class ResolvedName(NamedTuple):
-    """A topic name after remapping, and the key of the rule that renamed it, if one did."""
+    """A topic name after remapping, and the key of the rule that was applied, if any."""
 
     name: str
     rule: str | None
@@ -30,7 +30,7 @@ class ResolvedName(NamedTuple):
 def join_namespaces(outer: str, inner: str) -> str:
     """The full namespace of `inner`, as written, inside `outer`: absolute, ``/`` for the root.
 
-    An absolute `inner` stands alone; an empty one adds nothing.
+    An absolute `inner` is returned as it is; an empty one adds nothing.
     """
     text = inner if inner.startswith("/") else f"{outer}/{inner}"
     return "/" + "/".join(token for token in text.split("/") if token)
@@ -45,7 +45,7 @@ def expand(name: str, node: str, namespace: str) -> str:
     """The absolute form of a topic name that a node uses.
 
     Args:
-        name: as the node writes it.
+        name: as in the code of the node.
         node: the node's name without namespace.
         namespace: the node's absolute namespace.
     """
@@ -55,7 +55,7 @@ def expand(name: str, node: str, namespace: str) -> str:
 
 
 def remap(name: str, rules: Mapping[str, str], node: str, namespace: str) -> ResolvedName:
-    """The topic that a node really uses, after its remapping rules.
+    """The topic of a node after its remapping rules.
 
     As in rcl, both sides of a rule are expanded in the node's namespace, the first rule whose left
     side equals the expanded name is applied, and its result is not remapped again.

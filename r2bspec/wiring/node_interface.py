@@ -1,9 +1,9 @@
-"""What is known of a node's topics and parameters without starting it.
+"""The topics and parameters of a node, as far as they are known without starting it.
 
-Best first: what the spec states under ``publishes:`` and ``subscribes:``, the node's file in the
-folder `interfaces` beside the spec, the catalogue of well-known packages, the static table of the
-reference nodes, and what a Python file beside the spec says literally. Nothing is guessed: a side
-of which nobody says anything is None.
+The sources, in order of precedence: ``publishes:`` and ``subscribes:`` in the spec, the node's file
+in the folder `interfaces` next to the spec, the catalogue of known packages, the table of the
+reference nodes, and the source of a Python node next to the spec. Nothing is guessed: what no
+source describes is None.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ ParameterType = Literal[
 ]
 
 InterfaceSource = Literal["spec", "file", "catalogue", "table", "source", ""]
-"""Who says what a node's topics are; empty where nobody does."""
+"""The source of a part of an interface; empty if it is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterInfo:
-    """A declared parameter: its ROS type, empty if unknown, and its default if it has one."""
+    """A declared parameter: its ROS type, empty if unknown, and its default, if any."""
 
     type: ParameterType | Literal[""]
     default: ParameterValue | None = None
@@ -52,20 +52,20 @@ class ParameterInfo:
 
 @dataclass(frozen=True, slots=True)
 class Interface:
-    """A node's own topics, by the names that it uses before remapping, with their types.
+    """The topics of a node, by their names before remapping, with their types.
 
     Attributes:
-        subscribes: topic to type; None if unknown. A type is empty where only that is unknown.
-        publishes: likewise.
+        subscribes: the types of subscribed topics; None if the topics are unknown. A type is empty
+            if only the type is unknown.
+        publishes: the types of published topics, likewise.
         parameters: by name; None if unknown.
-        subscribes_from: who says so.
-        publishes_from: who says so.
-        parameters_from: who says so.
-        type_parameters: which parameter decides the type of a topic, where one does.
-        qos: what the node offers or asks for on its topics, where that is known.
-        other_remappable_names: names that can be remapped although no topic is called so: services,
-        and
-            topics from which only the names of others are derived.
+        subscribes_from: the source of `subscribes`.
+        publishes_from: the source of `publishes`.
+        parameters_from: the source of `parameters`.
+        type_parameters: the parameter that decides the type of a topic, if there is one.
+        qos: the known QoS profiles of topics.
+        other_remappable_names: names that can be remapped although they are not topics: services,
+            and names from which the names of topics are derived.
         described_package: what the source describes, such as ``image_proc of ROS 2 Jazzy``.
     """
 
@@ -82,7 +82,7 @@ class Interface:
 
     @property
     def topics(self) -> tuple[str, ...] | None:
-        """Every topic of the node, or None if one side is unknown."""
+        """Every topic of the node, or None if its publishers or subscriptions are unknown."""
         if self.subscribes is None or self.publishes is None:
             return None
         return (*self.subscribes, *(name for name in self.publishes if name not in self.subscribes))
@@ -90,10 +90,10 @@ class Interface:
 
 @dataclass(frozen=True, slots=True)
 class InterfaceEntry:
-    """What a source says of a kind of node; a side that it does not know is None.
+    """The interface of a kind of node in one source; unknown parts are None.
 
-    Types and names may hold ``$(parameter x)``, the value of a parameter, and names may be
-    ``$(beside TOPIC)``, the topic `camera_info` in the folder of what TOPIC is remapped to.
+    Types and names may contain ``$(parameter x)``, the value of a parameter. A name may be
+    ``$(beside TOPIC)``: the topic `camera_info` in the namespace to which TOPIC is remapped.
     """
 
     subscribes: Mapping[str, str] | None = field(default_factory=dict)
@@ -111,7 +111,7 @@ InterfaceTable = Mapping[str, InterfaceEntry]
 
 @dataclass(frozen=True, slots=True)
 class NamingContext:
-    """A node as names are resolved for it: its name, absolute namespace, rules and parameters."""
+    """What name resolution needs of a node: name, absolute namespace, rules and parameters."""
 
     name: str = ""
     namespace: str = "/"
@@ -121,14 +121,14 @@ class NamingContext:
 
 @cache
 def reference_node_interfaces() -> InterfaceTable:
-    """The table of the reference nodes, by Python path, read as data."""
+    """The table of the reference nodes, by their Python paths."""
     return read_interface_table(_TABLE)
 
 
 def read_interface_table(
     file: Path, *, origin: InterfaceSource = "table", described_package: str = ""
 ) -> InterfaceTable:
-    """Read a file of interfaces that goes with r2bspec, and is therefore right."""
+    """Read an interface table that is part of r2bspec, and therefore valid."""
     rows: dict[str, Any] = read_yaml(file.read_text(encoding="utf-8"))
     return {
         name: parse_interface_entry(row, origin, described_package) for name, row in rows.items()
@@ -136,21 +136,21 @@ def read_interface_table(
 
 
 def read_yaml(text: str) -> Any:
-    """The values of a YAML document, read as plain data.
+    """The values of a YAML document, as plain data.
 
     Raises:
-        yaml.YAMLError: it is none, or is nested deeper than anybody writes by hand.
+        yaml.YAMLError: the text is not YAML, or nested too deeply.
     """
     import yaml
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     depth = 0
-    # Loading recurses, in C, once for every level.
+    # Loading recurses once per level, in C.
     for event in yaml.parse(text, Loader=loader):
         depth += isinstance(event, yaml.CollectionStartEvent)
         depth -= isinstance(event, yaml.CollectionEndEvent)
         if depth > _MAX_DEPTH:
-            raise yaml.YAMLError(f"it is nested more than {_MAX_DEPTH} deep")
+            raise yaml.YAMLError(f"it is nested more than {_MAX_DEPTH} levels deep")
     return yaml.load(text, Loader=loader)  # noqa: S506 -- both are safe
 
 
@@ -178,7 +178,7 @@ def parse_interface_entry(
     """A row of an interface file.
 
     Raises:
-        msgspec.ValidationError: it has another form.
+        msgspec.ValidationError: the row is invalid.
     """
     read = msgspec.convert(row, _InterfaceRow, dec_hook=value_codec.decode)
     parameters = (read.parameters or {}).items()
@@ -201,13 +201,13 @@ def interface_of(
     naming: NamingContext | None = None,
     sources: tuple[InterfaceEntry, ...] = (),
 ) -> Interface:
-    """What is known of a node; each side comes from the best source that speaks of it.
+    """The interface of a node; each part is from the first source that describes it.
 
     Args:
         node: the node as the spec has it.
         table: interfaces of Python nodes, by target.
-        naming: how its names are resolved; by default as in a namespace of its own.
-        sources: what else is known of this node, best first, all of it better than the table.
+        naming: how its names are resolved; by default in the root namespace.
+        sources: further sources for this node, best first, all with precedence over the table.
     """
     if naming is None:
         naming = NamingContext(remappings=node.remappings, parameters=node.parameters)
@@ -258,7 +258,7 @@ def _topics(
 
 
 def _derived_topic(name: str, naming: NamingContext) -> str:
-    """The name of a derived topic: beside what its base is remapped to."""
+    """The name of a derived topic: in the namespace to which its base is remapped."""
     derived = _DERIVED_TOPIC.fullmatch(name)
     if derived is None:
         return name
@@ -288,7 +288,7 @@ def _type_parameters(entries: tuple[InterfaceEntry, ...], naming: NamingContext)
 
 
 def _substitute_parameters(text: str, naming: NamingContext, entry: InterfaceEntry) -> str:
-    """Put in the values that the node's parameters have; an unset one leaves nothing."""
+    """Insert the values of the node's parameters; an unset one is replaced by nothing."""
 
     def value(found: re.Match[str]) -> str:
         name = found[1]

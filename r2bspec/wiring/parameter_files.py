@@ -1,4 +1,4 @@
-"""Parameter files of ROS, read as data: which values a node gets from them.
+"""ROS parameter files: the values that a node gets from them.
 
 Grammar, as rcl reads it::
 
@@ -6,9 +6,9 @@ Grammar, as rcl reads it::
     parameters = { name : ( value | parameters ) }
 
 Nested node keys are joined by ``/`` and nested parameter names by ``.``. A key is the full name of
-a node; without a leading ``/`` it stands in the root namespace, so that `relay` is not
-``/r2b/relay``. ``*`` stands for one token of a name, ``**`` for any number. Where several keys
-match a node, later ones win.
+a node; without a leading ``/`` it is in the root namespace, so `relay` is not ``/r2b/relay``. ``*``
+matches one token of a name, ``**`` any number. If several keys match a node, later ones have
+precedence.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from r2bspec.wiring.node_interface import read_yaml
 _MAX_FILE_BYTES = 1_000_000
 _MAX_DEPTH = 50
 _MAX_VALUES = 10_000
-"""Keys of a file; aliases could make a small one stand for more."""
+"""The most keys of a file; aliases could expand a small file to very many."""
 
 _PARAMETERS_KEY = "ros__parameters"
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterFile:
-    """What a parameter file says, or why it says nothing.
+    """The content of a parameter file, or why it cannot be used.
 
     Attributes:
-        nodes: each node key, as one writes it in full, with its parameters; in the file's order.
-        missing: whether there is no such file.
-        problem: why it cannot be used; empty if it can.
+        nodes: each full node key with its parameters, in the order of the file.
+        missing: whether the file does not exist.
+        problem: why the file cannot be used; empty if it can.
     """
 
     nodes: tuple[tuple[str, Mapping[str, ParameterValue]], ...] = ()
@@ -46,13 +46,13 @@ class ParameterFile:
 
 
 def read_parameter_file(path: Path) -> ParameterFile:
-    """Read a parameter file; whatever is wrong with it is said in the result."""
+    """Read a parameter file; problems are in the result."""
     try:
         if path.stat().st_size > _MAX_FILE_BYTES:
             return ParameterFile(problem=f"is larger than {_MAX_FILE_BYTES:,} bytes")
         document = read_yaml(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        return ParameterFile(missing=True, problem="is not there")
+        return ParameterFile(missing=True, problem="does not exist")
     except (OSError, UnicodeDecodeError) as error:
         return ParameterFile(problem=f"cannot be read: {getattr(error, 'strerror', '') or error}")
     except Exception as error:
@@ -68,20 +68,20 @@ def read_parameter_file(path: Path) -> ParameterFile:
 
 
 class _Budget:
-    """How much may still be looked at."""
+    """A limit on the number of values."""
 
     def __init__(self) -> None:
         self._left = _MAX_VALUES
 
     def spend(self) -> None:
-        """Take note of one more value.
+        """Count one more value.
 
         Raises:
-            ValueError: there have been too many.
+            ValueError: there are too many.
         """
         self._left -= 1
         if self._left < 0:
-            raise ValueError(f"stands for more than {_MAX_VALUES:,} values")
+            raise ValueError(f"expands to more than {_MAX_VALUES:,} values")
 
 
 def _nodes(
@@ -95,9 +95,7 @@ def _nodes(
         if _PARAMETERS_KEY in value:
             given = value[_PARAMETERS_KEY]
             if not isinstance(given, dict | None):
-                raise ValueError(
-                    f"has something else than a map in '{_PARAMETERS_KEY}' of {str(key)!r}"
-                )
+                raise ValueError(f"has a '{_PARAMETERS_KEY}' of {str(key)!r} that is not a map")
             yield name, dict(_flatten(given or {}, "", 0, budget))
         elif value:
             yield from _nodes(value, name, depth + 1, budget)
@@ -116,7 +114,7 @@ def _flatten(
 
 
 def node_key_matches(key: str, full_name: str) -> bool:
-    """Whether a node key, as `ParameterFile` gives it, means the node of that full name."""
+    """Whether a node key of a `ParameterFile` matches a full node name."""
     pattern = re.escape(key).replace(r"/\*\*", "(/[^/]+)*").replace(r"\*", "[^/]+")
     return re.fullmatch(pattern, full_name) is not None
 
@@ -124,13 +122,12 @@ def node_key_matches(key: str, full_name: str) -> bool:
 def merged_parameters(
     node: Node, full_name: str, files: Mapping[str, ParameterFile]
 ) -> dict[str, ParameterValue]:
-    """The parameters that a node ends up with: files and values in the order in which they apply.
+    """The parameters of a node: files and values merged in the order in which they apply.
 
     Args:
-        node: the node as the spec has it.
+        node: the node in the spec.
         full_name: its resolved name.
-        files: the parameter files by the paths that the spec writes; one that is not there
-            gives nothing.
+        files: the parameter files by their paths in the spec; missing files are skipped.
     """
     if not node.parameter_sources:
         return dict(node.parameters)

@@ -1,4 +1,4 @@
-"""The wiring of a spec, as frozen values: every known writer and reader of every topic."""
+"""The wiring of a spec: every known publisher and subscription of every topic, as values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from r2bspec.language.spec import Node, ParameterValue, QoS
 from r2bspec.wiring.node_interface import Interface
 
 Phase = Literal["preprocess", "measure"]
-Harness = Literal["loader", "recorder", "player", "monitor"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,11 +19,11 @@ class NodeWiring:
     """A node of the spec with its resolved names.
 
     Attributes:
-        key: its key in the spec, which is its ROS name, too.
+        key: its key in the spec, which is also its ROS name.
         name: full name, such as ``/r2b/apriltag``.
-        path: where it stands in the spec.
-        is_ros_process: False for a command of which the spec says nothing that has to do with ROS.
-        parameters: what it ends up with, from all files and values.
+        path: its place in the spec.
+        is_ros_process: False for a command without settings that are specific to ROS.
+        parameters: its parameters, merged from all files and values.
     """
 
     key: str
@@ -39,20 +38,20 @@ class NodeWiring:
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """One side of a topic.
+    """A publisher or a subscription of a topic.
 
     Attributes:
         owner: the full name of a node, or the part of the harness.
         topic: full name.
         type: such as ``sensor_msgs/msg/Image``; empty if unknown.
-        path: the place in the spec that makes the endpoint what it is.
-        topic_is_key: whether the topic's name is the key there, rather than the value.
-        own_name: how the node itself calls the topic; empty for the harness.
-        type_path: the place in the spec that says the type; empty if it comes from elsewhere.
+        path: the place in the spec that decides its topic.
+        topic_is_key: whether the topic is the key at that place, rather than the value.
+        own_name: the name of the topic in the code of the node; empty for the harness.
+        type_path: the place in the spec that sets the type; empty if it comes from elsewhere.
         type_parameter: the parameter of the node that decides the type; empty if none does.
         monitor: the name of the monitor, for the endpoint of a monitor.
-        qos: the profile that it offers or asks for; None if unknown.
-        qos_path: the place in the spec that says so; empty if it comes from elsewhere.
+        qos: its QoS profile; None if unknown.
+        qos_path: the place in the spec that sets the profile; empty if it comes from elsewhere.
     """
 
     owner: str
@@ -76,7 +75,7 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class PhaseWiring:
-    """All that is known of one phase."""
+    """The nodes and endpoints of one phase."""
 
     phase: Phase
     nodes: tuple[NodeWiring, ...]
@@ -102,11 +101,11 @@ class PhaseWiring:
         return tuple(sorted(self._by_topic))
 
     def publishers(self, topic: str) -> tuple[Endpoint, ...]:
-        """Who is known to write a topic."""
+        """The known publishers of a topic."""
         return tuple(each for each in self._by_topic.get(topic, ()) if each.is_publisher)
 
     def subscriptions(self, topic: str) -> tuple[Endpoint, ...]:
-        """Who is known to read a topic."""
+        """The known subscriptions of a topic."""
         return tuple(each for each in self._by_topic.get(topic, ()) if not each.is_publisher)
 
     @cached_property
@@ -114,7 +113,7 @@ class PhaseWiring:
         return {node.name: node for node in self.nodes}
 
     def node(self, owner: str) -> NodeWiring | None:
-        """The node of that full name; None for a part of the harness."""
+        """The node with that full name; None for a part of the harness."""
         return self._by_name.get(owner)
 
     def endpoints_of(self, owner: str) -> tuple[Endpoint, ...]:
@@ -123,16 +122,16 @@ class PhaseWiring:
 
     @cached_property
     def possible_publishers(self) -> tuple[NodeWiring, ...]:
-        """Nodes that may write any topic, because nothing is known of what they publish."""
+        """Nodes that may publish any topic, because their publishers are unknown."""
         return tuple(each for each in self.nodes if each.interface.publishes is None)
 
     @cached_property
     def possible_subscribers(self) -> tuple[NodeWiring, ...]:
-        """Nodes that may read any topic, because nothing is known of what they subscribe to."""
+        """Nodes that may subscribe to any topic, because their subscriptions are unknown."""
         return tuple(each for each in self.nodes if each.interface.subscribes is None)
 
     def downstream_of(self, topics: Iterable[str]) -> frozenset[str]:
-        """The topics that messages on `topics` can lead to through nodes, themselves included."""
+        """The topics reachable from `topics` through nodes, including themselves."""
         visited: set[str] = set()
         pending = list(topics)
         while pending:
@@ -149,7 +148,7 @@ class PhaseWiring:
         return frozenset(visited)
 
     def upstream_of(self, topic: str) -> frozenset[str]:
-        """The topics from which messages can come to `topic` through nodes, itself included."""
+        """The topics from which `topic` is reachable through nodes, including itself."""
         visited: set[str] = set()
         pending = [topic]
         while pending:
@@ -176,5 +175,5 @@ class Wiring:
 
     @property
     def phases(self) -> tuple[PhaseWiring, PhaseWiring]:
-        """Both phases, in the order in which they happen."""
+        """Both phases, in order."""
         return (self.preprocess, self.measure)

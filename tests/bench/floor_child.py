@@ -5,7 +5,6 @@ Started by `floor_harness` in the place of ``python -m r2bspec.harness.child``.
 
 from __future__ import annotations
 
-import gc
 import os
 import sys
 from typing import Any
@@ -60,17 +59,12 @@ def _without_early_stamps() -> None:
     player.__dict__["Player"] = Late
 
 
-def _without_idle_collector() -> None:
-    gc.__dict__["disable"] = lambda: None
-
-
 _TECHNIQUES: dict[str, Any] = {
     "rcl": _without_rcl,
     "exact-timers": _without_exact_timers,
     "spin": _without_spin,
     "learning": _without_learning,
     "early-stamps": _without_early_stamps,
-    "idle-collector": _without_idle_collector,
 } | dict.fromkeys(_VARIABLES, lambda: None)
 
 TECHNIQUES = tuple(_TECHNIQUES)

@@ -18,14 +18,15 @@ from floor_workloads import COPIES, TOPIC, TYPE, Workload, write_buffer
 
 from r2bspec.execute.host.resource_sampler import ResourceSampler
 from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
-from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentObservation, SegmentPlayer
+from r2bspec.execute.measurement.segment_observation import SegmentObservation
+from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.schedule import CyclicSchedule
-from r2bspec.judge.rate_test import Criterion, estimate_probe, judge_final, plan_interim_looks
+from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
 from r2bspec.record.run_folder import RunFolder
@@ -98,7 +99,8 @@ class Floor:
     def _play(self, rate_hz: float, seconds: float) -> SegmentObservation:
         self._count += 1
         steps = max(20, round(rate_hz * seconds))
-        return self._stage.play("iteration", f"{self._count:03d}", rate_hz, steps, title="")
+        heading = SegmentHeading("iteration", f"{self._count:03d}", title="")
+        return self._stage.play(heading, rate_hz, steps)
 
 
 @contextlib.contextmanager

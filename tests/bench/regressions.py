@@ -31,6 +31,7 @@ import yaml
 
 from r2bspec import api
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
 from ros_runs import relay_node, relay_spec, write_bag
@@ -148,7 +149,7 @@ def _series(spec: Path, change: int, asked: Asked, folder: Path) -> Result | Non
         )
     except R2bspecError as error:
         _tell(f"{folder.name}: {error}")
-        if error.exit_code == 130:
+        if error.exit_code == ExitStatus.INTERRUPTED:
             raise
         return None
 

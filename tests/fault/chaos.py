@@ -349,7 +349,7 @@ class Worker:
         silent = status in {-signal.SIGINT, -signal.SIGTERM} and (not said or "error[" in said)
         if not attempt.killed and not silent and status not in EXIT_CODES:
             wrong.append(f"exit status {status}: {said[-500:]}")
-        explained = re.search(r"error\[R2B\d{3}\]|^interrupted$", said, re.MULTILINE)
+        explained = re.search(r"error\[R2B\d{3} [a-z0-9-]+\]|^interrupted$", said, re.MULTILINE)
         explained = explained or re.search("INVALID", running.stdout())
         second = status == 130 and sum("controller" in each for each in attempt.done) > 1
         judged = (running.folder / "result.json").exists() or attempt.spoiled

@@ -28,6 +28,7 @@ from data_bags import (
     write_ros1,
 )
 from r2bspec.cli.main import main
+from r2bspec.report.findings.slugs import code_with_slug
 from ros_runs import quick_input, relay_node, relay_spec
 
 MESSAGES = chatter(30)
@@ -172,7 +173,7 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
     "MCAP cut short": (_cut_mcap, "R2B304", "ends before its footer"),
     "ROS 1 cut short": (_cut_ros1, "R2B304", "cannot be read"),
     "MCAP with a damaged index": (_damaged_index, "R2B304", "checksum of its summary"),
-    "a part of a split recording is missing": (_without_a_part, "R2B303", "lacks bag_1.db3"),
+    "a part of a split recording is missing": (_without_a_part, "R2B303", "has no bag_1.db3"),
     "the recorder was killed": (_recorder_killed, "R2B313", "bag.db3-wal"),
     "the same on a read-only disk": (
         _recorder_killed_on_a_read_only_disk,
@@ -186,7 +187,7 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
     "links in a circle": (_loop, "R2B301", "does not exist"),
     "a link to nothing": (_dangling, "R2B303", "bag.db3"),
     "no permission": (_unreadable, "R2B304", "permissions"),
-    "an empty file": (_empty_file, "R2B304", "does not begin as MCAP does"),
+    "an empty file": (_empty_file, "R2B304", "does not begin like an MCAP file"),
     "a device": (_device, "R2B304", "neither a bag folder nor"),
     "nothing there": (lambda at: at, "R2B301", "does not exist"),
     "a name that is too long": (lambda at: at.with_name("x" * 300), "R2B301", "does not exist"),
@@ -215,7 +216,7 @@ def test_every_verb_names_what_is_wrong(
         said = capsys.readouterr()
         assert found == status, (arguments[0], said)
         told = said.out + said.err
-        assert f"error[{code}]" in told, arguments[0]
+        assert f"error[{code_with_slug(code)}]" in told, arguments[0]
         assert words in told
         assert "help: " in told
         assert "Traceback" not in told
@@ -251,7 +252,7 @@ def test_damage_that_only_playing_meets_ends_the_run_and_is_named(
         database.execute("UPDATE messages SET data = substr(data, 1, 9) WHERE id = 7")
     assert main(["run", str(spec_of(bag)), "--output", str(tmp_path / "run")]) in (2, 4)
     said = capsys.readouterr().err
-    assert "error[R2B304]" in said
+    assert "error[R2B304 bag-file-unreadable]" in said
     assert "bag.db3" in said
     assert main(["data", "verify", str(bag)]) == 1
 

@@ -112,6 +112,12 @@ def looked(tmp_path_factory: pytest.TempPathFactory) -> Looked:
     return Looked(done, seen, json.loads(printed.stdout), made)
 
 
+def test_the_record_says_which_middleware_the_processes_loaded(looked: Looked) -> None:
+    # Where none is selected, ROS 2 loads this one.
+    assert looked.done.result()["versions"]["rmw"] == "rmw_fastrtps_cpp"
+    assert "rmw_fastrtps_cpp" in looked.done.stdout
+
+
 def processes(looked: Looked) -> dict[str, dict[str, Any]]:
     """The planned processes, by name."""
     return {each["name"]: each for each in looked.plan["processes"]}

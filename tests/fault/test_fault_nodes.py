@@ -124,7 +124,9 @@ def test_a_node_that_hangs_is_measured_up_to_then_and_killed_in_the_end(done: Fi
 
 
 def test_who_had_to_be_killed_is_told(done: Finished) -> None:
-    (said,) = [each for each in done.events() if each.startswith("had to be killed: ")]
+    (said,) = [
+        each for each in done.events() if each.startswith("killed, because they did not exit: ")
+    ]
     assert "stubborn" in said
     # The daemon has no name but that of its program.
     assert "python" in said
@@ -147,4 +149,4 @@ def test_a_log_without_end_is_cut_and_the_run_says_so(done: Finished) -> None:
     # It may have been cut while a word was being written.
     assert text[-5:] in b"word word "
     assert text.count(b" MiB of this log here]\n") == 1
-    assert "logs that were too long were cut: floods.log" in done.events()
+    assert "truncated large logs: floods.log" in done.events()

@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from r2bspec.report.findings.slugs import code_with_slug
+
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, Bench, Finished, quick_input, relay_node, relay_spec
@@ -77,7 +79,7 @@ def chain(kind: str, **remappings: str) -> dict[str, Any]:
 def error_at(done: Finished) -> tuple[str, str]:
     """The code of the only error that has a place in the spec, and the line that it marks."""
     (found,) = re.findall(
-        r"^\S+\.r2b\.yaml:(\d+):\d+: error\[(R2B\d+)\]", done.stderr, re.MULTILINE
+        r"^\S+\.r2b\.yaml:(\d+):\d+: error\[(R2B\d+) [a-z0-9-]+\]", done.stderr, re.MULTILINE
     )
     line, code = found
     (spec,) = set(re.findall(r"^(\S+\.r2b\.yaml):\d", done.stderr, re.MULTILINE))
@@ -90,16 +92,21 @@ def test_a_remapping_that_matched_nothing_is_why_a_topic_is_missing(bench: Bench
     done = bench.run(spec)
     assert done.status == 2
     assert error_at(done) == ("R2B204", "outptu: last")
-    assert "/r2b/last: nobody writes it; nobody reads /r2b/output, which /r2b/second writes" in (
-        done.error
-    )
+    assert (
+        "no publisher on /r2b/last, to which monitor subscribes; /r2b/output, published by "
+        "/r2b/second, has no subscription"
+    ) in done.error
 
 
 def test_types_that_differ(bench: Bench) -> None:
     done = bench.run(chain("OfAnotherType"))
     assert done.status == 2
     assert error_at(done) == ("R2B210", "topic: output")
-    assert "/r2b/output: /r2b/second writes std_msgs/msg/String, but monitor reads" in done.error
+    assert (
+        "monitor subscribes to /r2b/output as sensor_msgs/msg/Image, but /r2b/second publishes "
+        in done.error
+    )
+    assert "/r2b/second publishes /r2b/output as std_msgs/msg/String" in done.error
 
 
 def test_an_input_that_nobody_reads(bench: Bench) -> None:
@@ -109,7 +116,10 @@ def test_an_input_that_nobody_reads(bench: Bench) -> None:
     done = bench.run(spec)
     assert done.status == 2
     assert error_at(done) == ("R2B208", "inptu:")
-    assert "nobody reads it; the nearest name is /r2b/input, which /r2b/second reads" in done.error
+    assert (
+        "no subscription to /r2b/inptu, which is played; the closest name is /r2b/input, to which "
+        "/r2b/second subscribes"
+    ) in done.error
 
 
 def test_qos_that_never_matches(bench: Bench) -> None:
@@ -119,9 +129,9 @@ def test_qos_that_never_matches(bench: Bench) -> None:
     done = bench.run(spec)
     assert done.status == 2
     assert error_at(done) == ("R2B216", "input: output")
-    assert "/r2b/output: what /r2b/second offers is less than /r2b/third asks for" in done.error
-    # What a node that could hear it would have got.
-    assert re.search(r"/r2b/output .*best_effort.*; 10 passed$", done.error, re.MULTILINE)
+    assert "/r2b/third requests a QoS on /r2b/output that /r2b/second does not offer" in done.error
+    # The count of a subscription with a compatible QoS.
+    assert re.search(r"/r2b/output .*best_effort.*; 10 messages$", done.error, re.MULTILINE)
 
 
 def test_a_node_that_swallows_messages(bench: Bench) -> None:
@@ -131,17 +141,17 @@ def test_a_node_that_swallows_messages(bench: Bench) -> None:
     assert done.status == 4
     assert done.run().record.status == "incomplete"
     assert done.error.startswith(
-        "error[R2B641]: nothing arrived on /r2b/output: /r2b/between: 10 messages passed, and "
-        "/r2b/second reads it; /r2b/second publishes nothing on /r2b/output; it also reads "
-        "/r2b/mask, which nobody writes\n"
+        "error[R2B641 no-output]: no messages on /r2b/output: /r2b/second publishes nothing on "
+        "/r2b/output, although it subscribes to /r2b/between (10 messages); it also subscribes to "
+        "/r2b/mask, which has no publisher\n"
     )
-    assert re.search(r"/r2b/input .*writers: player .*; 10 passed$", done.error, re.MULTILINE)
+    assert re.search(r"/r2b/input .*publishers: player .*; 10 messages$", done.error, re.MULTILINE)
     assert bench.judge(done.folder).status in {3, 4}
 
 
 def test_a_remapping_that_changes_nothing_ends_no_run_that_can_go_on(bench: Bench) -> None:
     done = bench.run(chain("Passes", usnued="elsewhere"))
     done.assert_complete()
-    assert "warning[R2B204]: node /r2b/second has no topic 'usnued'" in done.stderr
+    assert f"warning[{code_with_slug('R2B204')}]: /r2b/second has no topic 'usnued'" in done.stderr
     (difference,) = done.result()["differences"]
     assert difference["harmless"]

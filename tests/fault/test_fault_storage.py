@@ -96,8 +96,8 @@ def test_a_file_system_that_is_read_only(bench: Bench, small_disk: Callable[[int
     subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)  # noqa: S607
     done = bench.run(relay_spec(), output=disk / "run")
     assert done.status == 2
-    assert done.error.startswith("error[R2B651]")
-    assert f"{disk / 'run'} cannot be made: Read-only file system" in done.error
+    assert done.error.startswith("error[R2B651 run-folder-not-writable]")
+    assert f"{disk / 'run'} cannot be created: Read-only file system" in done.error
 
 
 def test_a_folder_that_may_not_be_written_to(bench: Bench) -> None:
@@ -108,7 +108,7 @@ def test_a_folder_that_may_not_be_written_to(bench: Bench) -> None:
         pytest.skip("this user may write everywhere")
     done = bench.run(relay_spec(), output=folder / "run")
     assert done.status == 2
-    assert "cannot be made: Permission denied" in done.error
+    assert "cannot be created: Permission denied" in done.error
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])

@@ -77,7 +77,7 @@ def test_a_container_that_dies_is_named_with_its_last_words(bench: Bench, stands
     stands_in("echo libcomponent.so: cannot open shared object file >&2; exit 127")
     done = bench.run(with_component())
     assert done.status == 4
-    assert "process rectify ended with status 127" in done.error
+    assert "process rectify exited with status 127" in done.error
     assert "cannot open shared object file" in done.error
 
 

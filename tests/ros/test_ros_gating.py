@@ -75,6 +75,6 @@ def test_what_a_time_budget_does_not_allow_is_left_out_and_told(bench: Bench) ->
     done = run_that_fails(bench, time_budget="1200 ms")
     assert (done.status, done.outcome) == (1, "fail")
     assert done.run().record.confirmation is None
-    assert "No fresh batch: the time budget of 1.2 s does not allow it." in " ".join(
+    assert "No confirmation run: it would exceed the time budget of 1.2 s." in " ".join(
         done.stdout.split()
     )

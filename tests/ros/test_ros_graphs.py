@@ -214,10 +214,10 @@ def test_the_buffer_is_played_round_and_round(
 
 
 def test_what_has_no_partner_is_counted(done: Finished) -> None:
-    said = [each for each in done.events() if "no partner" in each]
+    said = [each for each in done.events() if "left out" in each]
     assert said == [
-        "/zoo/kept/left: 1 messages have no partner of the same stamp",
-        "/zoo/kept/right: 1 messages have no partner of the same stamp",
+        "/zoo/kept/left: left out 1 messages whose stamp is not in all inputs",
+        "/zoo/kept/right: left out 1 messages whose stamp is not in all inputs",
     ]
 
 

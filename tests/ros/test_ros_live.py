@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from r2bspec.report.findings.slugs import code_with_slug
+
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, STRING, Bench, Finished, relay_node
@@ -150,4 +152,4 @@ def test_requirements_on_something_unknown_are_refused(bench: Bench) -> None:
     spec["slos"] = {"unknown": {"require": required}}
     refused = bench.run(spec)
     assert refused.status == 2
-    assert refused.stderr.count("error[R2B526]") == len(required)
+    assert refused.stderr.count(f"error[{code_with_slug('R2B526')}]") == len(required)

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from r2bspec.report.findings.slugs import code_with_slug
+
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, Bench, Finished, relay_spec
@@ -98,7 +100,7 @@ def pooled(done: Finished, monitor: str = "out") -> dict[str, Any]:
     ("trick", "words", "code"),
     [
         ("raises", "a callback of /r2b/relay raised RuntimeError: lost the plot", "R2B634"),
-        ("exits", "process relay ended with status 9", "R2B631"),
+        ("exits", "process relay exited with status 9", "R2B631"),
         ("crashes", "process relay was killed by SIGABRT", "R2B631"),
     ],
 )
@@ -108,7 +110,7 @@ def test_a_node_that_fails_ends_the_run_and_what_was_measured_is_kept(
     done = bench.run(spec(trick, STEPS + STEPS // 2))
     assert done.status == 4
     assert words in done.error
-    assert done.error.startswith(f"error[{code}]")
+    assert done.error.startswith(f"error[{code_with_slug(code)}]")
     record = done.run().record
     assert record.status == "incomplete"
     assert words in record.reason
@@ -132,7 +134,9 @@ def test_a_node_that_fails_ends_the_run_and_what_was_measured_is_kept(
 def test_a_node_that_dies_at_the_very_last_message_passes_nothing(bench: Bench) -> None:
     done = bench.run(spec("answers_and_exits", 2 * STEPS))
     assert done.status == 4
-    assert done.error.startswith("error[R2B631]: process relay ended with status 9")
+    assert done.error.startswith(
+        "error[R2B631 process-ended-early]: process relay exited with status 9"
+    )
     assert done.result()["verdict"]["outcome"] == "incomplete"
 
 
@@ -172,10 +176,10 @@ def test_an_output_that_stops_half_way_is_told_with_where_its_messages_end(
     (silence,) = strange.result()["silences"]
     assert (silence["topic"], silence["segment"]) == ("/r2b/out/falls_silent", "rate-20Hz-002")
     assert silence["reason"] == (
-        "/r2b/input: 10 messages were played, and /r2b/falls_silent reads it; "
-        "/r2b/falls_silent publishes nothing on /r2b/out/falls_silent"
+        "/r2b/falls_silent publishes nothing on /r2b/out/falls_silent, although it subscribes to "
+        "/r2b/input (10 messages)"
     )
-    assert "10 passed" in silence["way"][0]
+    assert "; 10 messages" in silence["way"][0]
     assert "/r2b/out/falls_silent fell silent in rate-20Hz-002." in strange.stdout
 
 

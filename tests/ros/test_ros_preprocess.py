@@ -160,7 +160,7 @@ def test_a_shortfall_of_a_chain_names_the_topic_and_the_counts(tmp_path: Path) -
     used["preprocessors"]["first"] = relay_node(remappings={"input": "loaded", "output": "raw"})
     done = bench.run(used)
     done.assert_complete()
-    assert "/r2b/halved: 3 messages came out of the preprocessors for 6 in" in done.events()
+    assert "/r2b/halved: the preprocessors published 3 messages for 6 inputs" in done.events()
     numbers = {line.split()[0] for line in (tmp_path / "notes").read_text().splitlines()}
     assert numbers == {"0", "2", "4"}
     names = [each.name for each in done.run().record.processes]
@@ -183,7 +183,7 @@ def test_a_preprocessor_that_publishes_nothing_ends_the_run(tmp_path: Path) -> N
     done = bench.run(used)
     assert done.status == 4
     assert done.error.startswith(
-        "error[R2B641]: nothing arrived on /r2b/kept: /r2b/raw: 2 messages were played, and "
-        "/r2b/prepare reads it; /r2b/prepare publishes nothing on /r2b/kept\n"
+        "error[R2B641 no-output]: no messages on /r2b/kept: /r2b/prepare publishes nothing on "
+        "/r2b/kept, although it subscribes to /r2b/raw (2 messages)\n"
     )
     assert done.run().record.status == "incomplete"

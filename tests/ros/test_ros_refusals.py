@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from r2bspec.report.findings.slugs import code_with_slug
+
 pytest.importorskip("rclpy")
 
 from ros_runs import (
@@ -131,7 +133,7 @@ def test_a_spec_that_is_not_there(bench: Bench) -> None:
 def test_an_output_folder_that_cannot_be_made(bench: Bench) -> None:
     (bench.folder / "a_file").write_text("")
     done = bench.run(relay_spec(), output=bench.folder / "a_file" / "run")
-    assert "a_file/run cannot be made" in done.error
+    assert "a_file/run cannot be created" in done.error
     refused(done)
 
 
@@ -147,7 +149,7 @@ def test_an_output_folder_that_cannot_be_made(bench: Bench) -> None:
         ),
         (
             {"command": ["no-such-program"], "publishes": {"output": IMAGE}},
-            "no program 'no-such-program'",
+            "program 'no-such-program' is not on PATH",
         ),
         (
             {"command": ["./spec.txt"], "publishes": {"output": IMAGE}},
@@ -169,7 +171,7 @@ def test_a_program_that_is_missing_is_missed_before_any_is_started(bench: Bench)
     spec = graph_of({"command": ["no-such-program"], "publishes": {"output": IMAGE}})
     spec["graph"]["nodes"]["other"] = relay_node(remappings={"output": "elsewhere"})
     done = bench.run(spec)
-    assert "process relay: there is no program 'no-such-program' on PATH" in done.error
+    assert "process relay: program 'no-such-program' is not on PATH" in done.error
     assert done.run().record.processes == ()
 
 
@@ -181,7 +183,8 @@ def failed(done: Finished) -> str:
     assert done.status == 4
     record = done.run().record
     assert record.status == "incomplete"
-    assert record.reason.partition("\n")[0] in done.error.replace("error[", "").replace("]", "")
+    code, _, words = record.reason.partition("\n")[0].partition(": ")
+    assert f"error[{code_with_slug(code)}]: {words}" in done.error
     return done.error
 
 
@@ -191,7 +194,9 @@ def test_a_parameter_that_no_node_declares(bench: Bench) -> None:
     # To try again would not help: the spec is to blame, as where validate finds the same.
     assert done.status == 2
     assert done.run().record.status == "incomplete"
-    where = re.search(r"r2b\.yaml:(\d+):\d+: error\[R2B211\]: .*/r2b/relay .*'rtae'", done.stderr)
+    where = re.search(
+        r"r2b\.yaml:(\d+):\d+: error\[R2B211 [a-z-]+\]: .*/r2b/relay .*'rtae'", done.stderr
+    )
     assert where
     assert f"{where[1]} |         rtae: 3" in done.stderr
     assert "did you mean 'rate'?" in done.stderr
@@ -211,29 +216,31 @@ def test_a_plan_from_a_file_has_no_places_but_the_same_code(bench: Bench) -> Non
     plan.write_bytes(made.stdout)
     done = bench.run(plan)
     assert done.status == 2
-    assert done.error.startswith("error[R2B211]: node /r2b/relay declares no parameter 'rtae'")
+    assert done.error.startswith(
+        f"error[{code_with_slug('R2B211')}]: /r2b/relay declares no parameter 'rtae'"
+    )
 
 
 def test_a_constructor_that_raises(bench: Bench) -> None:
     done = bench.run(graph_of({"python": "./nodes.py:Raises"}))
     said = failed(done)
-    assert "/r2b/relay could not be made: ValueError: the calibration file is missing" in said
+    assert "/r2b/relay cannot be created: ValueError: the calibration file is missing" in said
     # The log has what a developer of the node needs.
     assert 'raise ValueError("the calibration file is missing")' in done.log("relay")
 
 
 def test_a_constructor_that_never_returns(bench: Bench) -> None:
     said = failed(bench.run(impatient({"python": "./nodes.py:Hangs"}, "1 s")))
-    assert "process relay did not answer within 1 s" in said
+    assert "process relay did not respond within 1 s" in said
 
 
 def test_a_process_that_ends_while_it_starts(bench: Bench) -> None:
     said = failed(bench.run(graph_of({"python": "./nodes.py:Dies"})))
-    assert "process relay ended with status 7" in said
+    assert "process relay exited with status 7" in said
     assert "no licence" in said
 
 
 def test_a_function_that_returns_no_node(bench: Bench) -> None:
     done = bench.run(graph_of({"python": "./nodes.py:nothing"}))
     assert done.status in {2, 4}
-    assert "./nodes.py:nothing gave no rclpy node but NoneType" in done.error
+    assert "./nodes.py:nothing returned NoneType, not an rclpy node" in done.error

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from r2bspec.report.findings.slugs import code_with_slug
+
 pytest.importorskip("rclpy")
 
 from ros_runs import (
@@ -164,7 +166,7 @@ def test_what_is_there_is_not_made_again(bench: Bench, everything: Finished) -> 
     )
     finished = bench.run(spec)
     assert finished.status == 0, finished.stderr
-    assert "model: model is there" in finished.events()
+    assert "model: model already exists" in finished.events()
 
 
 @pytest.mark.parametrize(
@@ -174,28 +176,28 @@ def test_what_is_there_is_not_made_again(bench: Bench, everything: Finished) -> 
             {"setup": {"bad": {"command": [sys.executable, "-c", "print('why'); exit(3)"]}}},
             4,
             "R2B648",
-            ("setup.bad ended with status 3", "why"),
+            ("setup.bad exited with status 3", "why"),
             id="a setup step fails",
         ),
         pytest.param(
             {"setup": {"idle": {"command": ["true"], "creates": "never"}}},
             4,
             "R2B648",
-            ("setup step idle succeeded, but never is not there",),
+            ("setup step idle succeeded, but never does not exist",),
             id="a setup step does not create what it says",
         ),
         pytest.param(
             {"setup": {"slow": {"command": ["sleep", "600"], "timeout": "200 ms"}}},
             4,
             "R2B648",
-            ("setup.slow has not ended after 0.2 s",),
+            ("setup.slow did not exit within 0.2 s",),
             id="a setup step takes too long",
         ),
         pytest.param(
             {"ready": {"never": {"file": "nowhere", "timeout": "200 ms"}}},
             4,
             "R2B646",
-            ("ready.never: file nowhere is not there after 0.2 s",),
+            ("ready.never: file nowhere does not exist after 0.2 s",),
             id="a probe is never satisfied",
         ),
         pytest.param(
@@ -213,14 +215,14 @@ def test_what_is_there_is_not_made_again(bench: Bench, everything: Finished) -> 
             },
             4,
             "R2B647",
-            ("there is no service /r2b/nobody",),
+            ("service /r2b/nobody does not exist",),
             id="a service is not there",
         ),
         pytest.param(
             {"graph": {"nodes": {"relay": relay_node(cpus=[4095])}}},
             4,
             "R2B636",
-            ("process relay cannot run on processors 4095",),
+            ("process relay cannot run on CPUs 4095",),
             id="a processor is not there",
         ),
         pytest.param(
@@ -238,7 +240,7 @@ def test_what_is_there_is_not_made_again(bench: Bench, everything: Finished) -> 
             {"harness": {"kind": "ros2_benchmark"}},
             2,
             "R2B619",
-            ("this version does not carry out the harness 'ros2_benchmark'",),
+            ("this version cannot run the harness 'ros2_benchmark'",),
             id="what cannot be run yet is refused",
         ),
     ],
@@ -248,7 +250,7 @@ def test_what_goes_wrong_is_named(
 ) -> None:
     spec = relay_spec(**changes)
     finished = bench.run(spec)
-    assert finished.error.startswith(f"error[{code}]"), finished.stderr
+    assert finished.error.startswith(f"error[{code_with_slug(code)}]"), finished.stderr
     assert all(each in finished.error for each in said), finished.error
     assert finished.status == status
 

@@ -13,8 +13,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.execute.processes.environment import RunEnvironment, segment_bytes
+from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.ros_domain import reserved_domain
+from r2bspec.middleware.fast_dds_profile import default_segment_bytes
 from ros_runs import HANG_S
 from run_simulation import Simulation
 
@@ -75,7 +76,7 @@ def test_shared_memory_is_as_large_as_the_messages_need_and_there_is_no_other(
     found = sizes(seen(tmp_path, "shared_memory"))
     segments = [each for each in found if each > 1 << 18]
     assert len(segments) == 1, found
-    assert segments[0] >= segment_bytes(IMAGE_BYTES)
+    assert segments[0] >= default_segment_bytes(IMAGE_BYTES)
 
 
 def test_nothing_of_a_run_listens_to_other_machines(tmp_path: Path) -> None:

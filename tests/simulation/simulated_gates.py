@@ -15,7 +15,7 @@ from r2bspec.judge.statistics.effective_sample_size import effective_sample
 from r2bspec.judge.statistics.paired_ratio import RatioInterval, abba, paired_ratio
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.judge.statistics.t_interval import mean_interval
-from r2bspec.judge.statistics.welch_test import welch_ratio
+from r2bspec.judge.statistics.welch_t import welch_ratio
 
 CONFIDENCE = 0.95
 

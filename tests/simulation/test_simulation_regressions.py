@@ -12,9 +12,10 @@ from scipy import stats
 from simulated_gates import paired_values, run_values
 
 from r2bspec.judge.baseline_ratio import BaselineComparison, judge_history, judge_pairs
-from r2bspec.judge.confirmation import CONFIRMATION_CONFIDENCE, confirm_requirement
+from r2bspec.judge.confirmation import confirm_requirement
 from r2bspec.judge.history_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
+from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
 from r2bspec.language.requirement_grammar import parse_requirement
 
 pytestmark = pytest.mark.simulation

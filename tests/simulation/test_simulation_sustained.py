@@ -1,6 +1,6 @@
 """`sustained`, and so every probe of a search, on queues close to their capacity.
 
-A probe may be wrong in 1.25 % of cases (`r2bspec.judge.rate_test`): of n probes more than
+A probe may be wrong in 1.25 % of cases (`r2bspec.judge.rate_decision`): of n probes more than
 n x 1.25 % + 4 sqrt(n x 1.25 %) are wrong once in some ten thousand.
 """
 

@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from r2bspec.judge.rate_test import Criterion
+from r2bspec.judge.rate_decision import Criterion
 from r2bspec.judge.verdict import Outcome
 from r2bspec.record.run_record import SearchRecord
 from simulated_queues import SHALLOW, Server, probe, search

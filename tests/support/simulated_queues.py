@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
-from r2bspec.judge.rate_test import (
+from r2bspec.judge.rate_decision import (
     Criterion,
     ProbeJudgement,
     estimate_probe,

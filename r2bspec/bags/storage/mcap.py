@@ -1,8 +1,8 @@
-"""MCAP storage: `rosbags` reads it; how it was written decides in which way.
+"""MCAP storage, read by `rosbags` in one of two ways.
 
-Files with a complete index are read chunk by chunk. `rosbags` leaves out, without a word, what
-the index does not list: messages outside of chunks beside others in chunks, and chunks that
-were written without an index of their messages. Such files are read from end to end.
+Files with a complete index are read chunk by chunk. `rosbags` silently skips messages that are not
+in the index: messages outside of chunks in files with chunks, and chunks that were written without
+an index of their messages. Such files are read sequentially.
 """
 
 from __future__ import annotations
@@ -92,10 +92,10 @@ class McapStorage:
     def _messages_by_time(
         self, connections: list[Connection], start_ns: int | None, stop_ns: int | None
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Messages of a file without index, in time order; memory holds what stands out of order.
+        """Messages of a file without index, in order of time; unordered ones are kept in memory.
 
-        A first pass takes down the times. In the second a message is kept back as long as one
-        that is older is still to come.
+        A first pass reads the times. In the second one, a message is kept until all older messages
+        have been read.
         """
         import numpy as np
 
@@ -125,18 +125,18 @@ def _is_indexed(file: Any) -> bool:
 
 
 def _check_counts(stated: Counter[int], found: Counter[int], display_path: Path) -> None:
-    # A file that was written without statistics states nothing.
+    # A file may be written without statistics.
     if +stated and +stated != +found:
         raise DataError(
-            f"{display_path} cannot be read: its summary counts {stated.total():,} messages, and"
-            f" {found.total():,} are there",
+            f"{display_path} cannot be read: its summary states {stated.total():,} messages, but"
+            f" it has {found.total():,}",
             code=STORAGE_UNREADABLE,
-            hint="the file is damaged; 'mcap recover' writes what is there to a new one",
+            hint="the file is damaged; 'mcap recover' writes its readable messages to a new one",
         )
 
 
 def _check_profile(path: Path, display_path: Path) -> None:
-    """Refuse MCAP that is sound but of another world than ROS 2.
+    """Check that the profile of an MCAP file is that of ROS 2.
 
     Raises:
         DataError: R2B304.
@@ -145,7 +145,7 @@ def _check_profile(path: Path, display_path: Path) -> None:
         head = stream.read(len(_MAGIC) + 13)
         if len(head) < len(_MAGIC) + 13 or not head.startswith(_MAGIC) or head[8] != _HEADER_RECORD:
             raise DataError(
-                f"{display_path} cannot be read: it does not begin as MCAP does",
+                f"{display_path} cannot be read: it does not begin like an MCAP file",
                 code=STORAGE_UNREADABLE,
                 hint="the file is damaged or incomplete; copy or record it again",
             )
@@ -153,14 +153,14 @@ def _check_profile(path: Path, display_path: Path) -> None:
         profile = stream.read(min(length, 64)).decode(errors="replace")
     if profile != "ros2":
         raise DataError(
-            f"{display_path} is MCAP with the profile {profile!r}; only 'ros2' can be played",
+            f"{display_path} has the MCAP profile {profile!r}; only 'ros2' is supported",
             code=STORAGE_UNREADABLE,
             hint="convert it with 'mcap convert', or record it with 'ros2 bag record'",
         )
 
 
 def _check_chunks(path: Path, chunks: list[Any]) -> None:
-    """Compare the times by which windows are cut with those that the chunks themselves state.
+    """Compare the times of chunks in the index with those in the chunks.
 
     See https://mcap.dev/spec, "Chunk" and "Chunk Index".
 
@@ -170,16 +170,16 @@ def _check_chunks(path: Path, chunks: list[Any]) -> None:
     with path.open("rb") as stream:
         for chunk in chunks:
             stream.seek(chunk.chunk_start_offset)
-            # A chunk that is cut short raises here what `struct` raises.
+            # For a truncated chunk, `struct` raises its error here.
             kind, _, start_ns, end_ns = _CHUNK.unpack(stream.read(_CHUNK.size))
             stated = (chunk.message_start_time, chunk.message_end_time)
             if kind != _CHUNK_RECORD or (start_ns, end_ns) != stated:
-                msg = "its index says something else of a chunk than the chunk itself"
+                msg = "its index does not match a chunk"
                 raise ValueError(msg)
 
 
 def _check_summary(path: Path) -> None:
-    """Compare the summary, which holds the index, with its checksum (0: there is none).
+    """Compare the summary, which contains the index, with its checksum (0: there is none).
 
     See https://mcap.dev/spec, "Footer".
 

@@ -1,7 +1,7 @@
-"""ROS 1 storage: `rosbags` reads it, and each message becomes the CDR that ROS 2 would have sent.
+"""ROS 1 storage, read by `rosbags`; each message is converted to the CDR of ROS 2.
 
-Types keep their names in the way of ROS 2 (``sensor_msgs/Image`` is ``sensor_msgs/msg/Image``),
-headers lose their ``seq``, and what is laid out otherwise in ROS 2 is migrated field by field.
+Types have the names of ROS 2 (``sensor_msgs/Image`` is ``sensor_msgs/msg/Image``), headers lose
+their ``seq``, and types with another layout in ROS 2 are migrated field by field.
 """
 
 from __future__ import annotations
@@ -73,20 +73,20 @@ class Ros1Storage:
     def _converter(self, connection: Connection) -> _Converter:
         try:
             return _converter(connection.msgtype, connection.msgdef.data, _type(connection))
-        # Definitions are text of the recording: what is wrong with them shows in any way.
+        # Definitions are text of the recording, so parsing them may raise any exception.
         except Exception as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise DataError(
-                f"{self._display_path} holds {connection.topic} as {connection.msgtype}, "
+                f"{self._display_path} has {connection.topic} as {connection.msgtype}, "
                 "which cannot be"
                 f" converted to ROS 2: {reason}",
                 code=SERIALIZATION_UNSUPPORTED,
-                hint="convert the bag with a tool that knows the type",
+                hint="convert the bag with a tool that supports the type",
             ) from error
 
 
 def _check_index(path: Path, reader: Reader) -> None:
-    """Compare what was read with what is there: a wrong count in the header hides messages.
+    """Compare the index with the file: with a wrong count in the header, messages are missing.
 
     Raises:
         ValueError: they differ.
@@ -106,13 +106,13 @@ def _check_index(path: Path, reader: Reader) -> None:
         len(reader.connections),
         len(reader.chunk_infos),
     ):
-        msg = "its header states other numbers of chunks or connections than its index has"
+        msg = "the numbers of chunks or connections in its header and its index differ"
         raise ValueError(msg)
     stated: Counter[int] = Counter()
     for chunk in reader.chunk_infos:
         stated.update(chunk.connection_counts)
     if +stated != +Counter({each.id: each.msgcount for each in reader.connections}):
-        msg = "its index has other numbers of messages than its chunks"
+        msg = "the numbers of messages in its index and its chunks differ"
         raise ValueError(msg)
 
 
@@ -122,7 +122,7 @@ def _type(connection: Connection) -> str:
 
 @cache
 def _converter(recorded: str, definition: str, wanted: str) -> _Converter:
-    """How messages of one recorded type become CDR.
+    """The conversion of messages of one recorded type to CDR.
 
     Args:
         recorded: name of the type in the recording.
@@ -135,7 +135,7 @@ def _converter(recorded: str, definition: str, wanted: str) -> _Converter:
     source = get_typestore(Stores.EMPTY)
     source.register(get_types_from_msg(definition, recorded))
     target = get_typestore(Stores.ROS2_JAZZY)
-    # A type of the user's own is taken to be the same in ROS 2, but for what it contains.
+    # A user-defined type is assumed to be equal in ROS 2, except for types that it contains.
     own = {name: each for name, each in source.fielddefs.items() if name not in target.fielddefs}
     target.register(own)
     if is_same_wireformat(source, target, recorded, wanted):

@@ -1,4 +1,4 @@
-"""sqlite3 storage: `rosbags` reads it; what it would take silently is refused here first."""
+"""sqlite3 storage, read by `rosbags`, after checks for damage that it would not detect."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from r2bspec.bags.storage.storage import StoredTopic
 
 _MAGIC = b"SQLite format 3\x00"
 _HEADER_BYTES = 100
-# What may lie beside a database: the journals that hold changes which the file itself lacks.
+# Journals in the folder of a database, with changes that are not in the file itself.
 _JOURNALS = {
     "-wal": (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83"),
     "-journal": (b"\xd9\xd5\x05\xf9",),
 }
 # Characters that have a meaning in the URI by which the file is opened.
 _URI_SPECIAL = frozenset("?#%")
+# The longest header of a zstd frame, magic number included.
 
 
 class SqliteStorage:
@@ -57,8 +58,7 @@ class SqliteStorage:
             self.close()
             raise DataError(
                 f"{display_path} cannot be read: it has {self.message_count:,} messages "
-                "by its index and"
-                f" {topic_total:,} by its topics",
+                f"by its index, but {topic_total:,} by its topics",
                 code=STORAGE_UNREADABLE,
                 hint="the file is damaged; copy or record it again",
             )
@@ -124,7 +124,7 @@ def _row_by_row(
 
 
 def _check_complete(path: Path, display_path: Path) -> None:
-    """Refuse what sqlite would open without a word although part of it is missing.
+    """Check for missing data that sqlite would not detect.
 
     A recording is opened as immutable, because it may lie on a read-only disk, where no lock
     file can be made. sqlite then neither looks for a journal nor at the size of the file
@@ -137,7 +137,7 @@ def _check_complete(path: Path, display_path: Path) -> None:
         head = stream.read(_HEADER_BYTES)
     if len(head) < _HEADER_BYTES or not head.startswith(_MAGIC):
         raise DataError(
-            f"{display_path} cannot be read: it is no sqlite3 database",
+            f"{display_path} cannot be read: it is not a sqlite3 database",
             code=STORAGE_UNREADABLE,
             hint="the file is damaged or incomplete; copy or record it again",
         )
@@ -159,11 +159,10 @@ def _check_complete(path: Path, display_path: Path) -> None:
             with journal.open("rb") as stream:
                 if stream.read(4) in magics:
                     raise DataError(
-                        f"{display_path} was not closed: {journal.name} beside it holds "
-                        "messages that it"
-                        " lacks",
+                        f"{display_path} was not closed: some of its messages are only in "
+                        f"{journal.name}",
                         code=RECORDING_NOT_CLOSED,
-                        hint="end the recorder, or after a crash bring both together with"
+                        hint="end the recorder, or after a crash merge both files with"
                         f" \"sqlite3 '{path}' 'PRAGMA wal_checkpoint(TRUNCATE)'\"",
                     )
 

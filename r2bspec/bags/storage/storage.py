@@ -1,13 +1,14 @@
-"""Opening the storage files of a bag, whatever their format, with errors a person can use."""
+"""Opening the storage files of a bag in any format, with clear errors."""
 
 from __future__ import annotations
 
+import importlib
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from r2bspec.bags.compression import unpack
 from r2bspec.bags.errors import (
@@ -19,14 +20,13 @@ from r2bspec.bags.errors import (
     error_text,
 )
 from r2bspec.bags.metadata import check_not_lfs_pointer
-from r2bspec.bags.recording import Message, StorageName
-
-STORAGE_SUFFIXES: dict[str, StorageName] = {".db3": "sqlite3", ".mcap": "mcap", ".bag": "ros1"}
+from r2bspec.bags.recording import Message
+from r2bspec.language.bag_formats import SUFFIXES_TEXT, format_of_suffix
 
 
 @dataclass(frozen=True)
 class StoredTopic:
-    """A topic as one storage file states it; the type is normalised."""
+    """A topic of one storage file; the type is normalised."""
 
     name: str
     type: str
@@ -60,12 +60,16 @@ class Storage(Protocol):
         ...
 
 
+StorageReader = Callable[[Path, Path], Storage]
+"""Opens a file; its second argument is what errors call the file."""
+
+
 @contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Turn whatever a storage parser raises on damaged input into one DataError (R2B304).
+    """Convert all exceptions of a storage parser to DataError (R2B304).
 
-    The parsers of damaged files raise struct, index, type, database and decompression errors;
-    naming each would only list today's.
+    For damaged files, the parsers raise struct, index, type, database and decompression errors,
+    which may change with their versions.
     """
     try:
         yield
@@ -85,7 +89,7 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
     Raises:
         DataError: one is missing (R2B303) or a Git LFS pointer (R2B305).
     """
-    # Unlike its method of pathlib, this takes a name that is too long for one that is not there.
+    # Unlike the method of pathlib, this returns False for a name that is too long.
     if not os.path.exists(path):  # noqa: PTH110
         raise DataError(
             f"{path} does not exist", code=BAG_NOT_FOUND, hint="check the path of the bag"
@@ -94,7 +98,7 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
     missing = [candidate.name for candidate in paths if not os.path.isfile(candidate)]  # noqa: PTH113
     if missing:
         raise DataError(
-            f"{path} lacks {', '.join(missing)}, which its metadata.yaml names",
+            f"{path} has no {', '.join(missing)}, which its metadata.yaml names",
             code=STORAGE_MISSING,
             hint=f"copy the whole folder again, or run 'ros2 bag reindex {path}'",
         )
@@ -106,11 +110,11 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
 
 @contextmanager
 def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterator[list[Storage]]:
-    """Open storage files, each by itself.
+    """Open storage files separately.
 
-    One reader per file, and not one for the folder: topics are then matched by what the storage
-    says, which is right where metadata.yaml disagrees about QoS, and files that overlap in time
-    can be merged.
+    With one reader per file, instead of one for the folder, topics are matched by the storage,
+    which is correct even if metadata.yaml has another QoS, and files that overlap in time can be
+    merged.
 
     Args:
         paths: the storage files.
@@ -118,7 +122,7 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
             folder, because all formats need random access.
 
     Raises:
-        DataError: a file is no readable storage (R2B304), or was not closed (R2B313).
+        DataError: a file is not readable storage (R2B304), or was not closed (R2B313).
     """
     with ExitStack() as stack:
         storages = []
@@ -133,21 +137,19 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
 
 def _open(path: Path, display_path: Path) -> Storage:
     """Open one file; `display_path` is what errors call it."""
-    from r2bspec.bags.storage.mcap import McapStorage
-    from r2bspec.bags.storage.ros1 import Ros1Storage
-    from r2bspec.bags.storage.sqlite import SqliteStorage
+    found = format_of_suffix(path.suffix)
+    if found is None:
+        raise DataError(
+            f"{display_path} is not named as a storage file",
+            code=STORAGE_UNREADABLE,
+            hint=f"storage files end in {SUFFIXES_TEXT}; "
+            "if it is compressed, metadata.yaml must say so",
+        )
+    reader: StorageReader = import_from_storage(found.reader)
+    return reader(path, display_path)
 
-    match STORAGE_SUFFIXES.get(path.suffix):
-        case "sqlite3":
-            return SqliteStorage(path, display_path)
-        case "mcap":
-            return McapStorage(path, display_path)
-        case "ros1":
-            return Ros1Storage(path, display_path)
-        case None:
-            raise DataError(
-                f"{display_path} is not named as a storage file",
-                code=STORAGE_UNREADABLE,
-                hint="storage files end in .db3, .mcap or .bag; "
-                "if it is compressed, metadata.yaml must say so",
-            )
+
+def import_from_storage(place: str) -> Any:
+    """What ``module:name`` stands for in this package; only what is used is imported."""
+    module, name = place.split(":")
+    return getattr(importlib.import_module(f"{__package__}.{module}"), name)

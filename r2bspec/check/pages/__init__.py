@@ -9,13 +9,19 @@ from r2bspec.check.pages.waiver_codes import WAIVER_PAGES
 from r2bspec.check.rule_registry import all_rules
 from r2bspec.diagnostics.code_pages import Page
 
+_PAGES_WITHOUT_RULE = {
+    page.code: page for page in (*DATA_PAGES, *FILE_PAGES, *RUN_PAGES, *WAIVER_PAGES)
+}
+
 
 def all_pages() -> dict[str, Page]:
     """Every page by its code, in the order of the codes."""
     from r2bspec.language.pages import PAGES
 
-    rules = (rule.page for rule in all_rules())
-    pages = {
-        page.code: page for page in (*DATA_PAGES, *FILE_PAGES, *RUN_PAGES, *WAIVER_PAGES, *rules)
-    }
-    return dict(sorted({**PAGES, **pages}.items()))
+    rules = {rule.code: rule.page for rule in all_rules()}
+    return dict(sorted({**PAGES, **_PAGES_WITHOUT_RULE, **rules}.items()))
+
+
+def find_page(code: str) -> Page | None:
+    """The page of one code; the rules are imported only for a code that may be one of theirs."""
+    return _PAGES_WITHOUT_RULE.get(code) or all_pages().get(code)

@@ -6,6 +6,6 @@ from r2bspec.diagnostics.code_pages import Page
 from r2bspec.diagnostics.diagnostic import Severity
 
 
-def error_page(code: str, title: str, why: str) -> Page:
+def error_page(slug: str, code: str, title: str, why: str) -> Page:
     """The page of an error, without examples."""
-    return Page(code=code, title=title, severity=Severity.ERROR, why=why, failing="", passing="")
+    return Page(slug, code, title, Severity.ERROR, why, failing="", passing="")

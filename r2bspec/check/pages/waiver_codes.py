@@ -10,8 +10,8 @@ _TWICE = "{rates: [30 Hz, 30 Hz]}"
 _WAIVED = "  # r2bspec: ignore[R2B512] shows that both take as long"
 
 
-def _page(code: str, title: str, why: str, failing: str, passing: str) -> Page:
-    return Page(code, title, Severity.WARNING, why, failing, passing)
+def _page(slug: str, code: str, title: str, why: str, failing: str, passing: str) -> Page:
+    return Page(slug, code, title, Severity.WARNING, why, failing, passing)
 
 
 def _benchmark(text: str) -> str:
@@ -20,6 +20,7 @@ def _benchmark(text: str) -> str:
 
 WAIVER_PAGES = (
     _page(
+        "waiver-without-reason",
         "R2B040",
         "waiver without a code or a reason",
         "A waiver says which finding is intended, and why. Without a code and a reason it has no "
@@ -28,6 +29,7 @@ WAIVER_PAGES = (
         _benchmark(_TWICE + _WAIVED),
     ),
     _page(
+        "waiver-of-unknown-code",
         "R2B041",
         "waiver of an unknown code",
         "The code does not exist, so the waiver has no effect.",
@@ -35,6 +37,7 @@ WAIVER_PAGES = (
         _benchmark(_TWICE + _WAIVED),
     ),
     _page(
+        "unused-waiver",
         "R2B042",
         "unused waiver",
         "The finding was fixed or has moved. If the waiver stayed, it would hide the next finding "
@@ -43,6 +46,7 @@ WAIVER_PAGES = (
         _benchmark(_TWICE + _WAIVED),
     ),
     _page(
+        "code-not-waivable",
         "R2B043",
         "waiver of an error that cannot be waived",
         "Errors of the YAML or the language leave no spec to run.",

@@ -13,7 +13,7 @@ def _find(context: Context) -> Findings:
     if namespace == "/":
         return
     inside = f"{namespace}/"
-    outside = {node.name for _, node in context.nodes if node.node.kind in {"external", "launch"}}
+    outside = {node.name for _, node in context.nodes if node.node.kind.by_others}
     for name, path, key in _absolute_names(context):
         if name.startswith(inside) or name in SHARED_TOPICS or outside:
             continue

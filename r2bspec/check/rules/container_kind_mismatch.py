@@ -11,18 +11,18 @@ def _find(context: Context) -> Findings:
         if container is None:
             continue
         kind = node.node.kind
-        contained_kind = "python" if container.executable == "python" else "plugin"
-        if kind == contained_kind:
+        contained_role = "host" if container.executable == "python" else "container"
+        if kind.role == contained_role:
             continue
         placed = f"{node.key} cannot run in {quote(node.node.container)}"
-        contents = "Python nodes" if contained_kind == "python" else "C++ components"
+        contents = "Python nodes" if contained_role == "host" else "C++ components"
         yield Finding(
             message=f"{placed}, which loads {contents}"
-            if kind in {"python", "plugin"}
+            if kind.shares_process
             else f"{placed}: it runs in its own process",
             path=(*node.path, "container"),
             help="use another container, or none"
-            if kind in {"python", "plugin"}
+            if kind.shares_process
             else "only Python nodes and C++ components run in containers",
             related=(
                 Pointer(

@@ -35,7 +35,8 @@ def _shared_process(context: Context, node: NodeWiring) -> str:
     if node.node.container:
         return f"{node.path[0]}.{node.node.container}"
     shared = context.spec.graph.placement != "separate" and node.path[0] == "graph"
-    return f" {node.node.kind}" if shared and node.node.kind in {"python", "plugin"} else ""
+    kind = node.node.kind
+    return f" {kind.name}" if shared and kind.shares_process else ""
 
 
 RULE = Rule(

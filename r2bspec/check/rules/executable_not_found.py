@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from r2bspec.check.installed_packages import package_executables
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, suggestion, value_key
+from r2bspec.language.node_kinds import EXECUTABLE
 
 
 def _find(context: Context) -> Findings:
     for _, node in context.nodes:
-        if node.node.kind != "executable":
+        if node.node.kind is not EXECUTABLE:
             continue
         package, executable = node.node.package, node.node.executable
         executables = package_executables(package)

@@ -9,7 +9,7 @@ def _find(context: Context) -> Findings:
     for _, node in context.nodes:
         interface = node.interface
         if (
-            node.node.kind == "external"
+            node.node.kind.role is None
             and interface.publishes is None
             and interface.subscribes is None
         ):

@@ -21,7 +21,7 @@ def _find(context: Context) -> Findings:
     for phase in context.wiring.phases:
         first: dict[str, tuple[str, Path]] = dict(_generated_nodes(context, phase))
         for node in phase.nodes:
-            if node.node.kind == "launch" or not node.is_ros_process:
+            if node.node.kind.names_own_nodes or not node.is_ros_process:
                 continue
             what, path = first.setdefault(node.name, ("another node", node.path))
             if path != node.path or what != "another node":
@@ -40,7 +40,7 @@ def _generated_nodes(
     """The nodes that a plan adds to those of the spec: containers and the harness."""
     namespace = context.wiring.namespace
     for node in phase.nodes:
-        if node.node.kind == "plugin" and not node.node.container:
+        if node.node.kind.role == "container" and not node.node.container:
             yield f"{node.name}_container", (f"the container of {node.key}", node.path)
     if context.spec.harness.kind == "ros2_benchmark" and phase.phase == "measure":
         monitors = (f"monitor_{name}" for name in context.spec.monitors)

@@ -9,7 +9,7 @@ from r2bspec.wiring.parameter_files import node_key_matches
 
 def _find(context: Context) -> Findings:
     for _, node in context.nodes:
-        if node.node.kind == "command":
+        if node.node.kind.any_program:
             # It may contain several nodes with any names.
             continue
         for path, name in parameter_file_paths(context, node):

@@ -12,7 +12,7 @@ def _find(context: Context) -> Findings:
     colocated = [
         node.key
         for node in context.wiring.measure.nodes
-        if node.node.kind == "python" and not node.node.container
+        if node.node.kind.role == "host" and not node.node.container
     ]
     if colocated:
         yield Finding(

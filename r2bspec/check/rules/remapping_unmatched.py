@@ -34,7 +34,7 @@ def _find(context: Context) -> Findings:
 
 def _matches_nothing(node: NodeWiring, left: str) -> bool:
     own = node.interface.topics
-    if own is None or node.node.kind == "launch":
+    if own is None or node.node.kind.names_own_nodes:
         return False
     full = expand(left, node.key, node.namespace)
     known = {

@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
     quote,
     value_key,
 )
-from r2bspec.check.sample_size import min_sample_size
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.quantities import Rate
 
 # An iteration of n messages has n - 1 intervals, and n - 2 differences between intervals.

@@ -13,7 +13,7 @@ from r2bspec.check.rule_api import (
     pluralize,
     quote,
 )
-from r2bspec.check.sample_size import min_sample_size
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.quantities import Duration
 
 

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from r2bspec.compare.history.errors import HistoryError
-from r2bspec.compare.history.migrations import (
+from r2bspec.compare.history.model import HistoryEntry, HistoryMetric
+from r2bspec.compare.history.schema import (
     APPLICATION_ID,
     SCHEMA_VERSION,
-    migrate,
+    create_tables,
     schema_version,
 )
-from r2bspec.compare.history.model import HistoryEntry, HistoryMetric
 
 _MAX_LOCK_WAIT_S: Final = 30.0
 """How long to wait for another program that is writing. A row takes milliseconds."""
+
+_LOCK_POLL_S: Final = 0.01
 
 _COLUMNS: Final = (
     *("run_id", "name", "started_at", "host", "machine", "plan", "dataset", "version"),
@@ -49,7 +52,7 @@ class History:
         """
         values = [getattr(entry, name) for name in _COLUMNS]
         marks = ", ".join("?" for _ in _COLUMNS)
-        with _translate_errors(self.path), self._transaction():
+        with _translate_errors(self.path), _transaction(self._connection):
             self._connection.execute("DELETE FROM runs WHERE run_id = ?", (entry.run_id,))
             self._connection.execute(
                 f"INSERT INTO runs ({', '.join(_COLUMNS)}) VALUES ({marks})",  # noqa: S608 - ours
@@ -113,7 +116,7 @@ class History:
         Raises:
             HistoryError: the file cannot be written.
         """
-        with _translate_errors(self.path), self._transaction():
+        with _translate_errors(self.path), _transaction(self._connection):
             done = self._connection.execute(
                 "UPDATE runs SET accepted = 1 WHERE run_id = ?", (run_id,)
             )
@@ -125,7 +128,7 @@ class History:
         Raises:
             HistoryError: the file cannot be written.
         """
-        with _translate_errors(self.path), self._transaction():
+        with _translate_errors(self.path), _transaction(self._connection):
             done = self._connection.executemany(
                 "DELETE FROM runs WHERE run_id = ?", [(one,) for one in run_ids]
             )
@@ -141,29 +144,18 @@ class History:
         found = (dict(zip(_COLUMNS, row, strict=True)) for row in rows)
         return tuple(HistoryEntry(**one | {"accepted": bool(one["accepted"])}) for one in found)
 
-    @contextlib.contextmanager
-    def _transaction(self) -> Iterator[None]:
-        # IMMEDIATE waits for the lock at once; a read that later wants to write would not wait.
-        self._connection.execute("BEGIN IMMEDIATE")
-        try:
-            yield
-        except BaseException:
-            self._connection.execute("ROLLBACK")
-            raise
-        self._connection.execute("COMMIT")
-
 
 @contextlib.contextmanager
 def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
-    """Open a history, and bring it to this version's tables.
+    """Open a history.
 
     Args:
         path: the file.
         create: make it, and its folders, if it is not there.
 
     Raises:
-        HistoryError: it is not there, is no history, is damaged, was written by a newer version,
-            or another program holds it for too long.
+        HistoryError: it is not there, is no history, is damaged, has another version of the
+            format, or another program holds it for too long.
     """
     if not path.exists() and not create:
         raise HistoryError(
@@ -175,29 +167,70 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
             path.parent.mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, timeout=_MAX_LOCK_WAIT_S, isolation_level=None)
             stack.enter_context(contextlib.closing(connection))
-            _check(path, connection)
-            # Readers and a writer do not wait for each other; the file says so from then on.
-            connection.execute("PRAGMA journal_mode = WAL")
+            with _transaction(connection, "DEFERRED"):
+                empty = _check(path, connection)
+            if empty:
+                with _transaction(connection):
+                    # Unless another program has made the tables meanwhile.
+                    if _check(path, connection):
+                        create_tables(connection)
+            _use_write_ahead_log(connection)
             connection.execute("PRAGMA foreign_keys = ON")
-            migrate(connection)
         yield History(path, connection)
 
 
-def _check(path: Path, connection: sqlite3.Connection) -> None:
-    """See that the file is a history that this version knows, before anything is changed."""
-    application = int(connection.execute("PRAGMA application_id").fetchone()[0])
-    tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-    if application != APPLICATION_ID and tables:
+def _check(path: Path, connection: sqlite3.Connection) -> bool:
+    """See that the file is a history of this version, or empty, before anything is changed.
+
+    Returns:
+        Whether it is empty.
+    """
+    if not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+        return True
+    if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
         raise HistoryError(
             f"{path} is a database of another program, not a history of r2bspec",
             hint="Name another file with --history.",
         )
     version = schema_version(connection)
-    if version > SCHEMA_VERSION:
+    if version != SCHEMA_VERSION:
         raise HistoryError(
-            f"{path} has version {version}; this r2bspec knows versions up to {SCHEMA_VERSION}",
-            hint="Use the r2bspec that wrote it, or a newer one.",
+            f"{path} has version {version}; this r2bspec reads version {SCHEMA_VERSION}",
+            hint="Use the r2bspec that wrote it, or name another file with --history.",
         )
+    return False
+
+
+def _use_write_ahead_log(connection: sqlite3.Connection) -> None:
+    """Let readers and a writer not wait for each other; the file says so from then on.
+
+    The switch needs the file to itself, and SQLite's own waiting for a lock does not cover it.
+    """
+    deadline = time.monotonic() + _MAX_LOCK_WAIT_S
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+        except sqlite3.OperationalError as error:
+            busy = error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY
+            if not busy or time.monotonic() > deadline:
+                raise
+            time.sleep(_LOCK_POLL_S)
+        else:
+            return
+
+
+@contextlib.contextmanager
+def _transaction(
+    connection: sqlite3.Connection, kind: Literal["IMMEDIATE", "DEFERRED"] = "IMMEDIATE"
+) -> Iterator[None]:
+    # IMMEDIATE waits for the lock at once; a read that later wants to write would not wait.
+    connection.execute(f"BEGIN {kind}")
+    try:
+        yield
+    except BaseException:
+        connection.execute("ROLLBACK")
+        raise
+    connection.execute("COMMIT")
 
 
 @contextlib.contextmanager

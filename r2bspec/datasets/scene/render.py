@@ -90,7 +90,7 @@ def _camera_rays(camera: Camera, pose: Pose, rows: slice) -> Rays:
 
 
 def _intersect(room: Room, camera: Camera, pose: Pose, rays: Rays, rows: slice) -> Hits:
-    """Meet the room and those boxes that reach into the rows."""
+    """Intersect rays with the room and the boxes that are visible in the rows."""
     hits = rays.intersect_shell(room)
     for number, bounds in _box_bounds(room, camera, pose):
         top, bottom = max(bounds.top, rows.start), min(bounds.bottom, rows.stop)

@@ -1,4 +1,4 @@
-"""A room and what stands in it: axis-aligned boxes, and where rays meet them."""
+"""A room and its axis-aligned boxes, and their intersections with rays."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Rays:
             self._inverse = tuple(1 / component for component in directions)
 
     def intersect_shell(self, room: Room) -> Hits:
-        """Meet the room's walls, floor and ceiling; the origin must lie inside."""
+        """Intersect rays with walls, floor and ceiling; the origin must be inside."""
         import numpy as np
 
         leaves = []

@@ -11,7 +11,7 @@ from r2bspec.datasets.scene.motion import Motion, Track
 from r2bspec.datasets.scene.room import Box, Room
 from r2bspec.datasets.scene.tag import Tag
 
-# Nothing stands nearer to the rig's path than this.
+# The minimum distance of all objects from the path of the rig.
 _CLEARANCE_M = 1.0
 
 
@@ -168,7 +168,7 @@ def _motion(parameters: _SceneParameters, rng: random.Random) -> Motion:
 def _scatter_boxes(
     parameters: _SceneParameters, rng: random.Random, furniture: tuple[Box, ...]
 ) -> list[Box]:
-    """Boxes on the floor that leave the rig room and do not hide the furniture."""
+    """Boxes on the floor that keep clear of the rig's path and do not hide the furniture."""
     length, width, _ = parameters.size_m
     boxes: list[Box] = []
     while len(boxes) < parameters.box_count:
@@ -182,7 +182,7 @@ def _scatter_boxes(
 
 
 def _is_in_the_way(box: Box, parameters: _SceneParameters, furniture: tuple[Box, ...]) -> bool:
-    """Whether a box stands in the rig's way, or between it and the furniture."""
+    """Whether a box blocks the path of the rig, or its view of the furniture."""
     margins = [reach + _CLEARANCE_M for reach in parameters.amplitude_m]
     keep_low = [parameters.rest_m[axis] - margins[axis] for axis in (0, 1)]
     keep_high = [parameters.rest_m[axis] + margins[axis] for axis in (0, 1)]
@@ -190,7 +190,7 @@ def _is_in_the_way(box: Box, parameters: _SceneParameters, furniture: tuple[Box,
         keep_high[0] = max(keep_high[0], *(piece.high_m[0] for piece in furniture))
         keep_low[1] = min(keep_low[1], *(piece.low_m[1] for piece in furniture))
         keep_high[1] = max(keep_high[1], *(piece.high_m[1] for piece in furniture))
-    # A narrow room cannot keep its sides clear; what stands there must be thin, and is.
+    # A narrow room cannot keep its sides clear; the objects there are thin.
     half_width = parameters.size_m[1] / 2
     if half_width < 2 * _CLEARANCE_M:
         keep_low[1] = max(keep_low[1], -half_width + parameters.max_edges_m[1])

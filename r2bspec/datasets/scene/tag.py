@@ -46,7 +46,7 @@ class Tag:
 
     @property
     def pose(self) -> Pose:
-        """World from tag. Whoever looks along x sees right at -y and down at -z."""
+        """World from tag. In a view along x, right is -y and down is -z."""
         return Pose(self.center_m, BODY_FROM_OPTICAL)
 
 

@@ -1,1 +1,1 @@
-"""Bringing up the processes of a run until every one is ready."""
+"""Starting the processes of a run, and waiting until all are ready."""

@@ -1,4 +1,4 @@
-"""Commands of the spec that are not part of the graph: setup steps, and steps once it stands."""
+"""Commands of the spec that are not part of the graph: `setup` and `after_ready` steps."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ def run_setup_step(
     base_dir: Path,
     note: Callable[[str], None],
 ) -> None:
-    """Run a setup step, unless what it creates is there already.
+    """Run a setup step, unless the file that it creates already exists.
 
-    Two runs that want the same file wait for each other: the second finds it made.
+    A lock makes concurrent runs with the same file wait for each other, so that one creates it.
 
     Raises:
-        StepFailedError: it failed, took too long, or did not create what it should.
-        NotInstalledError: its program is not there.
+        StepFailedError: it failed, exceeded its timeout, or did not create its file.
+        NotInstalledError: its program is not installed.
     """
     created = base_dir / plan.creates if plan.creates else None
     with _locked(created):
         if created is not None and created.exists():
-            note(f"{plan.name}: {plan.creates} is there")
+            note(f"{plan.name}: {plan.creates} already exists")
             return
         note(f"{plan.name}: {' '.join(plan.argv)}")
         child = supervisor.start(
@@ -50,24 +50,24 @@ def run_setup_step(
         wait_for_exit(child, supervisor, plan.timeout_ns / 1e9)
         if created is not None and not created.exists():
             raise StepFailedError(
-                f"setup step {plan.name} succeeded, but {plan.creates} is not there",
-                hint="Correct what the step says that it creates; paths are relative to the spec.",
+                f"setup step {plan.name} succeeded, but {plan.creates} does not exist",
+                hint="Correct 'creates' of the step; paths are relative to the spec.",
             )
 
 
 def wait_for_exit(child: ManagedProcess, supervisor: ProcessSupervisor, timeout_s: float) -> None:
-    """Wait until a command has ended by itself, with status 0.
+    """Wait until a command exits with status 0.
 
     Raises:
-        StepFailedError: another status, or it took longer than `timeout_s` seconds.
+        StepFailedError: it exited with another status, or ran longer than `timeout_s` seconds.
     """
     child.exit_expected = True
     deadline = time.monotonic() + timeout_s
     while child.process.poll() is None:
         if time.monotonic() > deadline:
             raise StepFailedError(
-                f"{child.name} has not ended after {timeout_s:g} s",
-                hint=f"Give it more time, or see what it does: {child.log}",
+                f"{child.name} did not exit within {timeout_s:g} s",
+                hint=f"Increase its timeout, or read its output in {child.log}",
             )
         supervisor.pump(_POLL_S)
     supervisor.end([child])
@@ -75,14 +75,14 @@ def wait_for_exit(child: ManagedProcess, supervisor: ProcessSupervisor, timeout_
         tail = child.log_tail()
         raise StepFailedError(
             f"{child.name} {describe_exit(child.process.returncode)}"
-            + (f"; the last it printed:\n{tail}" if tail else "; it printed nothing"),
-            hint=f"Its whole output is in {child.log}",
+            + (f"; its last output:\n{tail}" if tail else "; it printed nothing"),
+            hint=f"Its complete output is in {child.log}",
         )
 
 
 @contextlib.contextmanager
 def _locked(created: Path | None) -> Iterator[None]:
-    """Hold the lock of a file that is being made; none where nothing is."""
+    """Hold the lock of the file that a step creates; no lock if it creates none."""
     if created is None:
         yield
         return

@@ -1,4 +1,4 @@
-"""Waiting until writers and readers have found each other, each from its own side."""
+"""Waiting until publishers and subscriptions have discovered each other, from both sides."""
 
 from __future__ import annotations
 
@@ -21,22 +21,23 @@ _MAX_WAIT_S = 5.0
 def wait_for_mutual_discovery(
     supervisor: ProcessSupervisor, launcher: Launcher, harness_endpoints: Iterable[EndpointKey]
 ) -> None:
-    """Wait until the nodes and the harness have found each other from both sides.
+    """Wait until the nodes and the harness have discovered each other from both sides.
 
-    A writer that has seen its reader need not have been seen by it, and what passes until then is
-    lost. What the harness cannot know, as QoS that never match, is waited for only so long.
+    A publisher may have discovered a subscription that has not yet discovered the publisher;
+    messages published in this time are lost. The wait is bounded by `_MAX_WAIT_S`, because some
+    pairs never match, for example those with incompatible QoS.
 
     Args:
         supervisor: all processes.
-        launcher: knows the nodes that can be asked.
+        launcher: has the nodes that can be queried.
         harness_endpoints: the harness's own endpoints, as (topic, type, ``publishes`` or
             ``subscribes``).
     """
     known = [(topic, kind, does) for _, topic, kind, does in launcher.endpoints] + [
         *harness_endpoints
     ]
-    written = Counter((topic, kind) for topic, kind, does in known if does == "publishes")
-    read = Counter((topic, kind) for topic, kind, does in known if does == "subscribes")
+    publishers = Counter((topic, kind) for topic, kind, does in known if does == "publishes")
+    subscriptions = Counter((topic, kind) for topic, kind, does in known if does == "subscribes")
     deadline = time.monotonic() + _MAX_WAIT_S
     undiscovered = {child: {*launcher.host_endpoints(child)} for child in launcher.hosts}
     while any(undiscovered.values()) and time.monotonic() < deadline:
@@ -51,6 +52,6 @@ def wait_for_mutual_discovery(
                     if (found.counts if does == "publishes" else found.publisher_counts).get(
                         topic, 0
                     )
-                    >= (read if does == "publishes" else written)[topic, kind]
+                    >= (subscriptions if does == "publishes" else publishers)[topic, kind]
                 }
         supervisor.pump(_POLL_S)

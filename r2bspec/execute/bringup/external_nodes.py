@@ -1,4 +1,4 @@
-"""Nodes that the run does not start: they must already be there."""
+"""External nodes: the run does not start them; they must already run."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _REPLY_TIMEOUT_S = 10.0
 def wait_for_external(
     plan: Plan, supervisor: ProcessSupervisor, observer: ManagedProcess, deadline: StartDeadline
 ) -> None:
-    """Wait until every external node of the graph is seen.
+    """Wait until discovery shows every external node of the graph.
 
     Raises:
-        NotReadyError: one is not, in the time that the plan allows.
+        NotReadyError: a node is missing at the deadline.
     """
     wanted = {each.name for each in plan.external if each.phase == "measure"}
     while True:
@@ -30,7 +30,7 @@ def wait_for_external(
             return
         if deadline.over:
             raise NotReadyError(
-                f"external: {', '.join(missing)} cannot be seen",
+                f"external: {', '.join(missing)} is not running, or not in this ROS domain",
                 hint="Start it before the run, in the same ROS domain.",
                 code="R2B649",
             )

@@ -1,7 +1,7 @@
-"""The parts of the harness that are up while something is measured, and the processes they are in.
+"""The player and the monitor, and the processes in which they run.
 
 A plan gives player and monitor a process each, or one for both (role `harness`), in which Python
-nodes may run beside them. Who plays or watches speaks and listens to a part and does not know.
+nodes may also run. The rest of the controller addresses a part and does not know its process.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ _PARTS = ("player", "monitor")
 
 
 class HarnessProcesses:
-    """Starts the parts, each when it is asked for, with the process that holds it.
+    """Starts each part, and its process if necessary, on request.
 
     Args:
         launcher: starts the processes.
-        processes: the plan's, of one phase.
+        processes: the process plans of one phase.
     """
 
     def __init__(self, launcher: Launcher, processes: Iterable[ProcessPlan]) -> None:
@@ -30,17 +30,17 @@ class HarnessProcesses:
         self._process: ManagedProcess | None = None
 
     def start(self, part: str) -> ManagedProcess:
-        """A part, which then waits to be configured.
+        """Start a part, which then waits for its configuration.
 
         Raises:
-            RunError: its process cannot be started, or does not answer.
+            RunError: its process cannot be started, or does not respond.
         """
         if part in self._plans:
             return self._launcher.start(self._plans[part])
         return self._harness_process().parts[part]
 
     def node_hosts(self) -> list[tuple[ManagedProcess, ProcessPlan]]:
-        """The process of all parts with its plan, if nodes run in it; else nothing."""
+        """The common process of the parts, with its plan, if nodes run in it; else nothing."""
         plan = self._plans.get("harness")
         return [(self._harness_process(), plan)] if plan is not None and plan.nodes else []
 

@@ -1,8 +1,9 @@
-"""Bringing a phase's processes up in order, and knowing when they are ready.
+"""Starting the processes of a phase in order, and waiting until they are ready.
 
-Writers come first, then nodes, then readers: a node that copies its QoS from publishers present
-at its start, or that subscribes only when someone listens, needs that order. Ready means that
-every planned endpoint is matched; what is missing when time is up is named.
+The publishers of the harness start first, then the nodes, then the subscriptions of the harness:
+nodes that copy their QoS from existing publishers, or that subscribe only once they have a
+subscriber, need this order. The graph is ready when every planned endpoint is matched. At the
+deadline, the error names the endpoints that are not.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ from r2bspec.execute.bringup.spec_mismatches import (
     unmatched_remappings,
 )
 from r2bspec.execute.bringup.start_deadline import StartDeadline
-from r2bspec.execute.diagnosis.find_break import Fault
+from r2bspec.execute.diagnosis.find_fault import Fault
 from r2bspec.execute.diagnosis.observe_graph import GraphObserver, fault_report, find_faults
 from r2bspec.execute.errors import GraphMismatchError, NotReadyError, RunError
 from r2bspec.execute.host.machine import interpreter
 from r2bspec.execute.processes.affinity import apply_affinity
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv, resolve_command
+from r2bspec.execute.processes.middleware_check import check_loaded_rmw
 from r2bspec.execute.processes.shared_memory_check import require_free_shared_memory
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -37,7 +39,7 @@ NODE_ROLES = frozenset({"host", "container", "command"})
 """Roles of processes that hold nodes of the graph and nothing of the harness."""
 
 _COMPONENT_LOADER = "containers.load_node"
-"""The process that loads components; no node and no container can be called so."""
+"""The process that loads components; no node and no container can have this name."""
 
 _CONFIGURE_TIMEOUT_S = 60.0
 _REPLY_TIMEOUT_S = 10.0
@@ -48,9 +50,10 @@ class Launcher:
     """Starts the processes of a plan.
 
     Attributes:
-        endpoints: what the Python nodes really turned out to have, as `protocol.Ready` tells it.
-        differences: what they did not take of the plan. None of it has ended the run so far.
-        hosts: the processes of Python nodes, with the full names of these.
+        endpoints: the actual endpoints of the Python nodes, as in `protocol.Ready`.
+        differences: between the nodes and the plan, none of which has failed the run so far.
+        hosts: the processes of Python nodes, with the full names of their nodes.
+        rmw: the middleware that processes of the harness have loaded; empty until one says so.
     """
 
     def __init__(
@@ -65,24 +68,26 @@ class Launcher:
         self._folder = folder
         self._base_dir = base_dir
         self.endpoints: list[tuple[str, str, str, str]] = []
+        self.rmw = ""
         self.differences: list[Difference] = []
         self._created_nodes: set[str] = set()
         self._has_opaque_nodes = False
         self.hosts: dict[ManagedProcess, frozenset[str]] = {}
 
     def check_shared_memory(self, plan: Plan, phase: str) -> None:
-        """See that the processes of a phase find the shared memory that they will need.
+        """Check that there is enough shared memory for the processes of a phase.
 
         Raises:
             SharedMemoryError: there is too little.
         """
-        require_free_shared_memory(plan, phase, self._environment.segment_bytes)
+        environment = self._environment
+        require_free_shared_memory(plan, phase, environment.middleware, environment.segment_bytes)
 
     def start(self, plan: ProcessPlan, parts: Iterable[str] = ()) -> ManagedProcess:
         """Start one process; a harness process, and each of its `parts`, then waits for its role.
 
         Raises:
-            NotInstalledError: its program is not there.
+            NotInstalledError: its program is not installed.
         """
         harness = plan.role in {"loader", "player", "monitor", "harness"}
         environment = self._environment
@@ -104,21 +109,21 @@ class Launcher:
         deadline: StartDeadline,
         running_hosts: Iterable[tuple[ManagedProcess, ProcessPlan]] = (),
     ) -> list[ManagedProcess]:
-        """Start processes that hold nodes; returns when every Python node has been made.
+        """Start processes with nodes; returns when every Python node has been created.
 
-        By then all components are loaded, too; of other processes nothing is known.
+        All components are then loaded, too. The state of other processes is unknown.
 
         Args:
             plans: the processes.
             deadline: of the start.
-            running_hosts: processes that run already and hold nodes, too.
+            running_hosts: processes with nodes that already run.
 
         Returns:
             The processes that were started, in order.
 
         Raises:
-            RunError: a node cannot be made, is not made in time, or dies.
-            GraphMismatchError: a node does not declare a parameter that the spec gives it.
+            RunError: a node cannot be created, is not created in time, or exits.
+            GraphMismatchError: a node does not declare a parameter that the spec sets.
         """
         plans = list(plans)
         self._has_opaque_nodes |= any(plan.role != "host" for plan in plans)
@@ -140,7 +145,9 @@ class Launcher:
             )
         self._load_components([plan for plan in plans if plan.role == "container"], deadline)
         for child, plan in hosts:
-            ready = self._supervisor.answer(child, protocol.Ready, deadline.left_s)
+            ready = self._supervisor.answer(
+                child, protocol.Ready, deadline.left_s, deadline.timeout_s
+            )
             require_declared_parameters(ready)
             self.endpoints += ready.endpoints
             self.differences += unmatched_remappings(ready)
@@ -155,19 +162,19 @@ class Launcher:
                 yield topic, kind, does
 
     def endpoints_in(self, plan: Plan, phase: str) -> list[tuple[str, str, str, str]]:
-        """What the Python nodes of a phase have."""
+        """The endpoints of the Python nodes of a phase."""
         nodes = {node.name for each in plan.processes if each.phase == phase for node in each.nodes}
         return [each for each in self.endpoints if each[0] in nodes]
 
     def mark_external_nodes(self) -> None:
-        """Take note that nodes take part which nobody starts, and nobody can look into."""
+        """Record that the graph has nodes that the run neither starts nor can query."""
         self._has_opaque_nodes = True
 
     def is_permanent(self, found: Fault) -> bool:
-        """Whether a break is there to stay, so that to wait longer or to try again is in vain.
+        """Whether a fault persists, so that neither a longer wait nor another attempt helps.
 
-        What two ends show of themselves is. What an end lacks is, once the node has been made;
-        of a process that nobody can look into, it may still come.
+        A mismatch of two existing endpoints persists. A missing endpoint persists once its node
+        has been created; a node that cannot be queried may still create it.
         """
         if found.kind in {"types", "qos"}:
             return True
@@ -179,7 +186,7 @@ class Launcher:
         """Load the components of containers that have been started.
 
         Raises:
-            RunError: a container dies, does not answer in time, or refuses a component.
+            RunError: a container exits, does not respond in time, or rejects a component.
         """
         containers = tuple(
             protocol.ContainerComponents(
@@ -201,7 +208,7 @@ class Launcher:
         self._created_nodes |= {node.name for each in containers for node in each.nodes}
 
     def _start_service_client(self, name: str) -> ManagedProcess:
-        """A process of the harness that calls services, and then waits for its role."""
+        """Start a harness process that will call services; it then waits for its role."""
         return self._supervisor.start(
             name,
             "caller",
@@ -212,11 +219,11 @@ class Launcher:
         )
 
     def run_step(self, step: AfterReadyPlan) -> None:
-        """Do what the spec says once the graph stands, and wait until it is done.
+        """Run one `after_ready` step and wait until it is done.
 
         Raises:
-            StepFailedError: a command failed or took too long.
-            ProcessFailedError: a service is not there, or does not answer.
+            StepFailedError: a command failed or exceeded its timeout.
+            ProcessFailedError: a service does not exist, or does not respond.
         """
         name = f"after_ready.{step.name}"
         timeout_s = step.timeout_ns / 1e9
@@ -241,8 +248,16 @@ class Launcher:
         self._supervisor.end([child])
 
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:
-        """Give a harness process its role and wait until it has taken it."""
-        return self._supervisor.request(child, command, protocol.Ready, _CONFIGURE_TIMEOUT_S)
+        """Send a harness process its configuration and wait until it is ready.
+
+        Raises:
+            MiddlewareError: it has loaded one that cannot be configured for the transport.
+        """
+        ready = self._supervisor.request(child, command, protocol.Ready, _CONFIGURE_TIMEOUT_S)
+        if ready.rmw:
+            self.rmw = ready.rmw
+            check_loaded_rmw(self._environment.transport.kind, ready.rmw)
+        return ready
 
 
 def wait_until_matched(
@@ -253,21 +268,20 @@ def wait_until_matched(
     phase: str,
     deadline: StartDeadline,
 ) -> None:
-    """Wait until the harness's own endpoints have found their partners.
+    """Wait until the endpoints of the harness are matched.
 
     Args:
         supervisor: all processes.
-        launcher: knows what endpoints the nodes have.
-        expected_matches: for each harness process, the topics it has endpoints on, and how many
-            endpoints
-            of others each must be matched with.
-        plan: for naming what is missing.
+        launcher: has the endpoints of the nodes.
+        expected_matches: for each harness process, its topics, and with how many endpoints of
+            other processes each must be matched.
+        plan: for the text of errors.
         phase: ``preprocess`` or ``measure``.
         deadline: of the start.
 
     Raises:
-        GraphMismatchError: some have not when the deadline is over, and never will.
-        NotReadyError: some have not, for whatever reason.
+        GraphMismatchError: an endpoint is not matched at the deadline, and never will be.
+        NotReadyError: an endpoint is not matched at the deadline, for another reason.
     """
     while True:
         missing: dict[str, tuple[int, int]] = {}
@@ -294,7 +308,7 @@ def _not_ready_error(
     phase: str,
     missing: dict[str, tuple[int, int]],
 ) -> RunError:
-    """Say where the ways break."""
+    """The error that names the first fault on each path."""
     observer_process = supervisor.observer()
     facts = GraphObserver(
         supervisor, observer_process, plan, phase, launcher.endpoints_in(plan, phase)
@@ -319,29 +333,29 @@ def _not_ready_error(
 def graph_error(
     launcher: Launcher,
     faults: Sequence[Fault],
-    said: str,
+    message: str,
     *,
     otherwise: type[RunError],
     hint: str,
 ) -> RunError:
-    """The error for a graph that does not do what it should.
+    """The error for a graph whose messages do not arrive.
 
     Args:
-        launcher: knows the nodes.
-        faults: where the ways of messages end.
-        said: everything that the user is to be told.
-        otherwise: the error where the graph is not clearly another than the spec's, so that to
-            try again might help.
+        launcher: has the nodes.
+        faults: on the paths of the messages.
+        message: the complete message for the user.
+        otherwise: the error if the graph does not clearly differ from the spec, so that another
+            attempt might succeed.
         hint: for that error.
     """
     differences = graph_mismatches(faults, launcher.differences, launcher.is_permanent)
     if differences:
-        return GraphMismatchError(differences, said, differences[0].help or hint)
-    return otherwise(said, hint=hint)
+        return GraphMismatchError(differences, message, differences[0].help or hint)
+    return otherwise(message, hint=hint)
 
 
 def subscription_counts(launcher: Launcher, topics: Iterable[str]) -> dict[str, int]:
-    """How many readers each topic has among the Python nodes that have been started."""
+    """How many subscriptions each topic has among the Python nodes that have been started."""
     return {
         topic: sum(
             name == topic and does == "subscribes" for _, name, _, does in launcher.endpoints
@@ -351,9 +365,9 @@ def subscription_counts(launcher: Launcher, topics: Iterable[str]) -> dict[str, 
 
 
 def expected_subscriptions(plan: Plan, topic: str, phase: str) -> int:
-    """How many readers a topic of the harness must find: those planned, and at least one."""
+    """How many subscriptions a topic of the harness must match: those planned, at least one."""
     planned = (each for each in plan.topics if each.name == topic and each.phase == phase)
-    readers = {
-        reader for each in planned for reader in each.readers if reader not in {"loader", "monitor"}
+    subscribers = {
+        node for each in planned for node in each.readers if node not in {"loader", "monitor"}
     }
-    return max(1, len(readers))
+    return max(1, len(subscribers))

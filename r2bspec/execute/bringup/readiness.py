@@ -1,4 +1,4 @@
-"""Probes of readiness: what the spec says must be so before the graph counts as standing."""
+"""Readiness probes: the conditions under `ready` that must be met before anything is played."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ def wait_for_probe(
     folder: RunFolder,
     base_dir: Path,
 ) -> None:
-    """Wait until what a probe looks for is so.
+    """Wait until the condition of a probe is met.
 
     Args:
-        plan: what to look for, and for how long.
-        supervisor: all processes; one that dies meanwhile ends the wait.
-        observer: a harness process that sees the graph.
-        folder: where the logs are.
+        plan: the condition and its timeout.
+        supervisor: all processes; the wait ends if one of them exits.
+        observer: a harness process that can query the graph.
+        folder: contains the logs.
         base_dir: to which the path of a file is relative.
 
     Raises:
-        NotReadyError: it was not so in time.
+        NotReadyError: it was not met in time.
     """
     deadline = time.monotonic() + plan.timeout_ns / 1e9
     while not _is_ready(plan, supervisor, observer, folder, base_dir):
@@ -42,7 +42,7 @@ def wait_for_probe(
                 f"the log of {plan.target}" if plan.kind == "log" else f"{plan.kind} {plan.target}"
             )
             wanted = (
-                f" has no line with {plan.pattern!r}" if plan.kind == "log" else " is not there"
+                f" has no line with {plan.pattern!r}" if plan.kind == "log" else " does not exist"
             )
             raise NotReadyError(
                 f"ready.{plan.name}: {what}{wanted} after {plan.timeout_ns / 1e9:g} s",
@@ -70,9 +70,9 @@ def _is_ready(
             )
             return plan.target in survey.services
         case "topic":
-            asked = protocol.Discover(topics=(plan.target,))
-            seen = supervisor.request(observer, asked, protocol.Discovered, _REPLY_TIMEOUT_S)
-            return bool(seen.writers[plan.target] and seen.readers[plan.target])
+            command = protocol.Discover(topics=(plan.target,))
+            found = supervisor.request(observer, command, protocol.Discovered, _REPLY_TIMEOUT_S)
+            return bool(found.writers[plan.target] and found.readers[plan.target])
 
 
 def _log_matches(log: Path, pattern: str) -> bool:

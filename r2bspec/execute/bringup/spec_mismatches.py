@@ -1,4 +1,4 @@
-"""What a node that has been made did not take of the plan, in the words of ``r2bspec validate``."""
+"""Differences between running nodes and the plan, with the codes of ``r2bspec validate``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 import msgspec
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.execute.diagnosis.find_break import Fault
+from r2bspec.execute.diagnosis.find_fault import Fault
 from r2bspec.execute.errors import GraphMismatchError
 from r2bspec.ipc import protocol
 from r2bspec.record.run_record import Difference
@@ -17,10 +17,10 @@ _REMAPPING_MATCHES_NOTHING = "R2B204"
 
 
 def require_declared_parameters(ready: protocol.Ready) -> None:
-    """A parameter that no node declares is ignored by ROS, and so is the typing error in it.
+    """Check that every node declares the parameters that the plan sets; ROS ignores others.
 
     Raises:
-        GraphMismatchError: there is one.
+        GraphMismatchError: a node does not declare one.
     """
     found = [_undeclared_parameter(ready, node, name) for node, name in ready.undeclared]
     if found:
@@ -34,7 +34,7 @@ def _undeclared_parameter(ready: protocol.Ready, node: str, name: str) -> Differ
     close = did_you_mean(name, known)
     return Difference(
         code=_PARAMETER_UNKNOWN,
-        message=f"node {node} declares no parameter '{name}'",
+        message=f"{node} declares no parameter '{name}'",
         part="parameter",
         owner=node,
         name=name,
@@ -45,18 +45,18 @@ def _undeclared_parameter(ready: protocol.Ready, node: str, name: str) -> Differ
 def unmatched_remappings(ready: protocol.Ready) -> Iterator[Difference]:
     """Remappings that changed no name.
 
-    That need not be wrong: a node may make a publisher or a subscription later.
+    This need not be an error: a node may create a publisher or a subscription later.
     """
     for node, before, after in ready.unmatched:
         names = sorted({topic for owner, topic, _, _ in ready.endpoints if owner == node} - {after})
         yield Difference(
             code=_REMAPPING_MATCHES_NOTHING,
-            message=f"node {node} has no topic '{before}' that could be remapped to {after}",
+            message=f"{node} has no topic '{before}' to remap to {after}",
             part="remapping",
             owner=node,
             name=before,
             topic=after,
-            help=f"its topics: {', '.join(names)}" if names else "it has no topic at all",
+            help=f"its topics: {', '.join(names)}" if names else "it has no topics",
             harmless=True,
         )
 
@@ -66,18 +66,17 @@ def graph_mismatches(
     launch_differences: Iterable[Difference],
     is_permanent: Callable[[Fault], bool] = lambda _: True,
 ) -> tuple[Difference, ...]:
-    """What is wrong, causes before consequences.
+    """The differences between the graph and the plan, causes before consequences.
 
-    A remapping that changed no name is the cause if the topic that it would have made is missing,
-    of which then nothing more needs to be said.
+    A remapping that changed no name is the cause of a fault on the topic that it names; that fault
+    is then not reported separately.
 
     Args:
-        faults: where the way of messages ends. What a node does with its messages is its own
-            affair, and no difference.
-        launch_differences: what the nodes did not take of the plan when they were made.
-        is_permanent: whether a break is there to stay; others are no differences.
+        faults: on the paths of messages. A node without output is not a difference.
+        launch_differences: found when the nodes were created.
+        is_permanent: whether a fault persists; only these are differences.
     """
-    faults = [each for each in faults if each.kind != "swallowed"]
+    faults = [each for each in faults if each.kind != "no output"]
     missing = {each.topic for each in faults}
     causes = [
         msgspec.structs.replace(each, harmless=False)
@@ -102,6 +101,6 @@ def graph_mismatches(
 
 
 def related_differences(faults: Iterable[Fault], launch_differences: Iterable[Difference]) -> str:
-    """What else is odd about the nodes at which messages end, to be put behind a sentence."""
+    """Other differences of the nodes with faults, as text to append to a sentence."""
     owners = {each.owner for each in faults}
     return "".join(f"; {each.message}" for each in launch_differences if each.owner in owners)

@@ -1,4 +1,4 @@
-"""The deadline of a start, `benchmark.start_timeout`: from the first process to first output."""
+"""The deadline of a start, `benchmark.start_timeout`: first process to first output."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 
 class StartDeadline:
-    """Begins when it is made. Every step of a start asks how much of it is left.
+    """A deadline that begins at its construction and that all steps of a start share.
 
     Attributes:
         timeout_s: how long the whole start may take, in seconds.
@@ -31,7 +31,7 @@ class StartDeadline:
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Leave out what has a time-out of its own: readiness probes and commands of the spec."""
+        """Do not count this time: readiness probes and commands have their own timeouts."""
         began = self._clock()
         try:
             yield

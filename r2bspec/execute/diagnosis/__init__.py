@@ -1,1 +1,1 @@
-"""Diagnosis of missing messages: which hop of the planned path is the first that is broken."""
+"""Diagnosis of missing messages: the first fault on the planned path."""

@@ -1,4 +1,4 @@
-"""What is known of a graph when something does not arrive: planned, discovered, and counted."""
+"""The facts about a graph without output: planned and discovered endpoints, counted messages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from r2bspec.ipc.protocol import Endpoint, QosMismatch
 from r2bspec.plan.plan import Plan
 
 HARNESS = ("loader", "player", "monitor")
-"""How plans call the ends of a way; everything else is the full name of a node."""
+"""The names of the parts of the harness in plans; every other name is the full name of a node."""
 
 
 @dataclass(frozen=True)
@@ -19,34 +19,34 @@ class TopicFacts:
 
     Attributes:
         name: full name.
-        type: as planned; empty if the plan does not know it, or not the topic.
+        type: as planned; empty if it, or the topic, is not in the plan.
         planned_publishers: nodes or parts of the harness.
         planned_subscribers: likewise.
-        writers: what discovery shows, parts of the harness by the names that plans use.
-        readers: likewise; without whoever only looks.
-        qos_mismatches: pairs that never connect, because the one offers less than the other asks
-            for.
-        passed: messages that were seen on it while some were played; None if nobody could look.
+        publishers: as discovered; parts of the harness have their names in plans.
+        subscriptions: likewise, without those of the harness that only trace messages.
+        qos_mismatches: pairs that never match, because the subscription requests a QoS that the
+            publisher does not offer.
+        passed: messages received on it while some steps were played; None if it was not observed.
     """
 
     name: str
     type: str = ""
     planned_publishers: tuple[str, ...] = ()
     planned_subscribers: tuple[str, ...] = ()
-    writers: tuple[Endpoint, ...] = ()
-    readers: tuple[Endpoint, ...] = ()
+    publishers: tuple[Endpoint, ...] = ()
+    subscriptions: tuple[Endpoint, ...] = ()
     qos_mismatches: tuple[QosMismatch, ...] = ()
     passed: int | None = None
 
     @cached_property
     def all_publishers(self) -> frozenset[str]:
-        """Whoever writes it, by plan or in fact."""
-        return frozenset(self.planned_publishers) | {each.node for each in self.writers}
+        """The nodes that publish it, planned or discovered."""
+        return frozenset(self.planned_publishers) | {each.node for each in self.publishers}
 
     @cached_property
     def all_subscribers(self) -> frozenset[str]:
-        """Whoever reads it, by plan or in fact."""
-        return frozenset(self.planned_subscribers) | {each.node for each in self.readers}
+        """The nodes that subscribe to it, planned or discovered."""
+        return frozenset(self.planned_subscribers) | {each.node for each in self.subscriptions}
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class GraphFacts:
     """A graph.
 
     Attributes:
-        topics: every topic, planned or seen, by name.
-        inputs: what the player or the loader publishes.
-        played: steps that were played while somebody looked; None if none were.
-        nodes: the full names of the nodes that are there.
+        topics: every topic, planned or discovered, by name.
+        inputs: the topics that the player or the loader publishes.
+        played: steps that were played while the messages were counted; None if none were.
+        nodes: the full names of the discovered nodes.
     """
 
     topics: Mapping[str, TopicFacts]
@@ -66,14 +66,14 @@ class GraphFacts:
     nodes: frozenset[str] = frozenset()
 
     def topics_subscribed_by(self, node: str) -> tuple[str, ...]:
-        """The topics that a node reads, by plan or in fact, sorted."""
+        """The topics to which a node subscribes, planned or discovered, sorted."""
         return tuple(sorted(n for n, each in self.topics.items() if node in each.all_subscribers))
 
     def topics_published_by(self, node: str) -> tuple[str, ...]:
-        """The topics that a node writes in fact, sorted."""
+        """The topics on which a node has a publisher, sorted."""
         return tuple(
             sorted(
-                n for n, t in self.topics.items() if any(each.node == node for each in t.writers)
+                n for n, t in self.topics.items() if any(each.node == node for each in t.publishers)
             )
         )
 
@@ -81,45 +81,46 @@ class GraphFacts:
 def gather_facts(
     plan: Plan,
     phase: str,
-    seen: Mapping[str, tuple[tuple[Endpoint, ...], tuple[Endpoint, ...]]],
+    discovered: Mapping[str, tuple[tuple[Endpoint, ...], tuple[Endpoint, ...]]],
     qos_mismatches: Iterable[QosMismatch] = (),
     *,
     nodes: Iterable[str] = (),
     passed: Mapping[str, int] | None = None,
     played: int | None = None,
 ) -> GraphFacts:
-    """Put together what was planned and what was seen.
+    """Combine the plan with the observations.
 
     Args:
         plan: of the run.
         phase: ``preprocess`` or ``measure``.
-        seen: topic to its writers and readers, as discovery shows them.
-        qos_mismatches: pairs that never connect.
-        nodes: the nodes that are there.
+        discovered: publishers and subscriptions of each topic.
+        qos_mismatches: pairs that never match.
+        nodes: the discovered nodes.
         passed: messages counted, by topic.
-        played: steps that were played meanwhile.
+        played: steps that were played in that time.
     """
     planned = {each.name: each for each in plan.topics if each.phase == phase}
-    refusals = [*qos_mismatches]
+    mismatches = [*qos_mismatches]
     topics = {}
-    for name in sorted({*planned, *seen}):
+    for name in sorted({*planned, *discovered}):
         plan_topic = planned.get(name)
-        writers, readers = seen.get(name, ((), ()))
+        publishers, subscriptions = discovered.get(name, ((), ()))
         expected_subscribers = plan_topic.readers if plan_topic else ()
         topics[name] = TopicFacts(
             name=name,
             type=plan_topic.type if plan_topic else "",
             planned_publishers=plan_topic.writers if plan_topic else (),
             planned_subscribers=expected_subscribers,
-            writers=tuple(_plain(each) for each in writers),
-            readers=tuple(
+            publishers=tuple(_with_plan_name(each) for each in publishers),
+            subscriptions=tuple(
                 found
-                for each in readers
-                if (found := _plain(each)).node not in HARNESS or found.node in expected_subscribers
+                for each in subscriptions
+                if (found := _with_plan_name(each)).node not in HARNESS
+                or found.node in expected_subscribers
             ),
             qos_mismatches=tuple(
                 QosMismatch(_name(each.writer), _name(each.reader), each.topic, each.why)
-                for each in refusals
+                for each in mismatches
                 if each.topic == name
             ),
             passed=None if passed is None else passed.get(name),
@@ -130,12 +131,12 @@ def gather_facts(
 
 
 def _name(node: str) -> str:
-    """A node as the plan calls it: parts of the harness by their role alone."""
+    """The name of a node in the plan: of a part of the harness its role."""
     role = node.removeprefix("/r2bspec/")
     return role if role in HARNESS else node
 
 
-def _plain(end: Endpoint) -> Endpoint:
+def _with_plan_name(end: Endpoint) -> Endpoint:
     return Endpoint(
         node=_name(end.node),
         type=end.type,

@@ -1,4 +1,4 @@
-"""Looking at the real graph: who is there, and, while some steps are played, what passes where."""
+"""Observing the running graph: its endpoints and, while some steps are played, its messages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TypeVar
 
-from r2bspec.execute.diagnosis.find_break import (
+from r2bspec.execute.diagnosis.find_fault import (
     Fault,
     find_input_fault,
     first_fault,
@@ -23,14 +23,14 @@ from r2bspec.record.run_record import MONITOR_FIELDS
 
 TRACE_RATE_HZ = 10.0
 TRACE_STEPS = 10
-"""Enough to tell a node that answers now and then from one that never does."""
+"""Enough to tell a node that publishes rarely from one that never does."""
 
 _REPLY_TIMEOUT_S = 10.0
 _MAX_MATCH_WAIT_S = 3.0
 _QUIET_PERIOD_S = 0.5
 _MAX_QUIET_WAIT_S = 5.0
 _MAX_DISCOVERY_S = 10.0
-"""Discovery takes a fraction of a second, and much longer on a machine that is busy."""
+"""Discovery takes a fraction of a second, and much longer on a busy machine."""
 
 _POLL_S = 0.02
 _DISCOVERY_INTERVAL_S = 0.3
@@ -39,15 +39,15 @@ _COMMON_TOPICS = ("/rosout", "/parameter_events")
 
 
 class GraphObserver:
-    """Looks through a monitor's eyes.
+    """Observes the graph from the process of a monitor.
 
     Args:
         supervisor: all processes.
-        monitor: a process that plays the monitor; to see who is there, a loader is enough.
-        plan: what should be there.
+        monitor: a process with the role of the monitor; for `observe`, a loader suffices.
+        plan: of the run.
         phase: ``preprocess`` or ``measure``.
-        known: endpoints that are there for certain, as `protocol.Ready` tells them: until they are
-            seen, discovery has not settled.
+        known: endpoints that exist for certain, as in `protocol.Ready`: discovery is incomplete
+            until it shows all of them.
     """
 
     def __init__(
@@ -65,29 +65,29 @@ class GraphObserver:
         self._phase = phase
 
     def observe(self) -> GraphFacts:
-        """Who is there, on every topic; nothing is played."""
+        """The endpoints of every topic; nothing is played."""
         return self._gather(*self._wait_for_discovery())
 
     def trace(self, rows_dir: Path, play: Callable[[], None]) -> GraphFacts:
-        """Who is there, and what passes on every topic while `play` plays `TRACE_STEPS` steps.
+        """The endpoints, and the messages of every topic while `play` plays `TRACE_STEPS` steps.
 
         Args:
             rows_dir: the folder where the monitor's process writes its rows.
-            play: plays, and returns when that is done.
+            play: plays the steps and returns when they have been published.
         """
-        found, seen = self._wait_for_discovery()
-        # Runs may be looked at more than once, and a file of rows is never opened again.
+        found, discovered = self._wait_for_discovery()
+        # A run may be traced more than once, and a file of rows is never opened again.
         now = time.monotonic_ns()
         watches = tuple(
             MonitorPlan(
                 name=f".look-{now}-{number}",
                 topic=topic,
-                type=writers[0].type,
+                type=publishers[0].type,
                 match="order",
                 qos=None,
             )
-            for number, (topic, writers) in enumerate(seen.writers.items())
-            if writers
+            for number, (topic, publishers) in enumerate(discovered.writers.items())
+            if publishers
         )
         self._ask(protocol.Watch(monitors=watches), protocol.Matched)
         self._wait_for_matches({each.topic for each in watches})
@@ -96,38 +96,38 @@ class GraphObserver:
             for each in watches
             if (rows_dir / f"{each.name}.rows").exists()
         }
-        # What a writer keeps for late joiners comes now, and is not what will be played.
+        # Messages that publishers keep for late subscriptions arrive now; they are not counted.
         self._wait_for_quiet(files.values())
         before = {topic: rows.count() for topic, rows in files.items()}
         play()
         self._wait_for_quiet(files.values())
         passed = {topic: rows.count() - before[topic] for topic, rows in files.items()}
         self._ask(protocol.Unwatch(), protocol.Matched)
-        return self._gather(found, seen, passed)
+        return self._gather(found, discovered, passed)
 
     def _wait_for_discovery(self) -> tuple[protocol.Surveyed, protocol.Discovered]:
-        """What discovery shows when it has settled: eyes that were just opened see little."""
+        """The result of discovery when it no longer changes; at first it is incomplete."""
         deadline = time.monotonic() + _MAX_DISCOVERY_S
         found = self._ask(protocol.Survey(), protocol.Surveyed)
-        seen = self._discover(found)
+        discovered = self._discover(found)
         while time.monotonic() < deadline:
-            before = _endpoints(seen)
+            before = _endpoints(discovered)
             self._supervisor.pump(_DISCOVERY_INTERVAL_S)
             found = self._ask(protocol.Survey(), protocol.Surveyed)
-            seen = self._discover(found)
-            if _endpoints(seen) == before and self._known_endpoints_discovered(seen):
+            discovered = self._discover(found)
+            if _endpoints(discovered) == before and self._knows_all_endpoints(discovered):
                 break
-        return found, seen
+        return found, discovered
 
-    def _known_endpoints_discovered(self, seen: protocol.Discovered) -> bool:
+    def _knows_all_endpoints(self, discovered: protocol.Discovered) -> bool:
         for node, topic, _, does in self._known_endpoints:
-            ends = seen.writers if does == "publishes" else seen.readers
+            ends = discovered.writers if does == "publishes" else discovered.readers
             if topic not in _COMMON_TOPICS and node not in {
                 each.node for each in ends.get(topic, ())
             }:
                 return False
         return all(
-            seen.writers.get(each.name)
+            discovered.writers.get(each.name)
             for each in self._plan.topics
             if each.phase == self._phase and {"player", "loader"} & {*each.writers}
         )
@@ -140,14 +140,17 @@ class GraphObserver:
     def _gather(
         self,
         found: protocol.Surveyed,
-        seen: protocol.Discovered,
+        discovered: protocol.Discovered,
         passed: dict[str, int] | None = None,
     ) -> GraphFacts:
         return gather_facts(
             self._plan,
             self._phase,
-            {topic: (writers, seen.readers[topic]) for topic, writers in seen.writers.items()},
-            seen.qos_mismatches,
+            {
+                topic: (publishers, discovered.readers[topic])
+                for topic, publishers in discovered.writers.items()
+            },
+            discovered.qos_mismatches,
             nodes=found.nodes,
             passed=passed,
             played=None if passed is None else TRACE_STEPS,
@@ -165,7 +168,7 @@ class GraphObserver:
             self._supervisor.pump(_POLL_S)
 
     def _wait_for_quiet(self, files: Iterable[RowReader]) -> None:
-        """Until nothing has come for a while, but not for ever: some topics never rest."""
+        """Wait until no message has arrived for a while; bounded, as some topics never pause."""
         files = [*files]
         last: list[int] = []
         changed = began = time.monotonic()
@@ -179,18 +182,18 @@ class GraphObserver:
             self._supervisor.pump(_POLL_S)
 
 
-def _endpoints(seen: protocol.Discovered) -> list[tuple[str, str]]:
-    """All that is there, in an order of its own."""
-    both = (seen.writers.items(), seen.readers.items())
+def _endpoints(discovered: protocol.Discovered) -> list[tuple[str, str]]:
+    """All endpoints, sorted."""
+    both = (discovered.writers.items(), discovered.readers.items())
     return sorted((topic, repr(end)) for side in both for topic, ends in side for end in ends)
 
 
 def find_faults(
     facts: GraphFacts, silent: Iterable[str], inputs: Iterable[str] = ()
 ) -> tuple[Fault, ...]:
-    """The first break on the way to each silent topic, and to the readers of some inputs.
+    """The first fault on the path to each topic without messages, and those of some inputs.
 
-    Each is named once; those that come first on their way come first.
+    Each topic is reported once.
     """
     faults_of_silent = [first_fault(facts, each) for each in silent]
     found = [*(find_input_fault(facts, each) for each in inputs), *faults_of_silent]
@@ -200,9 +203,9 @@ def find_faults(
 def fault_report(
     facts: GraphFacts, silent: Iterable[str], faults: Iterable[Fault], also: str = ""
 ) -> str:
-    """The faults, a sentence each, what is `also` to be said, and below it the whole way."""
+    """The sentences of the faults, then `also`, and below them the complete path."""
     path = dict.fromkeys(name for each in silent for name in full_path(facts, each))
-    said = [each.sentence for each in faults]
-    if not said:
-        said = ["writers and readers have found each other, and nothing is seen to be wrong"]
-    return "\n".join(["; ".join(said) + also, *path_lines(facts, path)])
+    sentences = [each.sentence for each in faults]
+    if not sentences:
+        sentences = ["publishers and subscriptions are matched, and no fault was found"]
+    return "\n".join(["; ".join(sentences) + also, *path_lines(facts, path)])

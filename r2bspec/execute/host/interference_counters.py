@@ -1,7 +1,7 @@
-"""What else happens on the machine while a run is made, as the kernel counts it.
+"""Host interference: counters of the kernel for the load of other processes during a run.
 
-Everything read here is a sum since some point in the past, so that two readings tell what happened
-between them, however far they are apart. What a system does not tell is NaN, and never zero.
+All values are cumulative, so the difference of two readings is the interference between them. A
+value that the system does not provide is NaN, never zero.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ class InterferenceReading(NamedTuple):
 
 
 class InterferenceReader:
-    """Reads them for the processes of this one's control group, on the cores it may use."""
+    """Reads the counters of the control group of this process, on the cores that it may use."""
 
     def __init__(self, root: Path = _SYSTEM) -> None:
-        """Find out what there is to read.
+        """Find the available counters.
 
         Args:
             root: where ``/proc`` and ``/sys`` are.
@@ -50,7 +50,7 @@ class InterferenceReader:
         ]
 
     def read(self) -> InterferenceReading:
-        """What has been counted until now."""
+        """The current values of the counters."""
         busy_s, stolen_s = _core_times(self._cores)
         quota = _largest(_throttled_s, self._quota_files)
         heat = _largest(_thermal_throttled_s, self._thermal_files)
@@ -71,7 +71,7 @@ def _core_times(cores: list[int]) -> tuple[float, float]:
 
 
 def busy_seconds(times: psutil._ntuples.scputimes) -> float:
-    """Processor time that was used: neither idle, nor taken by other virtual machines."""
+    """CPU time in use: neither idle, nor taken by other virtual machines."""
     used = sum(times) - times.idle - getattr(times, "iowait", 0.0) - getattr(times, "steal", 0.0)
     # Guest time is contained in user time already.
     return float(used - getattr(times, "guest", 0.0) - getattr(times, "guest_nice", 0.0))
@@ -105,15 +105,15 @@ def _thermal_throttled_s(path: Path) -> float:
 
 
 def _largest(read: Callable[[Path], float], paths: list[Path]) -> float:
-    """Groups nest, and cores are throttled at once: the times are not to be added up."""
+    """The largest value: groups nest, and cores are throttled together, so sums would be wrong."""
     return max((found for each in paths if not math.isnan(found := read(each))), default=math.nan)
 
 
 def _control_groups(root: Path) -> Iterator[Path]:
-    """The group that limits the processor time of this process, and those that contain it.
+    """The group that limits the CPU time of this process, and the groups that contain it.
 
-    Inside a container paths may begin at a root that is not to be seen: then what is mounted is
-    the container's own group.
+    In a container, paths may begin at a root outside of it; the mounted group is then the group
+    of the container.
     """
     with contextlib.suppress(OSError):
         for line in (root / "proc/self/cgroup").read_text().splitlines():

@@ -1,4 +1,4 @@
-"""On what a run was made: the machine and the versions of what took part."""
+"""The machine of a run, and the versions of its software."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ from typing import Any
 import psutil
 
 from r2bspec._version import __version__
-
-_RECORDED_PACKAGES = ("rclpy", "fastrtps", "rmw-fastrtps-cpp", "numpy", "opencv-python-headless")
+from r2bspec.middleware.rmw_registry import middleware_of, selected_rmw
 
 
 def describe_machine() -> dict[str, Any]:
-    """Processor, memory, kernel and load of this machine, as far as they can be told."""
+    """Processor, memory, kernel and load of this machine, as far as they are known."""
     load_1min, load_5min, _ = os.getloadavg()
     frequency = None
-    # Not every platform, and no container without /sys, tells the frequency.
+    # Some platforms, and containers without /sys, do not provide the frequency.
     try:
         current = psutil.cpu_freq()
         frequency = round(current.max or current.current) if current else None
@@ -44,7 +43,8 @@ def describe_machine() -> dict[str, Any]:
 def describe_versions() -> dict[str, str]:
     """Versions of r2bspec, Python, and the ROS packages that are installed."""
     versions = {"r2bspec": __version__, "python": platform.python_version()}
-    for name in _RECORDED_PACKAGES:
+    middleware = middleware_of(os.environ).distributions
+    for name in ("rclpy", *middleware, "numpy", "opencv-python-headless"):
         for candidate in (f"ros-jazzy-{name}", f"ros-{name}", name):
             try:
                 versions[name] = importlib.metadata.version(candidate)
@@ -53,12 +53,12 @@ def describe_versions() -> dict[str, str]:
                 continue
     if distribution := os.environ.get("ROS_DISTRO"):
         versions["ros_distro"] = distribution
-    versions["rmw"] = os.environ.get("RMW_IMPLEMENTATION", "default")
+    versions["rmw"] = selected_rmw(os.environ)
     return versions
 
 
 def interpreter() -> str:
-    """The interpreter that ``$(python)`` stands for."""
+    """The interpreter that replaces ``$(python)``."""
     return sys.executable
 
 
@@ -70,7 +70,7 @@ def _cpu_model() -> str:
 
 
 def _gpus() -> list[str]:
-    """The names of the NVIDIA GPUs, where NVML and its bindings (the extra `gpu`) are there."""
+    """The names of the NVIDIA GPUs, if NVML and its bindings (the extra `gpu`) are installed."""
     try:
         import pynvml
 

@@ -1,8 +1,8 @@
 """CPU and memory of every process over the whole run, sampled on a thread of the controller.
 
-With each sample goes one of the surroundings. Besides its period, the sampler takes samples at
-times that it is asked for: at the edges of every stretch that is played, so that what is used there
-need not be interpolated from what was used before and after.
+Host interference is sampled at the same times. In addition to its periodic samples, the sampler
+takes samples on request: at the start and end of every segment, so that the use in a segment need
+not be interpolated.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from r2bspec.record.sample_arrays import Rows
 
 _PERIOD_S = 0.2
-"""Samples are cumulative, so a longer period blurs only maxima; a sample of three processes takes
-about half a millisecond of processor time, 0.3 % of a core at this period."""
+"""Samples are cumulative, so a longer period affects only maxima. A sample of three processes takes
+about half a millisecond of CPU time, 0.3 % of a core at this period."""
 
 _RESOURCES = struct.Struct("<qidq")
-_SURROUNDINGS = struct.Struct("<qdddd")
+_INTERFERENCE = struct.Struct("<qdddd")
 """Rows of `r2bspec.record.run_record.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
 
 
 class ResourceSampler:
-    """Samples processor time, memory and surroundings until stopped.
+    """Samples CPU time, memory and host interference until stopped.
 
     Processes are numbered in the order in which they are added, the same as in
     `RunRecord.processes`.
@@ -41,7 +41,7 @@ class ResourceSampler:
 
     def __init__(self) -> None:
         self._processes: list[psutil.Process | None] = []
-        # Packed as they will be written: a day of samples is then some ten megabytes.
+        # Packed in the format of the file: a day of samples takes some ten megabytes.
         self._rows = bytearray()
         self._interference_rows = bytearray()
         self._interference = InterferenceReader()
@@ -55,7 +55,7 @@ class ResourceSampler:
         self._thread = threading.Thread(target=self._run, name="resources", daemon=True)
 
     def start(self) -> None:
-        """Begin to sample."""
+        """Start sampling."""
         self._thread.start()
 
     def add(self, pid: int) -> None:
@@ -67,41 +67,41 @@ class ResourceSampler:
             self._processes.append(process)
 
     def sample_at(self, time_ns: int) -> None:
-        """Take a sample at a time (CLOCK_MONOTONIC), at once if that is past; returns at once."""
+        """Schedule a sample at a time (CLOCK_MONOTONIC); a past time means immediately."""
         with self._lock:
             heapq.heappush(self._requested_ns, time_ns)
             self._lock.notify()
 
     def resident(self, pid: int) -> int:
-        """The resident memory of a process and its descendants when last sampled, in bytes."""
+        """The last sampled resident memory of a process and its descendants, in bytes."""
         return self._resident.get(pid, 0)
 
     def cores(self, pid: int) -> float | None:
-        """Processor time per time of a process and its descendants between the last two samples.
+        """The CPU use, in cores, of a process and its descendants between the last two samples.
 
-        None if it was not sampled twice yet, or has ended.
+        None if it was not sampled twice yet, or has exited.
         """
         return self._cores.get(pid)
 
     def stop(self) -> tuple[Rows, Rows]:
-        """End sampling; returns what `rows` and `surroundings` do."""
+        """Stop sampling; returns the results of `rows` and `interference`."""
         with self._lock:
             self._stopped = True
             self._lock.notify()
         if self._thread.is_alive():
             self._thread.join()
         self._sample()
-        return self.rows(), self.surroundings()
+        return self.rows(), self.interference()
 
     def rows(self) -> Rows:
-        """What has been sampled so far: rows of `r2bspec.record.sample_arrays.RESOURCE_DTYPE`."""
+        """The samples so far: rows of `r2bspec.record.sample_arrays.RESOURCE_DTYPE`."""
         import numpy as np
 
         from r2bspec.record.sample_arrays import RESOURCE_DTYPE
 
         return np.frombuffer(bytes(self._rows), dtype=RESOURCE_DTYPE)
 
-    def surroundings(self) -> Rows:
+    def interference(self) -> Rows:
         """The same of host interference: rows of `sample_arrays.INTERFERENCE_DTYPE`."""
         import numpy as np
 
@@ -117,7 +117,7 @@ class ResourceSampler:
                     return
 
     def _wait_for_next(self) -> bool:
-        """Wait for the end of the period or a time that was asked for; True if stopped."""
+        """Wait for the end of the period or a requested time; True if stopped."""
         end_ns = time.monotonic_ns() + round(_PERIOD_S * 1e9)
         while not self._stopped:
             next_ns = min([end_ns, *self._requested_ns[:1]])
@@ -132,7 +132,7 @@ class ResourceSampler:
     def _sample(self) -> None:
         with self._lock:
             processes = list(enumerate(self._processes))
-        self._interference_rows += _SURROUNDINGS.pack(
+        self._interference_rows += _INTERFERENCE.pack(
             time.monotonic_ns(), *self._interference.read()
         )
         busy_s = busy_seconds(psutil.cpu_times())
@@ -163,7 +163,7 @@ class ResourceSampler:
 
     def _update_cores(self, pid: int, now_ns: int, cpu_s: float) -> None:
         before_ns, before_s = self._last_use.get(pid, (now_ns, cpu_s))
-        # Ticks of 10 ms say nothing over less than several of them.
+        # CPU time has a resolution of 10 ms, so shorter intervals have no meaning.
         if now_ns - before_ns >= _PERIOD_S * 1e9 / 2:
             self._cores[pid] = (cpu_s - before_s) / ((now_ns - before_ns) / 1e9)
         elif pid in self._last_use:
@@ -172,10 +172,10 @@ class ResourceSampler:
 
 
 def _descendants(process: psutil.Process) -> list[psutil.Process]:
-    """All living descendants of a process.
+    """All running descendants of a process.
 
-    The kernel lists the children of each thread, where it was built to; psutil reads the parent of
-    every process of the machine instead, which takes most of the time of a sample.
+    If the kernel was built with lists of the children of each thread, they are used; psutil reads
+    the parent of every process of the machine instead, which takes most of the time of a sample.
     """
     found: list[psutil.Process] = []
     waiting = [process.pid]
@@ -188,7 +188,7 @@ def _descendants(process: psutil.Process) -> list[psutil.Process]:
                 for child in (task / "children").read_text().split()
             }
         except OSError:
-            # It has just ended, or a thread of it; or the kernel keeps no such lists.
+            # The process or one of its threads has just exited, or the kernel has no such lists.
             return process.children(recursive=True)
         waiting += children
         for child in children:
@@ -198,9 +198,9 @@ def _descendants(process: psutil.Process) -> list[psutil.Process]:
 
 
 def _with_descendants(process: psutil.Process) -> tuple[float, int]:
-    """Processor time in seconds and resident bytes of a process and all its living descendants.
+    """CPU time in seconds and resident bytes of a process and all its running descendants.
 
-    The time of descendants that have ended is in the `children_*` fields of their parents.
+    The time of descendants that have exited is in the `children_*` fields of their parents.
     """
     cpu_s, resident = 0.0, 0
     for each in (process, *_descendants(process)):

@@ -1,1 +1,1 @@
-"""From the recording to what the player publishes, and when."""
+"""From the recording to the messages that the player publishes, and their times."""

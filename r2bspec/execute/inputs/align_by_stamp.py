@@ -1,7 +1,7 @@
-"""Which messages of several inputs belong together: those of one stamp, not those of one index.
+"""Combining the messages of several inputs to steps, by their stamps.
 
-Pairing by index goes wrong for good after the first message that is missing on one side. By stamp,
-what has no partner is left out, and counted.
+Combined by index, all messages after a missing one would be paired wrongly. By stamp, only messages
+without a partner are left out, and counted.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from r2bspec.ipc.buffers import BufferIndex
 class AlignedSteps:
     """The steps to play: `steps[i][k]` is the position in input k of the message of step i.
 
-    `unpaired` counts, for each topic, the messages that found no partner.
+    `unpaired` counts, for each topic, the messages without a partner.
     """
 
     steps: tuple[tuple[int, ...], ...]
@@ -24,24 +24,24 @@ class AlignedSteps:
 
 
 def align(inputs: list[BufferIndex], limit: int) -> AlignedSteps:
-    """Pair the messages of all inputs, in the order of their stamps.
+    """Combine the messages of all inputs, in the order of their stamps.
 
-    Inputs with a header are paired by equal stamps. An input without one has nothing to be
-    paired by but its order: its n-th message goes with the n-th step, and it starts again from
-    its first one when it is shorter.
+    Inputs with a header are matched by equal stamps. An input without a header is matched by
+    order: its n-th message belongs to the n-th step; a shorter input repeats from its first
+    message.
 
     Args:
-        inputs: what was buffered for each input.
-        limit: how many steps to keep at most; 0 keeps all.
+        inputs: the buffer of each input.
+        limit: the maximum number of steps; 0 keeps all.
 
     Raises:
-        RunError: an input has no message, or no stamp is common to all.
+        RunError: an input has no messages, or no stamp is common to all inputs.
     """
     for each in inputs:
         if not each.sizes:
             raise RunError(
-                f"no message was buffered for {each.topic}",
-                hint="Check the window, and what the preprocessors publish.",
+                f"no messages were buffered for {each.topic}",
+                hint="Check the window, and the messages that the preprocessors publish.",
                 code="R2B643",
             )
     positions = [
@@ -54,9 +54,9 @@ def align(inputs: list[BufferIndex], limit: int) -> AlignedSteps:
         if not common:
             counts = ", ".join(f"{each.topic}: {len(each.sizes)}" for each in inputs)
             raise RunError(
-                f"no two messages of the inputs have the same stamp ({counts} messages)",
-                hint="Inputs of one step need equal header stamps; "
-                "play inputs that were not recorded together in specs of their own.",
+                f"no header stamp occurs in all inputs ({counts} messages)",
+                hint="Messages of one step need equal header stamps; "
+                "play inputs that were not recorded together in separate specs.",
                 code="R2B644",
             )
     else:
@@ -81,10 +81,10 @@ def align(inputs: list[BufferIndex], limit: int) -> AlignedSteps:
 
 
 def playback_order(steps: tuple[tuple[int, ...], ...], mode: str) -> tuple[tuple[int, ...], ...]:
-    """The steps of one round of playing.
+    """The steps of one round of playback.
 
-    Looping begins again after the last step. Sweeping goes back to the first one step by step,
-    so that no two steps that follow each other are far apart in the recording; the ends are
-    played once each.
+    Looping continues with the first step after the last one. Sweeping goes back step by step, so
+    that consecutive steps are always close in the recording; the first and the last step are
+    played once per round.
     """
     return steps + steps[-2:0:-1] if mode == "sweeping" else steps

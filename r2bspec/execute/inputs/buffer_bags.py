@@ -1,4 +1,4 @@
-"""From recordings to buffers: straight from recorded bytes, with nothing deserialised."""
+"""Copying recordings to buffers, as serialised bytes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from r2bspec.plan.plan import DatasetPlan
 
 
 class _BagSource(NamedTuple):
-    """What is read of one bag: its topics, by their names there, as topics of the graph."""
+    """The topics to read from one bag, with their names in the graph."""
 
     bag: Path
     targets: Mapping[str, str]
@@ -35,12 +35,12 @@ def buffer_bags(
     """Write a buffer for every topic of the plan, under its name in the graph.
 
     Messages of one topic may be in several bags; they are buffered in the order of their
-    recording. Memory is bounded by a few messages of each bag. Windows count from the first
-    message of any of the bags. Of transforms, where they are asked for, /tf is buffered like all
-    others, and all of /tf_static, whatever the window, as one message.
+    recording. Memory is bounded by a few messages of each bag. Windows are relative to the first
+    message of all bags. If transforms are requested, /tf is buffered like other topics, and the
+    complete /tf_static, regardless of the window, as one message.
 
     Returns:
-        How many messages each topic of the graph got.
+        The number of messages of each topic of the graph.
 
     Raises:
         DataError: a bag cannot be read.
@@ -71,7 +71,7 @@ def buffer_bags(
 
 
 def _graph_topics(dataset: DatasetPlan, bag: Path) -> dict[str, str]:
-    """The topics of a bag that are read, as they are called in the graph."""
+    """The topics of a bag that are read, with their names in the graph."""
     targets = {each.bag_topic: each.topic for each in dataset.topics}
     if dataset.publish_tf and index_bag(bag).find(TF) is not None:
         targets[TF] = TF
@@ -79,7 +79,7 @@ def _graph_topics(dataset: DatasetPlan, bag: Path) -> dict[str, str]:
 
 
 def _merge_bags(parts: Sequence[_BagSource]) -> Iterator[tuple[str, Message]]:
-    """The messages of all bags by time, each with its topic in the graph."""
+    """The messages of all bags in order of time, each with its topic in the graph."""
     streams = [_read_bag(part) for part in parts]
     for _, topic, message in heapq.merge(*streams, key=itemgetter(0)):
         yield topic, message
@@ -94,7 +94,7 @@ def _read_bag(part: _BagSource) -> Iterator[tuple[int, str, Message]]:
 def _buffer_static(
     bags: Sequence[Path], datasets: Sequence[DatasetPlan], folder: Path
 ) -> dict[str, int]:
-    """Buffer the static transforms of all bags that are to be asked for them, as one message."""
+    """Buffer the static transforms of all bags for which they are requested, as one message."""
     with_static = [
         bag
         for bag, dataset in zip(bags, datasets, strict=True)
@@ -111,7 +111,7 @@ def _buffer_static(
 
 
 def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[Window]:
-    """The windows of the bags, each counted from the start of its own bag."""
+    """The windows of the bags, each relative to the start of its own bag."""
     if len(bags) == 1:
         return [Window(start_ns=datasets[0].start_ns, end_ns=datasets[0].end_ns)]
     starts_ns = [index_bag(bag).start_ns for bag in bags]

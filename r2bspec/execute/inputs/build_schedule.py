@@ -1,7 +1,7 @@
-"""From what was buffered to the schedule of the player, in every mode in which something is played.
+"""Building the schedule of the player from the buffers, for all playback modes.
 
-Which types have a header is known here for those that rosbags ships; of the others the player tells
-it, and their stamps are then read from the buffers.
+For types that rosbags provides it is known whether they have a header. For other types the player
+reports it, and their stamps are then read from the buffers.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from r2bspec.plan.plan import InputPlan, Plan
 def build_schedule(
     plan: Plan, folder: Path, headers: Mapping[str, bool], note: Callable[[str], None]
 ) -> Schedule:
-    """Make the schedule of a plan.
+    """Build the schedule of a plan with playback.
 
     Args:
-        plan: in which something is played.
-        folder: where the buffers are.
+        plan: of the run.
+        folder: contains the buffers.
         headers: for each input, whether its type begins with a header.
-        note: is told what is left out.
+        note: receives a note about messages that are left out.
 
     Raises:
-        RunError: an input has no message, or what is there fits nowhere.
+        RunError: an input has no messages, or none that can be scheduled.
     """
     found = [_load_index(folder, each.source, headers[each.topic]) for each in plan.inputs]
     types = {each.source: headers[each.topic] for each in plan.inputs if each.bag_topic}
@@ -47,7 +47,7 @@ def build_schedule(
     if plan.timeline is None:
         aligned = align(found, plan.buffer)
         for topic, count in aligned.unpaired.items():
-            note(f"{topic}: {count} messages have no partner of the same stamp")
+            note(f"{topic}: left out {count} messages whose stamp is not in all inputs")
         steps = playback_order(aligned.steps, plan.playback_mode)
         if transforms is None:
             return CyclicSchedule(steps=steps)
@@ -55,10 +55,10 @@ def build_schedule(
         return CyclicSchedule(steps=steps, transforms=place_transforms(transforms, steps, timed))
     timeline, unknown = make_timeline(pairs, sources, plan.timeline, plan.buffer, transforms)
     for topic, count in unknown.items():
-        note(f"{topic}: {count} messages are not played: no recorded message has their stamp")
+        note(f"{topic}: left out {count} messages whose stamp no recorded message has")
     _check_every_monitor_has_steps(plan, timeline)
     note(
-        f"a round of the timeline has {len(timeline.steps)} steps and takes "
+        f"one round of the timeline has {len(timeline.steps)} steps and takes "
         f"{timeline.period_ns / 1e9:.4g} s"
     )
     return timeline
@@ -67,7 +67,7 @@ def build_schedule(
 def _with_recorded_times(
     plan: InputPlan, index: BufferIndex, sources: list[BufferIndex]
 ) -> BufferIndex:
-    """The index with the times of the recording in place of those of preprocessing."""
+    """The index with the times of the recording instead of those of the preprocessing."""
     if plan.bag_topic:
         return index
     times_ns = times_by_stamp(sources)
@@ -81,22 +81,22 @@ def _load_index(folder: Path, topic: str, has_header: bool | None) -> BufferInde
 
 
 def _load_tf_index(plan: Plan, folder: Path) -> BufferIndex | None:
-    """What was buffered of /tf, if it is played along."""
+    """The buffer of /tf, if transforms are played."""
     if not any(each.publish_tf for each in plan.datasets or (plan.dataset,)):
         return None
     return read_index(folder, TF) if TF in buffered_transforms(folder) else None
 
 
 def _check_every_monitor_has_steps(plan: Plan, timeline: TimelineSchedule) -> None:
-    """See that each monitor is asked about some step."""
+    """Check that each monitor has at least one step."""
     kinds = {each.inputs for each in timeline.steps}
     for monitor in plan.monitors:
         wanted = input_mask(plan.inputs, monitor.answers)
         if not any(kind & wanted == wanted for kind in kinds):
             raise RunError(
-                f"no step of the timeline has messages of all of {', '.join(monitor.answers)}, "
-                f"which monitor {monitor.name} answers as far as is known",
-                hint=f"Write under monitors.{monitor.name} which of them it answers, such as "
+                f"no step of the timeline has messages of all inputs of monitor {monitor.name}: "
+                f"{', '.join(monitor.answers)}",
+                hint=f"Set monitors.{monitor.name}.answers to the inputs that it answers, such as "
                 "'answers: [image]'.",
                 code="R2B658",
             )

@@ -1,4 +1,4 @@
-"""Making sure that the bag of a plan is there, and that it is the one that was meant."""
+"""Locating or synthesising the bag of a plan, and checking its hash."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from r2bspec.plan.plan import DatasetPlan
 
 @dataclass(frozen=True)
 class ResolvedDataset:
-    """A bag on disk, and what the record says of it."""
+    """A bag on disk, and its provenance for the record."""
 
     path: Path
     provenance: dict[str, Any]
 
 
 def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> ResolvedDataset:
-    """Find the bag, or make it if it is a synthetic one that is not in the cache.
+    """Locate the bag, or synthesise it if it is a synthetic one that is not in the cache.
 
     Raises:
-        DataError: it is not there, or cannot be made.
-        DatasetMismatchError: its hash is not the one that the spec pins.
+        DataError: it does not exist, or cannot be synthesised.
+        DatasetMismatchError: its hash differs from the one in the spec.
     """
     location = locate(plan.source, base_dir)
     provenance: dict[str, Any] = {"source": plan.source, "kind": location.kind}
@@ -45,7 +45,7 @@ def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> Res
         digest = hash_files(path)
     if plan.sha256 and digest.removeprefix("sha256:") != plan.sha256.removeprefix("sha256:"):
         raise DatasetMismatchError(
-            f"{plan.source} is not the bag that the spec pins: its hash is {digest}",
-            hint="Fetch the right bag, or update data_loader.bag.sha256.",
+            f"the hash of {plan.source} is {digest}, not the one in the spec",
+            hint="Use the bag that the spec expects, or update data_loader.bag.sha256.",
         )
     return ResolvedDataset(path, provenance | {"path": str(path), "sha256": digest})

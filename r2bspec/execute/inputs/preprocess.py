@@ -1,7 +1,7 @@
-"""The preprocess phase: recorded messages go through the preprocessors, and what comes out is kept.
+"""The preprocess phase: the preprocessors process the recorded messages; their output is buffered.
 
-The preprocessors are ended before anything is measured, so that they take no processor time from
-the graph under test.
+The preprocessors are ended before the measurement, so that they take no CPU time from the graph
+under test.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ def preprocess(
     buffer_dir: Path,
     note: Callable[[str], None],
 ) -> None:
-    """Run the preprocessors over everything that was buffered from the bag.
+    """Run the preprocessors on all messages that were buffered from the bag.
 
     Raises:
-        NoOutputError: a recorded topic got no message.
-        RunError: a process died, failed, or was not ready in time.
+        NoOutputError: a recorded topic has no messages.
+        RunError: a process exited, failed, or was not ready in time.
     """
     processes = [each for each in plan.processes if each.phase == _PHASE]
     recorded = {each.source: each.type for each in plan.inputs if not each.bag_topic}
@@ -85,7 +85,7 @@ def preprocess(
     deadline = StartDeadline(plan.start_timeout_ns)
     nodes = launcher.start_nodes(others, deadline)
     supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
-    # What is played as it was recorded, too, has perhaps no reader here: not all nodes are known.
+    # An input that is also played as recorded may have no subscription here.
     wanted = {
         topic: expected_subscriptions(plan, topic, _PHASE)
         for topic in sources
@@ -106,16 +106,16 @@ def preprocess(
 def _expected_subscriptions_by_host(
     nodes: Iterable[tuple[ManagedProcess, ProcessPlan]], launcher: Launcher, recorded: Iterable[str]
 ) -> dict[ManagedProcess, dict[str, int]]:
-    """For each host, how many readers its topics must find among the preprocessors and the loader.
+    """For each host, how many subscriptions of preprocessors and loader its topics must match.
 
-    The loader sees its own ends of the graph only. What the first of a chain publishes before the
-    second is matched would be lost.
+    The loader counts its own endpoints only. Messages that the first preprocessor of a chain
+    publishes before the second one is matched would be lost.
     """
-    readers = Counter(list(recorded))
-    readers.update(topic for _, topic, _, does in launcher.endpoints if does == "subscribes")
+    subscriptions = Counter(list(recorded))
+    subscriptions.update(topic for _, topic, _, does in launcher.endpoints if does == "subscribes")
     return {
         child: {
-            topic: readers[topic]
+            topic: subscriptions[topic]
             for node, topic, _, does in launcher.endpoints
             if does == "publishes" and node in {each.name for each in process.nodes}
         }
@@ -133,7 +133,7 @@ def _check_outputs(
     buffer_dir: Path,
     note: Callable[[str], None],
 ) -> None:
-    """Compare what came out with what went in."""
+    """Compare the number of output messages with the number of input messages."""
     silent = [topic for topic, count in loaded.recorded.items() if count == 0]
     published = ", ".join(f"{topic}: {count} messages" for topic, count in loaded.published.items())
     if silent:
@@ -143,17 +143,17 @@ def _check_outputs(
         raise graph_error(
             launcher,
             faults,
-            f"nothing arrived on {', '.join(silent)}: {fault_report(facts, silent, faults, also)}",
+            f"no messages on {', '.join(silent)}: {fault_report(facts, silent, faults, also)}",
             otherwise=NoOutputError,
-            hint=f"The preprocessors were fed ({published}), but published nothing there.",
+            hint=f"The loader published the input of the preprocessors ({published}).",
         )
-    # The shortest source: whatever is made of several has no more to go by.
+    # An output made from several inputs has at most as many messages as the shortest one.
     sent = min(
         (count for topic, count in loaded.published.items() if count and topic != TF), default=0
     )
     for topic, count in loaded.recorded.items():
         if count < sent:
-            note(f"{topic}: {count} messages came out of the preprocessors for {sent} in")
+            note(f"{topic}: the preprocessors published {count} messages for {sent} inputs")
 
 
 def _trace_messages(
@@ -163,7 +163,7 @@ def _trace_messages(
     loader: ManagedProcess,
     rows_dir: Path,
 ) -> GraphFacts:
-    """Load some messages again, and see what passes on each topic."""
+    """Publish some messages again, and count the messages on each topic."""
     observer_process = launcher.start(
         ProcessPlan(name="observer", role="monitor", phase=_PHASE, argv=HARNESS_ARGV, env={})
     )

@@ -1,10 +1,10 @@
-"""From what was buffered to a timeline: which messages make a step, and when each is due.
+"""Building a timeline from the buffers: the messages of each step, and their due times.
 
-Messages of one header stamp are one step, however far apart they were recorded, and whatever number
-of inputs has one: a step of an IMU has no camera's message. A message without a header is a step by
-itself. What comes straight from the bag is played at the time of its recording; what a preprocessor
-made, at the time at which the last message of its stamp was recorded, or, if the plan says so, at
-which it came out.
+Messages with the same header stamp are one step, no matter how far apart they were recorded and on
+how many inputs: a step of an IMU has no camera message. A message without a header is a step by
+itself. Messages from the bag are played at the times of their recording. Messages of a preprocessor
+are played at the time at which the last message with their stamp was recorded or, if the plan says
+so, at which they were published.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from r2bspec.ipc.schedule import (
 from r2bspec.plan.plan import InputPlan, TimelinePlan
 
 _MAX_TF_AGE_NS = 1_000_000_000
-"""How old transforms may be, at the beginning of a timeline, that are published with it."""
+"""Transforms up to this age at the beginning of a timeline are published at its beginning."""
 
 
 class _TimedMessage(NamedTuple):
-    """A message: its input, position, time and, unless it has none, its stamp."""
+    """A message: its input, position, time and, if it has a header, its stamp."""
 
     input: int
     position: int
@@ -43,21 +43,21 @@ def make_timeline(
     buffer: int = 0,
     transforms: BufferIndex | None = None,
 ) -> tuple[TimelineSchedule, dict[str, int]]:
-    """Lay out the messages of all inputs in time.
+    """Schedule the messages of all inputs.
 
     Args:
-        inputs: what is played, with what was buffered for it.
-        sources: what was buffered from the bag.
-        plan: how recorded time becomes time of play.
-        buffer: how many messages of each input to keep at most; 0 keeps all.
-        transforms: recorded /tf, if it is played along.
+        inputs: the inputs that are played, with their buffers.
+        sources: the buffers of the bag.
+        plan: how recorded time is converted to playback time.
+        buffer: the maximum number of messages of each input; 0 keeps all.
+        transforms: recorded /tf, if it is played.
 
     Returns:
-        The timeline; and for each topic that has such, how many messages are left out because
-        nothing that was recorded has their stamp.
+        The timeline; and for each topic with such messages, how many are left out because no
+        recorded message has their stamp.
 
     Raises:
-        RunError: an input has no message, or none whose time is known.
+        RunError: an input has no messages, or none with a known time.
     """
     by_stamp = times_by_stamp(sources)
     found: list[_TimedMessage] = []
@@ -88,7 +88,7 @@ def make_timeline(
 
 
 def times_by_stamp(sources: Sequence[BufferIndex]) -> dict[int, int]:
-    """For each stamp, when the last message that has it was recorded."""
+    """For each stamp, the time at which the last message with it was recorded."""
     found: dict[int, int] = {}
     for index in sources:
         if index.has_header:
@@ -100,15 +100,15 @@ def times_by_stamp(sources: Sequence[BufferIndex]) -> dict[int, int]:
 def _no_messages_error(plan: InputPlan, count: int) -> RunError:
     if not count:
         return RunError(
-            f"no message was buffered for {plan.source}",
-            hint="Check the window, and what the preprocessors publish.",
+            f"no messages were buffered for {plan.source}",
+            hint="Check the window, and the messages that the preprocessors publish.",
             code="R2B643",
         )
     return RunError(
         f"none of the {count} messages on {plan.source} has the stamp of a recorded message, so "
-        "that nobody knows when to play them",
-        hint="Keep the stamp in the preprocessors, or write 'record_timeline: true', to play them "
-        "at the times at which they come out.",
+        "their times are unknown",
+        hint="Keep the stamps in the preprocessors, or set 'record_timeline: true' to play the "
+        "messages at the times at which they are published.",
         code="R2B659",
     )
 
@@ -130,13 +130,13 @@ def _build_timeline(
     ]
     if transforms is not None:
         messages += _transform_messages(transforms, start_ns, length_ns, plan.speed, inputs)
-        # What a message needs was there before it.
+        # The transforms of a message are published before it.
         messages.sort(key=lambda each: (each.offset_ns, each.step != NO_STEP))
     spread_ns = max(stamps.values()) - min(stamps.values())
     return TimelineSchedule(
         steps=tuple(TimelineStep(stamps[key], masks[key]) for key in first_ns),
         messages=tuple(messages),
-        # No message is stamped later than it is published; the freshest one in no time before.
+        # No message has a stamp later than its publication; the latest stamp equals it.
         origin_ns=start_ns
         + max((e.stamp_ns - e.time_ns for e in found if e.stamp_ns is not None), default=0),
         period_ns=max(round(length_ns / plan.speed), messages[-1].offset_ns + 1),
@@ -147,22 +147,22 @@ def _build_timeline(
 
 
 _StepKey = tuple[int, int, int]
-"""A step: its stamp, which of several with that stamp on one input, and the input if it has no
-header."""
+"""A step: its stamp, its index among messages of one input with that stamp, and the input if it has
+no header."""
 
 
 def _steps(
     found: list[_TimedMessage],
 ) -> tuple[list[_StepKey], dict[_StepKey, int], dict[_StepKey, int]]:
-    """The step of each message; and, in the order of time, when each begins and its inputs."""
-    seen: dict[tuple[int, int | None], int] = {}
+    """The step of each message; and, in order of time, the start and the inputs of each step."""
+    counts: dict[tuple[int, int | None], int] = {}
     keys = []
     first_ns: dict[_StepKey, int] = {}
     masks: dict[_StepKey, int] = {}
     for each in found:
-        # A device may repeat a stamp; the n-th messages of it belong together.
-        nth = seen.get((each.input, each.stamp_ns), 0)
-        seen[each.input, each.stamp_ns] = nth + 1
+        # A device may repeat a stamp; the n-th messages with it belong to one step.
+        nth = counts.get((each.input, each.stamp_ns), 0)
+        counts[each.input, each.stamp_ns] = nth + 1
         key = _key(each, nth)
         keys.append(key)
         first_ns.setdefault(key, each.time_ns)
@@ -177,7 +177,7 @@ def _key(message: _TimedMessage, nth: int) -> _StepKey:
 
 
 def _unique_stamps(stamps: dict[_StepKey, int]) -> dict[_StepKey, int]:
-    """The stamps, those that repeat moved on by nanoseconds: outputs are told apart by them."""
+    """The stamps, with repeated ones increased by nanoseconds: outputs are identified by them."""
     last_ns: int | None = None
     found = {}
     for key in sorted(stamps):
@@ -189,7 +189,7 @@ def _unique_stamps(stamps: dict[_StepKey, int]) -> dict[_StepKey, int]:
 def _transform_messages(
     transforms: BufferIndex, start_ns: int, length_ns: int, speed: float, column: int
 ) -> list[TimelineMessage]:
-    """Where transforms lie in a round; what came shortly before its beginning comes with it."""
+    """The transforms of a round; those from shortly before its beginning are due with it."""
     return [
         TimelineMessage(round(max(0, time_ns - start_ns) / speed), NO_STEP, column, position)
         for position, time_ns in enumerate(transforms.times_ns)

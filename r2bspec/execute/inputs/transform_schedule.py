@@ -1,4 +1,4 @@
-"""Recorded transforms: the static ones merged into one message, the others placed between steps."""
+"""Recorded transforms: static ones are merged into one message, others scheduled between steps."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from r2bspec.ipc.transform_stamps import TF_TYPE
 def merge_static(messages: Sequence[bytes]) -> bytes:
     """One message with the last transform to each child frame.
 
-    A late joiner gets the last message of a latched topic only, so by convention
-    (REP 105; tf2_ros.StaticTransformBroadcaster) each publisher keeps all that it knows in one.
+    A late subscription receives only the last message of a latched topic, so by convention
+    (REP 105; tf2_ros.StaticTransformBroadcaster) a publisher keeps all transforms in one message.
 
     Args:
         messages: serialised tf2_msgs/TFMessage in the order of their recording.
@@ -37,17 +37,17 @@ def place_transforms(
     steps: Sequence[tuple[int, ...]],
     inputs: Sequence[BufferIndex],
 ) -> tuple[CyclicTransform, ...]:
-    """Where recorded transforms lie in a round of steps that have no times of their own.
+    """The positions of recorded transforms in a round of steps without times.
 
-    Between two steps they are spread as they were in the recording: a transform that was recorded
-    a third of the way from one step to the next is played there, whatever the rate. Its stamps are
-    as far from those of the steps as they were, at the rate of the recording exactly so. Between
-    the last and the first step come those that followed the last one, for a mean period.
+    Between two steps the transforms are distributed as in the recording: one that was recorded at
+    a third of the interval is played at a third of it, at any rate. The differences of its stamps
+    to those of the steps are kept; they are exact at the rate of the recording. The transforms
+    that followed the last step, for a mean period, are played between the last and the first step.
 
     Args:
-        transforms: what was recorded of /tf.
-        steps: one round, as `r2bspec.execute.inputs.align_by_stamp.playback_order` gives it.
-        inputs: what was buffered for each input.
+        transforms: the buffer of /tf.
+        steps: one round, from `r2bspec.execute.inputs.align_by_stamp.playback_order`.
+        inputs: the buffer of each input.
     """
     times_ns = [
         max(index.times_ns[position] for index, position in zip(inputs, step, strict=True))
@@ -74,7 +74,7 @@ def place_transforms(
 
 
 def _lag_ns(step: tuple[int, ...], inputs: Sequence[BufferIndex], time_ns: int) -> int:
-    """How much later than its recording a step is stamped; usually negative."""
+    """The stamp of a step minus the time of its recording; usually negative."""
     for index, position in zip(inputs, step, strict=True):
         if index.has_header:
             return index.stamps_ns[position] - time_ns

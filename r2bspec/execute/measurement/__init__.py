@@ -1,1 +1,1 @@
-"""Measuring: iterations, the peak search, and the overhead of the harness."""
+"""The measurement: iterations, the peak search, and the harness overhead."""

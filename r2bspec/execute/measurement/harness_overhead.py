@@ -1,9 +1,9 @@
-"""The floor: what the harness and its transport take with nothing under test.
+"""The harness overhead: the latency of the harness and its transport without a graph.
 
-Before the nodes are started, the player plays for about a second to a reader in the monitor's
-process, on the inputs' own topics and with their own QoS. Every latency of the run contains what
-is measured here. It is reported beside them and subtracted from none: a graph of several processes
-hands messages over more than once, and at another rate or load each handing over costs otherwise.
+Before the nodes are started, the player plays for about a second to a subscription in the process
+of the monitor, on the topics of the inputs and with their QoS. Every latency of the run contains
+this overhead. It is reported but not subtracted: a graph of several processes transfers messages
+more than once, and the cost of a transfer depends on rate and load.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ DURATION_S = 1.0
 _MIN_STEPS, _MAX_STEPS = 20, 2000
 _DEFAULT_HZ = 30.0
 _WARM_UP_STEPS = 30
-"""More than a queue holds, so that every page that will be used has been touched."""
+"""More than the depth of a queue, so that every page that will be used has been touched."""
 
 _SUBSCRIPTION_DEPTH = 1000
 _REPLY_TIMEOUT_S = 10.0
@@ -47,23 +47,24 @@ def measure_harness_overhead(
     rate_hz: float,
     schedule: Schedule,
 ) -> tuple[FloorRecord, ...]:
-    """Measure the floor of each input; takes about `DURATION_S`, and longer below 20 Hz.
+    """Measure the overhead on each input; takes about `DURATION_S`, and longer below 20 Hz.
 
-    Nothing is measured, and the answer is empty, where it would disturb: if somebody reads an
-    input already, or if an input is kept for late joiners, who would get what was played here.
+    The result is empty if the measurement would affect the graph: if an input already has a
+    subscription, or if an input is transient local, so that late subscriptions would receive the
+    messages played here.
 
     Args:
         supervisor: all processes.
         player: configured with these inputs.
         monitor: configured; it need not have subscribed.
-        inputs: what the player plays.
+        inputs: of the player.
         rows_dir: where player and monitor write their rows.
-        playback: the name of the player's file there.
-        rate_hz: how many steps a second; 0 for as many as the recording has.
-        schedule: that the player follows.
+        playback: the name of the player's file in this folder.
+        rate_hz: steps per second; 0 for the rate of the recording.
+        schedule: of the player.
 
     Raises:
-        RunError: a process does not answer, or died.
+        RunError: a process does not respond, or exited.
     """
     if any(each.qos.durability == "transient_local" for each in inputs):
         return ()
@@ -71,7 +72,7 @@ def measure_harness_overhead(
     if any(_matches(supervisor, player, topics)):
         return ()
     watches = tuple(
-        # A name that no monitor can have.
+        # The name of no monitor begins with a dot.
         MonitorPlan(
             name=f".floor-{number}",
             topic=each.topic,
@@ -102,20 +103,20 @@ def measure_harness_overhead(
             for watch, file, start in zip(watches, files, before, strict=True)
         )
     supervisor.request(monitor, protocol.Unwatch(), protocol.Matched, _REPLY_TIMEOUT_S)
-    # Nodes are waited for by counting readers, and these must not be among them.
+    # The start waits for nodes by counting subscriptions, which must not include these.
     _wait_for_matches(supervisor, player, topics, wanted=False)
     return records
 
 
 def overhead_rate_hz(plan: Plan) -> float:
-    """The rate at which a floor stands beside a plan's results: the lowest that they are for."""
+    """The rate at which the overhead of a plan is measured: the lowest of its results."""
     rates = [*(each.rate_hz for each in plan.play), *plan.sustained_hz]
     rates += [plan.search.min_hz] if plan.search and not rates else []
     return min(rates, default=_DEFAULT_HZ)
 
 
 def overhead_record(topic: str, rate_hz: float, playback: Rows, received: Rows) -> FloorRecord:
-    """What samples say of one input.
+    """The overhead on one input.
 
     Args:
         topic: the input.
@@ -154,7 +155,7 @@ def _play(
     steps: int,
     schedule: Schedule,
 ) -> None:
-    """Play, and wait until everything has arrived, or nothing has come for a while."""
+    """Play, and wait until all messages have arrived, or none has arrived for a while."""
     goal = [each.count() + steps for each in files]
     command = protocol.Play(rate_hz=rate_hz, steps=steps)
     span_s = schedule.span_ns(rate_hz, steps) / 1e9
@@ -179,7 +180,7 @@ def _matches(supervisor: ProcessSupervisor, player: ManagedProcess, topics: list
 def _wait_for_matches(
     supervisor: ProcessSupervisor, player: ManagedProcess, topics: list[str], *, wanted: bool
 ) -> bool:
-    """Wait until every input has a reader, or none has; False if that does not come about."""
+    """Wait until all inputs have subscriptions, or, unless `wanted`, none has; False if not."""
     deadline = time.monotonic() + _MAX_MATCH_WAIT_S
     while time.monotonic() < deadline:
         if all((count > 0) == wanted for count in _matches(supervisor, player, topics)):

@@ -1,13 +1,13 @@
-"""Playing the iterations: as many as were declared, and more where the verdict is still open.
+"""Playing the iterations: the declared number, and more while the verdict is undecided.
 
-All rates are played in turn in each iteration, so that a slow drift of the machine touches all of
-them alike. Where the spec allows more iterations than it asks for, the run is looked at when it has
-once, twice and four times as many as declared, with the error divided among the looks
-(`r2bspec.judge.interim_looks`); it goes on only while something is open that more iterations can
-settle.
+All rates are played in each iteration, so that a slow drift of the machine affects them equally. If
+the spec allows more iterations than it declares, there are interim looks after one, two and four
+times the declared number, with the error probability divided among them
+(`r2bspec.judge.interim_looks`). The run continues only while a requirement is undecided that more
+iterations can decide.
 
-At the end of each look, iterations that the machine disturbed are played again, each once, where
-that decides whether a failure counts (`r2bspec.judge.affected_iterations`).
+At each look, iterations affected by host interference are repeated, each once, if that decides
+whether a failure counts (`r2bspec.judge.affected_iterations`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from r2bspec.execute.measurement.segments import SegmentPlayer
+from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.interim_looks import InterimLooks, decide_after_look
@@ -26,12 +26,12 @@ from r2bspec.plan.plan import Plan, PlayPlan
 
 @dataclass(frozen=True)
 class IterationRunner:
-    """Playing the iterations of a plan on a stage.
+    """Plays the iterations of a plan.
 
     Attributes:
         judge_so_far: the verdict on everything that has been played.
-        note: is told what was decided.
-        budget: is asked before anything is played that the spec does not declare.
+        note: receives notes on the decisions.
+        budget: limits everything that is played in addition to the declared iterations.
     """
 
     plan: Plan
@@ -41,13 +41,13 @@ class IterationRunner:
     budget: TimeBudget
 
     def play(self) -> tuple[Verdict, int]:
-        """Play look by look.
+        """Play the iterations up to the look that decides.
 
         Returns:
             The verdict, and how many iterations were played at each rate.
 
         Raises:
-            RunError: what `SegmentPlayer.play` raises.
+            RunError: from `SegmentPlayer.play`.
         """
         plays = self.plan.play
         looks = decision_policy(self.plan).looks or InterimLooks(
@@ -64,14 +64,14 @@ class IterationRunner:
             more_s = each_s * (looks.iterations[number] - played)
             if not self.budget.allows(f"no more than {end} iterations", more_s):
                 break
-            self.note(f"not all is decided after {end} iterations; there will be more")
+            self.note(f"not all requirements are decided after {end} iterations: playing more")
         return verdict, played
 
     def play_fixed_number(self, number: int) -> Verdict:
         """Play a fixed number of iterations.
 
         Raises:
-            RunError: what `SegmentPlayer.play` raises.
+            RunError: from `SegmentPlayer.play`.
         """
         self._play_range(0, number)
         return self._judge()
@@ -82,18 +82,19 @@ class IterationRunner:
                 self._play_once(play, index, f"iteration {index} of {end}")
 
     def _judge(self) -> Verdict:
-        """The verdict, after the disturbed iterations that it hangs on were played again."""
+        """The verdict, after the affected iterations on which it depends were repeated."""
         verdict = self.judge_so_far()
         wanted = iterations_to_rerun(verdict)
         again = 0
         for one in wanted:
             play = next(each for each in self.plan.play if each.rate_hz == one.rate_hz)
             if not self.budget.allows(
-                f"no rerun of {one.segment}, which was disturbed", play.duration_ns / 1e9
+                f"no rerun of {one.segment}, which host interference affected",
+                play.duration_ns / 1e9,
             ):
                 break
             reasons = "; ".join(one.reasons)
-            self.note(f"{one.segment} was disturbed by the machine ({reasons}); it is played again")
+            self.note(f"host interference affected {one.segment} ({reasons}): repeating it")
             (index,) = (
                 each.index for each in self.segment_player.segments if each.id == one.segment
             )
@@ -106,18 +107,16 @@ class IterationRunner:
         at = f"{play.rate_hz:g} Hz, " if play.rate_hz else ""
         name = f"rate-{play.rate_hz:g}Hz" if play.rate_hz else "iteration"
         self.segment_player.play_for(
-            "iteration",
-            f"{name}-{index:03d}{again}",
+            SegmentHeading(
+                "iteration", f"{name}-{index:03d}{again}", f"{at}{title}", index, rerun_of
+            ),
             play.rate_hz,
             play.duration_ns,
-            title=f"{at}{title}",
-            index=index,
-            rerun_of=rerun_of,
         )
 
 
 def iterations_to_rerun(verdict: Verdict) -> Sequence[DisturbedIteration]:
-    """The disturbed iterations that a failure hangs on, and that were not played again yet."""
+    """The affected iterations on which a failure depends, and that were not repeated yet."""
     rates = {one.at_hz for one in verdict.requirements if one.weakened and one.at_hz is not None}
     return [
         one
@@ -129,6 +128,6 @@ def iterations_to_rerun(verdict: Verdict) -> Sequence[DisturbedIteration]:
 
 
 def _needs_more(verdict: Verdict, looks: InterimLooks, number: int) -> bool:
-    """Whether a look leaves something open that more iterations can settle."""
+    """Whether a requirement is undecided after a look that more iterations can decide."""
     counted = [each for each in verdict.requirements if each.level == "error"]
     return decide_after_look(looks, number, counted) == "go on"

@@ -1,7 +1,7 @@
-"""Watching a segment of a live run: the graph has a source of its own, and nothing is played.
+"""Recording a segment of a live run: the graph has its own source, and nothing is played.
 
-A segment is what arrived in a stretch of time. The stamps of its messages are on the system clock,
-all other times on CLOCK_MONOTONIC, so the difference of the two is kept with each segment.
+A segment consists of the messages that arrived in a period of time. Their stamps are on the system
+clock, all other times on CLOCK_MONOTONIC, so the offset of the two is stored with each segment.
 """
 
 from __future__ import annotations
@@ -11,39 +11,32 @@ from collections.abc import Callable
 
 import numpy as np
 
-from r2bspec.execute.measurement.segments import SegmentObservation, SegmentPlayer
+from r2bspec.execute.measurement.segment_observation import SegmentObservation
+from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.record.run_record import Segment, SegmentKind
 from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
 
 _POLL_S = 0.25
 _MAX_CLOCK_DRIFT_NS = 1_000_000
-"""By more than this only somebody who sets the system clock changes it within a segment."""
+"""A larger change of the offset within a segment means that the system clock was set."""
 
 _CLOCK_READINGS = 5
 
 
 class LiveSegmentWatcher(SegmentPlayer):
-    """A stage on which the graph's own source plays."""
+    """Records segments in which the graph's own source publishes."""
 
     def play_for(
-        self,
-        kind: SegmentKind,
-        segment_id: str,
-        rate_hz: float,
-        duration_ns: int,
-        *,
-        title: str,
-        index: int = 1,
-        min_steps: int = 2,
-        rerun_of: str = "",
+        self, heading: SegmentHeading, rate_hz: float, duration_ns: int, min_steps: int = 2
     ) -> SegmentObservation:
-        """Watch for so long, and record it; the rate and the least steps have no meaning here.
+        """Record a segment of this duration; the rate and the minimum of steps have no effect.
 
         Raises:
-            RunError: a process died or failed.
+            RunError: a process exited or failed.
         """
         del rate_hz, min_steps
-        self._progress.segment(title, 0)
+        heading = self._confirming(heading)
+        self._progress.segment(heading.title, 0)
         first = self._first_rows()
         offset_ns = clock_offset_ns()
         began_ns = time.monotonic_ns()
@@ -60,32 +53,32 @@ class LiveSegmentWatcher(SegmentPlayer):
             observation = self._observe_between(first, began_ns, ended_ns)
             self._write_samples(
                 Segment(
-                    id=self.segment_id_for(segment_id),
-                    kind=self._kind_of(kind),
+                    id=heading.id,
+                    kind=heading.kind,
                     rate_hz=0.0,
-                    index=index,
+                    index=heading.index,
                     steps=0,
                     began_ns=began_ns,
                     ended_ns=ended_ns,
                     complete=complete,
-                    rerun_of=rerun_of,
+                    rerun_of=heading.rerun_of,
                     live=True,
                     clock_offset_ns=offset_ns if abs(changed_ns) <= _MAX_CLOCK_DRIFT_NS else None,
                 ),
                 observation,
                 first,
             )
-        self._detect_stopped_outputs(kind, observation)
+        self._detect_stopped_outputs(heading.kind, observation)
         return observation
 
     def play_unrecorded(self, rate_hz: float, steps: int) -> None:
-        """Let the source play for as long as so many steps would take."""
+        """Let the source publish for the time that these steps would take."""
         end = time.monotonic() + steps / rate_hz
         while (left_s := end - time.monotonic()) > 0:
             self._supervisor.pump(left_s)
 
     def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
-        """Tell of outputs of which nothing came, each once."""
+        """Report outputs without messages, each once."""
         for plan in self._plan.monitors:
             if (
                 kind == "warm_up"
@@ -104,7 +97,7 @@ class LiveSegmentWatcher(SegmentPlayer):
     def _observe_between(
         self, first: dict[str, int], began_ns: int, ended_ns: int
     ) -> SegmentObservation:
-        """What was received between two times."""
+        """The messages received between two times."""
 
         def within(rows: Rows) -> Rows:
             received = rows["received_ns"]

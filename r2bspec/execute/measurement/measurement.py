@@ -1,4 +1,4 @@
-"""What is measured in a batch: the search for the peak, the rates to be sustained, iterations."""
+"""The measurement in a session: the peak search, the rates to be sustained, the iterations."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from r2bspec.execute.measurement.rate_probe import RateProber
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.measurement.time_budget import TimeBudget
-from r2bspec.judge.verdict import Method, Verdict
+from r2bspec.judge.methods.method_registry import METHODS, Method
+from r2bspec.judge.verdict import Verdict
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import ConfirmationRecord, FloorRecord, Probe, SearchRecord
 
 
 class Measurement:
-    """The measuring of one batch, and what its probes found."""
+    """The measurement of one session, and the results of its probes."""
 
     def __init__(
         self,
@@ -28,13 +29,13 @@ class Measurement:
         judge_so_far: Callable[[], Verdict],
         budget: TimeBudget,
     ) -> None:
-        """Measure on a stage.
+        """Create the measurement; nothing is played yet.
 
         Args:
             plan: of the run.
-            segment_player: where to play.
-            reporter: is told what happens.
-            judge_so_far: the verdict on everything that was played in the batch.
+            segment_player: plays the segments.
+            reporter: receives phases and notes.
+            judge_so_far: the verdict on everything that was played in the session.
             budget: of the whole run.
         """
         self._plan = plan
@@ -48,12 +49,12 @@ class Measurement:
 
     @property
     def search(self) -> SearchRecord | None:
-        """What the search has found so far; None if there was none."""
+        """The result of the search so far; None if there was none."""
         return self._search.record() if self._search else None
 
     @property
     def peak_hz(self) -> float | None:
-        """The highest rate that held in the search; None if none did, or there was no search."""
+        """The highest sustained rate of the search; None if there is none, or was no search."""
         return self.search.holds_hz if self.search else None
 
     @property
@@ -62,17 +63,17 @@ class Measurement:
         return tuple(self._sustained)
 
     def confirmation(self, floor: tuple[FloorRecord, ...]) -> ConfirmationRecord:
-        """What was found, in a batch that confirms and has that floor."""
+        """The record of a confirmation run with this harness overhead."""
         return ConfirmationRecord(search=self.search, sustained=self.sustained, floor=floor)
 
     def measure(self) -> tuple[Verdict, int]:
-        """Measure what the plan says.
+        """Measure what the plan requests.
 
         Returns:
             The verdict, and how many iterations were played at each rate.
 
         Raises:
-            RunError: a process died, failed, or does not answer.
+            RunError: a process exited, failed, or does not respond.
         """
         self._budget.begin()
         self._probe_peak()
@@ -86,23 +87,24 @@ class Measurement:
     def measure_confirmation(
         self, failed: frozenset[Method], iterations: int, peak_hz: float | None
     ) -> None:
-        """Measure what a failure rests on.
+        """Measure again what the failed requirements depend on.
 
         Args:
-            failed: how the requirements that failed were decided.
-            iterations: how many there were when they failed.
-            peak_hz: the peak that was found then; what is played at the peak is played there,
-                unless this batch finds one of its own.
+            failed: the methods by which the failed requirements were decided.
+            iterations: their number in the first session.
+            peak_hz: the peak of the first session, at which `play_at_peak` is played unless this
+                session finds its own peak.
 
         Raises:
-            RunError: a process died, failed, or does not answer.
+            RunError: a process exited, failed, or does not respond.
         """
-        if "search bracket" in failed:
+        rests_on = {METHODS[method].rests_on for method in failed}
+        if "search" in rests_on:
             self._probe_peak()
-        if "sequential probe" in failed:
+        if "probes" in rests_on:
             self._probe_sustained()
         plan = self._plan_with_peak(self.peak_hz or peak_hz)
-        if failed - {"search bracket", "sequential probe"} and plan.play:
+        if "iterations" in rests_on and plan.play:
             self._reporter.phase("play", _phase_text(plan))
             self._iteration_runner(plan).play_fixed_number(iterations)
 
@@ -112,15 +114,15 @@ class Measurement:
         )
 
     def _plan_with_peak(self, peak_hz: float | None) -> Plan:
-        """The plan with what is to be played at the peak among its rates, where one was found."""
-        asked = self._plan.play_at_peak
+        """The plan with the peak, if one was found, among its rates."""
+        at_peak = self._plan.play_at_peak
         if (
-            asked is None
+            at_peak is None
             or peak_hz is None
             or any(each.rate_hz == peak_hz for each in self._plan.play)
         ):
             return self._plan
-        play = msgspec.structs.replace(asked, rate_hz=peak_hz)
+        play = msgspec.structs.replace(at_peak, rate_hz=peak_hz)
         return msgspec.structs.replace(self._plan, play=(*self._plan.play, play))
 
     def _probe_peak(self) -> None:
@@ -146,6 +148,6 @@ class Measurement:
 
 
 def _phase_text(plan: Plan) -> str:
-    return {"timeline": "playing the recording", "live": "watching the graph"}.get(
+    return {"timeline": "playing the recording", "live": "recording the live graph"}.get(
         plan.playback_mode, "playing at fixed rates"
     )

@@ -1,13 +1,13 @@
-"""The search for the peak: the highest offered rate that holds, to a stated relative precision.
+"""The peak search: the highest offered rate that is sustained, to a given relative precision.
 
-The search knows nothing of processes: it calls a probe and reads its outcome. It brackets fast,
-because an overloaded graph betrays its own rate: what comes out of it at too high an offer is
-close to what it can sustain, so the first candidates lie just below and just above that. From
-there the bracket is halved in the ratio of its ends until it is as narrow as the precision.
+The search is independent of processes: it calls a probe and evaluates its outcome. It narrows the
+bracket quickly, because the output rate of an overloaded graph is close to the rate that it can
+sustain; the first candidates are just below and just above it. The bracket is then bisected, by the
+ratio of its ends, until it is as narrow as the precision.
 
-A probe may stay open: the graph's times are too irregular for its length. Next to a rate that is
-open the search steps away from it, down and up, by what the probe could tell apart, and twice that
-if it stays open there, too. The bracket that is left is wider than the precision, and says so.
+A probe may be undecided, if the times of the graph vary too much for its length. The search then
+moves away from this rate, down and up, by the resolution of the probe, and by twice as much if that
+probe is undecided, too. The final bracket is then wider than the precision, which the record shows.
 """
 
 from __future__ import annotations
@@ -17,30 +17,29 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.record.run_record import Probe, SearchRecord
 
 _STRIDE_GROWTH = 4.0
-"""Strides of 1, 4 and 16 times the precision: next to a good guess the first one ends the search,
-and a bad guess is left behind after two or three."""
+"""Strides of 1, 4 and 16 times the precision: after a good guess the first one ends the search; a
+bad guess is corrected after two or three."""
 
 _MAX_STEP = 0.5
-"""However little an open probe tells, the next one is no further away than that."""
+"""The maximum relative distance of the next probe from an undecided one."""
 
 _MAX_OPEN_PROBES = 8
-"""Probes that stay open are the longest ones; after so many there is no use in going on."""
+"""Undecided probes are the longest ones; after this number the search ends."""
 
 
 @dataclass(frozen=True)
 class ProbeOutcome:
-    """What one probe found.
+    """The result of one probe.
 
     Attributes:
         probe: for the record.
-        limited_by_player: the rate did not hold because the player could not offer it, which says
-            nothing
-            about the graph.
-        relative_half_width: the relative half-width within which the probe knows the rate of the
-            graph.
+        limited_by_player: the rate was not sustained because the player could not offer it, which
+            is no property of the graph.
+        relative_half_width: of the interval in which the rate of the graph lies.
     """
 
     probe: Probe
@@ -52,7 +51,7 @@ ProbeFunction = Callable[[float], ProbeOutcome]
 
 
 class PeakSearch:
-    """One search; `run` carries it out, `record` is what is known at any time."""
+    """One search; `run` executes it, `record` is its current state."""
 
     def __init__(
         self,
@@ -61,7 +60,7 @@ class PeakSearch:
         precision: float,
         probe: ProbeFunction,
         *,
-        confidence: float = 0.95,
+        confidence: float = CONFIDENCE,
     ) -> None:
         self._minimum_hz = minimum_hz
         self._maximum_hz = maximum_hz
@@ -79,7 +78,7 @@ class PeakSearch:
         self._done = False
 
     def run(self) -> SearchRecord:
-        """Search. Both ends of the range are probed, so that neither is taken for granted."""
+        """Search. Both ends of the range are also probed, so that neither is assumed."""
         if self._try(self._minimum_hz) is not False and self._maximum_hz > self._minimum_hz:
             self._try(self._maximum_hz)
         while (rate_hz := self._next_rate()) is not None:
@@ -88,7 +87,7 @@ class PeakSearch:
         return self.record()
 
     def record(self) -> SearchRecord:
-        """What has been found so far."""
+        """The result so far."""
         return SearchRecord(
             probes=tuple(self._probes),
             holds_hz=self._holds_hz,
@@ -109,7 +108,7 @@ class PeakSearch:
         outcome = self._probe(rate_hz)
         self._probes.append(outcome.probe)
         if outcome.probe.holds is False and self._needs_retry(outcome):
-            # A hiccup of the machine looks like a slow graph once, but hardly twice.
+            # A short disturbance of the machine looks like a slow graph, but rarely twice.
             outcome = self._probe(rate_hz)
             self._probes.append(outcome.probe)
         if outcome.probe.holds is None:
@@ -124,7 +123,7 @@ class PeakSearch:
         return outcome.probe.holds
 
     def _needs_retry(self, outcome: ProbeOutcome) -> bool:
-        """Whether a rate failed that should have held: the lowest, or one seen to be delivered."""
+        """Whether the failed rate was expected to pass: the lowest, or below an output rate."""
         rate_hz = outcome.probe.rate_hz
         return not outcome.limited_by_player and (
             rate_hz <= self._minimum_hz or rate_hz < self._guess_hz * (1 - self._precision)
@@ -144,12 +143,12 @@ class PeakSearch:
         return self._between(self._holds_hz, self._fails_hz)
 
     def _between(self, holds_hz: float, fails_hz: float) -> float:
-        """A rate between one that held and one that did not."""
+        """A rate between a sustained and a failed one."""
         guess_hz = self._guess_hz * (1 - self._precision / 2)
         if holds_hz < guess_hz < fails_hz and not self._guess_tried:
             self._guess_tried = True
             return guess_hz
-        # Walk away from the guess in growing strides until the peak lies between, then halve.
+        # Move away from the guess in growing strides until they bracket the peak, then bisect.
         step = 1 + self._stride * 0.999 * self._precision
         self._stride *= _STRIDE_GROWTH
         middle_hz = math.sqrt(holds_hz * fails_hz)
@@ -158,10 +157,10 @@ class PeakSearch:
         return max(middle_hz, fails_hz / step)
 
     def _next_to_open(self, around: list[float], lower_hz: float, upper_hz: float) -> float | None:
-        """A rate below or above those that are open; None if both gaps are as narrow as can be.
+        """A rate below or above the undecided ones; None if both gaps are as narrow as possible.
 
         Args:
-            around: the open rates of the bracket, ascending.
+            around: the undecided rates of the bracket, ascending.
             lower_hz: the lower end of the bracket.
             upper_hz: its upper end.
         """
@@ -172,7 +171,7 @@ class PeakSearch:
             1 + min(max(self._precision, self._open[each]), _MAX_STEP) * 2.0 ** (len(around) // 2)
             for each in (below_hz, above_hz)
         )
-        # A gap of one step is as narrow as it can be made.
+        # A gap of one step is as narrow as possible.
         if below_hz / lower_hz > down * 1.001:
             return below_hz / down
         if upper_hz / above_hz > up * 1.001:

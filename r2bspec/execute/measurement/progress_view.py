@@ -1,12 +1,11 @@
-"""What can be told of a stretch while it is still being played.
+"""What can be told of a segment while it is still being played.
 
-Everything is worked out when it is asked for, and from the rows that came since it was last asked
-for: a run that nobody watches pays nothing for it, and a long one no more than a short one.
+Everything is worked out when it is asked for, from the latest rows: a run without a progress view
+pays nothing for it, and a long one no more than a short one.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
@@ -18,25 +17,17 @@ if TYPE_CHECKING:
 
     from r2bspec.plan.plan import MonitorPlan
 
-    Nanoseconds = NDArray[np.int64]
-
-
-_LOG_BIN_WIDTH = math.log(1.01)
-_BINS = 2800
-"""Steps of 1 % from a nanosecond to some 20 minutes."""
-
-
-_MAX_KEPT_STEPS = 10_000
-"""Steps that an answer may still come to."""
+MAX_ROWS = 10_000
+"""Of the player and of each monitor; the latest."""
 
 
 class ProgressView:
-    """One stretch, as far as it has been played.
+    """One segment, as far as it has been played.
 
     Args:
         playback: what the player writes.
         monitors: what each monitor writes, with its plan.
-        first: how many rows each had when the stretch began; the player's under an empty name.
+        first: how many rows each had when the segment began; the player's under an empty name.
         use: processor time per time of each process, by name.
     """
 
@@ -47,11 +38,11 @@ class ProgressView:
         first: Mapping[str, int],
         use: Callable[[], Mapping[str, float]],
     ) -> None:
-        self._playback = _SampleColumns(playback, first[""])
-        self._monitors = {
-            name: _Latencies(plan, _SampleColumns(rows, first[name]))
+        self._playback = _SegmentRows(playback, first[""])
+        self._monitors = [
+            (plan.match == "stamp", _SegmentRows(rows, first[name]))
             for name, (plan, rows) in monitors.items()
-        }
+        ]
         self._use = use
 
     def sent(self) -> int:
@@ -60,90 +51,65 @@ class ProgressView:
 
     def received(self) -> int:
         """How many messages have come: the least over all monitors."""
-        return min((each.rows.count() for each in self._monitors.values()), default=0)
+        return min((rows.count() for _, rows in self._monitors), default=0)
 
     def p99_ns(self) -> int | None:
-        """The p99 of the latencies of the messages that have come, the largest of all monitors.
+        """The p99 of the latest latencies, the largest of all monitors.
 
-        It is up to 1 % above the true one: latencies are counted in steps of that size. A message
-        that is still under way is not in it, nor one that was lost.
+        A message that is still under way is not in it, nor one that was lost.
         """
+        from r2bspec.measure.percentiles import percentile
+
         # Monitors first: a step that is in the monitors' rows must be in the player's.
-        for each in self._monitors.values():
-            each.rows.read()
-        self._playback.read()
-        found = [each.p99_ns(self._playback) for each in self._monitors.values()]
-        self._playback.drop(_MAX_KEPT_STEPS)
-        return max((each for each in found if each is not None), default=None)
+        received = [(by_stamp, *rows.latest()) for by_stamp, rows in self._monitors]
+        played_start, played = self._playback.latest()
+        found = []
+        for by_stamp, start, rows in received:
+            shift = None if by_stamp else start - played_start
+            found.append(percentile(_latencies_ns(played, rows, shift), 0.99))
+        return max((int(each) for each in found if each is not None), default=None)
 
     def cores(self) -> Mapping[str, float]:
         """Processor time per time of each process lately; 1 is one core."""
         return self._use()
 
 
-class _SampleColumns:
-    """The rows of a stretch, as they are read; all but the latest may be dropped."""
+class _SegmentRows:
+    """The rows of a segment, counted from its first."""
 
     def __init__(self, rows: RowReader, first: int) -> None:
-        import numpy as np
-
         self._rows = rows
         self._first = first
-        self.dropped = 0
-        self.stamps: Nanoseconds = np.empty(0, np.int64)
-        self.times: Nanoseconds = np.empty(0, np.int64)
 
     def count(self) -> int:
         return self._rows.count() - self._first
 
-    def read(self) -> None:
-        """Read what is new: stamps, and when each message was published or received."""
-        import numpy as np
-
-        new = self._rows.read(self._first + self.dropped + self.stamps.size)
-        if new.size:
-            names = new.dtype.names or ()
-            time = "published_ns" if "published_ns" in names else "received_ns"
-            self.stamps = np.concatenate((self.stamps, new["stamp_ns"]))
-            self.times = np.concatenate((self.times, new[time]))
-
-    def drop(self, kept: int) -> None:
-        """Forget all but the last `kept` rows."""
-        gone = max(0, self.stamps.size - kept)
-        self.dropped += gone
-        self.stamps, self.times = self.stamps[gone:], self.times[gone:]
+    def latest(self) -> tuple[int, NDArray[np.void]]:
+        """The latest rows, after the number of the first of them."""
+        start = max(0, self.count() - MAX_ROWS)
+        return start, self._rows.read(self._first + start)
 
 
-class _Latencies:
-    """The latencies of one monitor, of which only the new ones are matched."""
+def _latencies_ns(
+    played: NDArray[np.void], received: NDArray[np.void], shift: int | None
+) -> NDArray[np.float64]:
+    """The latencies of received messages whose step is among those played.
 
-    def __init__(self, plan: MonitorPlan, rows: _SampleColumns) -> None:
-        import numpy as np
+    Args:
+        played: rows of the player.
+        received: rows of a monitor.
+        shift: the step of the first message, as a row of `played`, if messages are matched by
+            order; None if they are matched by stamp.
+    """
+    import numpy as np
 
-        self.rows = rows
-        self._by_stamp = plan.match == "stamp"
-        self._counts: Nanoseconds = np.zeros(_BINS, np.int64)
-
-    def p99_ns(self, playback: _SampleColumns) -> int | None:
-        import numpy as np
-
-        from r2bspec.measure.percentiles import rank
-
-        stamps, received = self.rows.stamps, self.rows.times
-        if self._by_stamp:
-            # Stamps only ever grow.
-            steps = np.searchsorted(playback.stamps, stamps)
-        else:
-            steps = np.arange(stamps.size) + self.rows.dropped - playback.dropped
-        known = (steps >= 0) & (steps < playback.stamps.size)
-        if self._by_stamp:
-            known[known] = playback.stamps[steps[known]] == stamps[known]
-        new = received[known] - playback.times[steps[known]]
-        self.rows.drop(0)
-        steps_of = np.ceil(np.log(np.maximum(new, 1)) / _LOG_BIN_WIDTH).astype(np.int64)
-        self._counts += np.bincount(np.minimum(steps_of, _BINS - 1), minlength=_BINS)
-        total = int(self._counts.sum())
-        if not total:
-            return None
-        step = int(np.searchsorted(np.cumsum(self._counts), rank(0.99, total)))
-        return round(math.exp(step * _LOG_BIN_WIDTH))
+    if shift is None:
+        # Stamps only ever grow.
+        steps = np.searchsorted(played["stamp_ns"], received["stamp_ns"])
+    else:
+        steps = np.arange(received.size) + shift
+    known = (steps >= 0) & (steps < played.size)
+    if shift is None:
+        known[known] = played["stamp_ns"][steps[known]] == received["stamp_ns"][known]
+    times_ns = received["received_ns"][known] - played["published_ns"][steps[known]]
+    return np.asarray(times_ns, np.float64)

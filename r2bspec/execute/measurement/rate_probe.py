@@ -1,4 +1,4 @@
-"""One probe of a rate on the real graph: play until the answer is clear, then judge."""
+"""Probing one rate on the running graph: play until the result is clear, then judge."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Callable
 from typing import Literal
 
 from r2bspec.execute.measurement.peak_search import ProbeOutcome
-from r2bspec.execute.measurement.segments import SegmentObservation, SegmentPlayer
-from r2bspec.judge.rate_test import (
+from r2bspec.execute.measurement.segment_observation import SegmentObservation
+from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
+from r2bspec.judge.rate_decision import (
     Criterion,
     ProbeEstimate,
     ProbeJudgement,
@@ -18,7 +19,8 @@ from r2bspec.judge.rate_test import (
     plan_interim_looks,
     worst_judgement,
 )
-from r2bspec.judge.verdict import CONFIDENCE
+from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.probe_length import MIN_PROBE_STEPS, PROBE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import resolve
 from r2bspec.measure.metric_values import metric_value
@@ -26,16 +28,11 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import Probe
 
 _DEFAULT_PRECISION = 0.02
-_DEFAULT_PROBE_NS = 10_000_000_000
-"""Of a probe for `sustained` where the spec has no search that says otherwise."""
-
-_MIN_STEPS = 20
-
-_STATE_TEXTS = {True: "holds", False: "does not hold", None: "stays open"}
+_STATE_TEXTS = {True: "is sustained", False: "is not sustained", None: "is undecided"}
 
 
 class RateProber:
-    """Probes rates; of several monitors, the one that does worst decides."""
+    """Probes rates; of several monitors, the worst one decides."""
 
     def __init__(
         self, plan: Plan, segment_player: SegmentPlayer, note: Callable[[str], None]
@@ -44,7 +41,7 @@ class RateProber:
         self._plan = plan
         self._segment_player = segment_player
         self._note = note
-        self._limit_s = (search.probe_ns if search else _DEFAULT_PROBE_NS) / 1e9
+        self._limit_s = search.probe_ns / 1e9 if search else PROBE.seconds
         self._conditions = search.holds if search else ()
         self._criterion = Criterion(
             precision=search.precision if search else _DEFAULT_PRECISION,
@@ -64,18 +61,15 @@ class RateProber:
     def _play(self, kind: Literal["probe", "sustained"], rate_hz: float) -> ProbeOutcome:
         number = next(self._numbers)
         name = f"{kind}-{number:03d}"
-        steps = max(_MIN_STEPS, round(self._limit_s * rate_hz))
+        steps = max(MIN_PROBE_STEPS, round(self._limit_s * rate_hz))
         interim = _InterimMonitor(
             self._criterion, steps / rate_hz, lambda each: self._estimate(rate_hz, each)
         )
         observation = self._segment_player.play(
-            kind,
-            name,
+            SegmentHeading(kind, name, f"probing {rate_hz:.4g} Hz", number),
             rate_hz,
             steps,
-            title=f"probing {rate_hz:.4g} Hz",
-            index=number,
-            stop_condition=interim.watch,
+            interim.watch,
         )
         estimates = self._estimate(rate_hz, observation)
         judgement = interim.conclude(estimates)
@@ -110,7 +104,7 @@ class RateProber:
         ]
 
     def _check_conditions(self, observation: SegmentObservation, rate_hz: float) -> ProbeJudgement:
-        """The conditions that the spec puts on a rate that holds, on what was measured."""
+        """Check the conditions of the spec for a sustained rate on the measurements."""
         names = [plan.name for plan in self._plan.monitors]
         samples = observation.samples(self._segment_player.segments[-1])
         for condition in self._conditions:
@@ -121,8 +115,8 @@ class RateProber:
                 limit = _limit(condition, rate_hz * per_step)
                 if limit is None or (measured is not None and condition.is_met(measured, limit)):
                     continue
-                shown = "nothing was measured" if measured is None else f"it is {measured:.4g}"
-                return ProbeJudgement(holds=False, reason=f"{condition} does not hold: {shown}")
+                shown = "not measured" if measured is None else f"measured {measured:.4g}"
+                return ProbeJudgement(holds=False, reason=f"{condition} is not met: {shown}")
         return ProbeJudgement(holds=True, reason="delivered as offered")
 
 
@@ -134,14 +128,14 @@ def _limit(condition: Requirement, rate_hz: float) -> float | None:
 
 
 def _allowed_loss(condition: Requirement) -> float:
-    """The drop rate that a condition admits, as a fraction; 0 for one about something else."""
+    """The drop rate that a condition allows, as a fraction; 0 for other conditions."""
     if not condition.metric.endswith("drop_rate") or condition.bound is None:
         return 0.0
     return condition.bound.value if condition.op in {"<", "<="} else 0.0
 
 
 class _InterimMonitor:
-    """Looks at a probe at the planned times, and remembers what the first clear look has shown."""
+    """Evaluates a probe at the planned looks, and keeps the result of the first clear one."""
 
     def __init__(
         self,
@@ -156,7 +150,7 @@ class _InterimMonitor:
         self._decided: list[bool | None] = []
 
     def watch(self, observation: SegmentObservation, elapsed_s: float) -> bool:
-        """Whether the answer is clear; called while playing."""
+        """Whether the result is clear; called while playing."""
         due = [each for each in self._looks[self._number : -1] if each.at_s <= elapsed_s]
         if not due:
             return False
@@ -171,7 +165,7 @@ class _InterimMonitor:
         return True
 
     def conclude(self, estimates: list[ProbeEstimate]) -> ProbeJudgement:
-        """What was found, when the graph has drained."""
+        """The result, after the graph has drained."""
         decided = self._decided or [None] * len(estimates)
         return worst_judgement(
             [

@@ -1,4 +1,4 @@
-"""What a session and its measurement report while they go on, and to which functions."""
+"""The functions to which a session and its measurement report their progress."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from r2bspec.execute.progress import Progress
 
 @dataclass(frozen=True)
 class RunReporter:
-    """Whom a batch tells what it does: of a phase its name and a text, notes, and segments.
+    """Where a session reports phases (name and text), notes and segments.
 
-    `resources` samples; it is told when.
+    `resources` takes samples at requested times.
     """
 
     phase: Callable[[str, str], None]

@@ -1,14 +1,16 @@
-"""Playing one segment: offer a rate, let the graph drain, and cut the samples out.
+"""Playing one segment: offer a rate, let the graph drain, and extract the samples.
 
-Player and monitors write rows for the whole run; a segment is the stretch between two row counts.
+Player and monitors write rows for the whole run; a segment consists of those between two row
+counts.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,96 +18,61 @@ from numpy.typing import NDArray
 from r2bspec.execute.diagnosis.stopped_outputs import output_stopped
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.host.resource_sampler import ResourceSampler
+from r2bspec.execute.measurement.drain import (
+    DRAIN_POLL_S,
+    DrainTimer,
+    Outstanding,
+    outstanding_answers,
+)
 from r2bspec.execute.measurement.progress_view import ProgressView
+from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.progress import Progress
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.ipc.stall_log import StallLogReader
-from r2bspec.measure.matched_monitor import MatchedMonitor, match_monitor
-from r2bspec.measure.matching import NO_MATCH
 from r2bspec.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
-from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
+from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import tap_monitors
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind
-from r2bspec.record.sample_arrays import Rows
 
 PLAYBACK_ROWS = "playback"
 """The player's sample file; those of the monitors end in ``.rows``."""
 
 _CHECK_INTERVAL_S = 0.25
 _JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation"})
-_DRAIN_POLL_S = 0.01
-_MIN_QUIET_S = 0.3
-_QUIET_FACTOR = 5
-"""A gap is waited for so many times the longest pause between two arrivals."""
-_MAX_DRAIN_S = 60.0
-"""For a graph that never stops sending."""
 _PLAYER_SLACK_S = 30.0
 
-Outstanding = Literal["nothing", "gaps", "tail"]
-"""The answers that are missing: none; some, but not the last; the last one, and perhaps more."""
-
 StopCondition = Callable[["SegmentObservation", float], bool]
-"""Called every quarter second with what is there so far and the seconds played; True stops."""
+"""Called four times a second with the samples so far and the seconds played; True stops."""
 
 
-class SegmentObservation:
-    """The samples of one segment, all there is at the moment they were read."""
+@dataclass(frozen=True)
+class SegmentHeading:
+    """What a segment is and how it is called; the names are those of `Segment`.
 
-    def __init__(
-        self, plan: Plan, playback: Rows, monitors: dict[str, Rows], played_before: int = 0
-    ) -> None:
-        self.playback = playback
-        self.monitors = monitors
-        self.played_before = played_before
-        self.now_ns = time.monotonic_ns()
-        self._plan = plan
-        self._matched: dict[str, MatchedMonitor] = {}
+    `title` is for the progress shown; `rerun_of` is the id of the segment in whose place it is
+    played.
+    """
 
-    def matched(self, name: str) -> MatchedMonitor:
-        """The steps that count for a monitor, and how its messages answer them."""
-        if name not in self._matched:
-            monitor = next(each for each in self._plan.monitors if each.name == name)
-            self._matched[name] = match_monitor(
-                self.playback,
-                self.monitors[name],
-                monitor,
-                self._plan.inputs,
-                self.played_before,
-            )
-        return self._matched[name]
-
-    def samples(self, segment: Segment) -> SegmentSamples:
-        """The samples as metrics need them, without hops, processes and the host."""
-        return SegmentSamples(
-            segment=segment,
-            playback=playback_samples(self.playback),
-            monitors={
-                name: monitor_samples(segment, matched)
-                for name, matched in self.all_matched().items()
-            },
-            processes={},
-            machine=None,
-        )
-
-    def all_matched(self) -> dict[str, MatchedMonitor]:
-        """The same of every monitor."""
-        return {name: self.matched(name) for name in self.monitors}
+    kind: SegmentKind
+    id: str
+    title: str
+    index: int = 1
+    rerun_of: str = ""
 
 
 class SegmentPlayer:
-    """The player, the monitors and their sample files: everything that playing needs.
+    """Plays segments with the player, the monitors and their sample files.
 
-    A stage without a player can only be watched (`r2bspec.execute.measurement.live_mode`).
+    Without a player it can only record (`r2bspec.execute.measurement.live_mode`).
 
     Attributes:
-        segments: what has been played.
-        samples: the samples of what counts for a verdict, by the id of their segment, without
-            those of processes and of the host.
+        segments: all that have been played.
+        samples: of the segments that are judged, by id, without those of processes and the host.
         on_output_stopped: is called once for each monitor whose output stops, after the segment.
     """
 
@@ -141,7 +108,7 @@ class SegmentPlayer:
             tap.topic: RowReader(rows_dir / f"{tap.name}.rows", MONITOR_FIELDS)
             for tap in tap_monitors(monitors)
         }
-        # What was played by now, nobody has seen: the graph was not there.
+        # Rows written before this point were played before the graph was started.
         self._initial_count = self._playback.count()
         self._next_rows: dict[str, int] = {}
         self._stopped_outputs: set[str] = set()
@@ -154,61 +121,53 @@ class SegmentPlayer:
 
     def play(
         self,
-        kind: SegmentKind,
-        segment_id: str,
+        heading: SegmentHeading,
         rate_hz: float,
         steps: int,
-        *,
-        title: str,
-        index: int = 1,
         stop_condition: StopCondition | None = None,
-        rerun_of: str = "",
     ) -> SegmentObservation:
         """Play a segment and record it; one that ends with an exception is kept as incomplete.
 
-        `rerun_of` is the id of the segment in whose place it is played. On the stage of a batch
-        that confirms, everything measured is of that kind.
+        In a confirmation run, all measured segments have the kind `confirmation`.
 
         Returns:
             The samples, after the graph has drained.
 
         Raises:
-            RunError: the player does not answer, or a process died or failed.
+            RunError: the player does not respond, or a process exited or failed.
         """
-        kind, segment_id = self._kind_of(kind), self.segment_id_for(segment_id)
-        self._progress.segment(title, steps)
+        heading = self._confirming(heading)
+        self._progress.segment(heading.title, steps)
         first = self._first_rows()
         complete = False
         try:
             self._play(rate_hz, steps, first, stop_condition)
-            self._drain(kind, first)
+            self._drain(heading.kind, first)
             complete = True
         finally:
             observation = self._observe(first)
-            self._write_segment(
-                kind, segment_id, rate_hz, steps, index, first, observation, complete, rerun_of
-            )
-        self._detect_stopped_outputs(kind, observation)
+            self._write_segment(heading, rate_hz, steps, first, observation, complete)
+        self._detect_stopped_outputs(heading.kind, observation)
         return observation
 
     def play_unrecorded(self, rate_hz: float, steps: int) -> None:
-        """Play what belongs to no segment; `discard_new_rows` what comes of it.
+        """Play steps that belong to no segment; `discard_new_rows` discards their output.
 
         Raises:
-            RunError: the player does not answer, or a process died or failed.
+            RunError: the player does not respond, or a process exited or failed.
         """
         if self._player is None:
-            raise RunError("nothing is played in this run")
+            raise RunError("this run has no player")
         timeout_s = self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         command = protocol.Play(rate_hz=rate_hz, steps=steps)
         self._supervisor.request(self._player, command, protocol.Played, timeout_s)
 
     def discard_new_rows(self) -> None:
-        """Leave out what has arrived since the last segment."""
+        """Discard the messages that have arrived since the last segment."""
         self._next_rows = self._counts() | {name: rows.count() for name, rows in self._taps.items()}
 
     def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
-        """Tell of outputs that have stopped, each once."""
+        """Report outputs that have stopped, each once."""
         for plan in self._plan.monitors:
             if (
                 kind == "warm_up"
@@ -222,32 +181,23 @@ class SegmentPlayer:
                 self.on_output_stopped(self.segments[-1], plan)
 
     def play_for(
-        self,
-        kind: SegmentKind,
-        segment_id: str,
-        rate_hz: float,
-        duration_ns: int,
-        *,
-        title: str,
-        index: int = 1,
-        min_steps: int = 2,
-        rerun_of: str = "",
+        self, heading: SegmentHeading, rate_hz: float, duration_ns: int, min_steps: int = 2
     ) -> SegmentObservation:
-        """Play a segment of a length in time, but of no fewer than `min_steps`; see `play`."""
+        """Play a segment of this duration, with at least `min_steps` steps; see `play`."""
         steps = max(min_steps, self._schedule.steps_within(rate_hz, duration_ns))
-        return self.play(
-            kind, segment_id, rate_hz, steps, title=title, index=index, rerun_of=rerun_of
-        )
+        return self.play(heading, rate_hz, steps)
 
     def segment_id_for(self, name: str) -> str:
-        """The id of a segment that is played under a name, apart from those of another batch."""
+        """The id of a segment with a name, unique over the sessions of a run."""
         return f"confirm-{name}" if self._confirms else name
 
-    def _kind_of(self, kind: SegmentKind) -> SegmentKind:
-        return "confirmation" if self._confirms and kind != "warm_up" else kind
+    def _confirming(self, heading: SegmentHeading) -> SegmentHeading:
+        measured = self._confirms and heading.kind != "warm_up"
+        kind = "confirmation" if measured else heading.kind
+        return replace(heading, kind=kind, id=self.segment_id_for(heading.id))
 
     def received(self) -> dict[str, int]:
-        """How many messages each monitor has received since it was started."""
+        """The number of messages that each monitor has received since its start."""
         return {name: rows.count() for name, rows in self._monitors.items()}
 
     def _counts(self) -> dict[str, int]:
@@ -256,14 +206,14 @@ class SegmentPlayer:
     def _first_rows(self) -> dict[str, int]:
         """The first row of each file that belongs to no segment yet.
 
-        What arrived since the end of the last segment is kept with the next one.
+        Messages that arrived after the end of the last segment belong to the next one.
         """
         return {name: self._next_rows.get(name, 0) for name in (*self._monitors, *self._taps)} | {
             "": self._playback.count()
         }
 
     def _observe(self, first: dict[str, int]) -> SegmentObservation:
-        # Monitors first: a step that is in the monitors' rows must be in the player's.
+        # Monitors first: a step in the rows of a monitor must be in those of the player.
         monitors = {name: rows.read(first[name]) for name, rows in self._monitors.items()}
         before = first[""] - self._initial_count
         played = self._playback.read(first[""])
@@ -277,14 +227,14 @@ class SegmentPlayer:
         stop_condition: StopCondition | None,
     ) -> None:
         if self._player is None:
-            raise RunError("nothing is played in this run")
+            raise RunError("this run has no player")
         begin = time.monotonic()
         deadline = begin + self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         next_check = begin + _CHECK_INTERVAL_S
         stopping = False
         live = self._live(first)
         self._player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
-        # While the player waits for the first due time: what was used before then is not counted.
+        # While the player waits for the first due time, so that earlier use is not counted.
         self._resources.sample_at(time.monotonic_ns())
         while True:
             self._supervisor.pump()
@@ -296,9 +246,9 @@ class SegmentPlayer:
             now = time.monotonic()
             if now > deadline:
                 raise RunError(
-                    f"the player has not finished {steps} steps "
+                    f"the player did not finish {steps} steps "
                     f"{f'at {rate_hz:g} Hz' if rate_hz else 'of the recording'} in time",
-                    hint="The machine may be overloaded, or a publication blocks.",
+                    hint="The machine may be overloaded, or a publish call blocks.",
                     code="R2B645",
                 )
             if now >= next_check:
@@ -321,49 +271,32 @@ class SegmentPlayer:
         return {name: cores for name, cores in known.items() if cores is not None}
 
     def _sample_at_end(self, first: dict[str, int], steps: int, rate_hz: float) -> None:
-        """Have resources sampled when the last period ends, which the player does not wait for."""
+        """Schedule a resource sample at the end of the last period; the player ends before it."""
         begun = self._playback.read(first[""], first[""] + 1)
         if begun.size:
             span_ns = self._schedule.span_ns(rate_hz, steps)
             self._resources.sample_at(int(begun["due_ns"][0]) + span_ns)
 
     def _drain(self, kind: SegmentKind, first: dict[str, int]) -> None:
-        """Wait for answers; what is missing when this returns counts as lost.
-
-        What comes after the last answer may be late: it is waited for until nothing has come for
-        the whole `drain_timeout`. A gap before an answer to the last step is most likely a loss,
-        because graphs rarely overtake themselves: it is waited for only for a multiple of the
-        longest pause so far, so that a graph that drops does not cost a time-out in each segment.
-        """
-        timeout_s = self._plan.drain_timeout_ns / 1e9
-        changed = time.monotonic()
-        deadline = changed + max(_MAX_DRAIN_S, timeout_s)
+        """Wait for answers; what is missing when this returns counts as lost (see `drain`)."""
+        timer = DrainTimer(self._plan.drain_timeout_ns / 1e9, time.monotonic())
         last_counts: dict[str, int] = {}
-        longest_pause_s = 0.0
-        outstanding: Outstanding | None = None
-        while (now := time.monotonic()) < deadline:
+        while not timer.is_over(now_s := time.monotonic()):
             counts = self._counts()
             if counts != last_counts:
-                if last_counts:
-                    longest_pause_s = max(longest_pause_s, now - changed)
-                last_counts, changed, outstanding = counts, now, None
+                last_counts = counts
+                timer.arrived(now_s)
                 if self._enough(first, counts) and self._outstanding(first) == "nothing":
                     return
-            quiet_s = now - changed
-            if quiet_s > _MIN_QUIET_S and outstanding is None:
-                outstanding = self._outstanding(first)
+            if timer.wants_a_look(now_s):
+                timer.outstanding = self._outstanding(first)
                 # While the graph starts, playing on tells more than waiting.
                 if kind == "warm_up" and not all(self.received().values()):
                     return
-            limit_s = timeout_s
-            if outstanding != "tail":
-                limit_s = min(max(_MIN_QUIET_S, _QUIET_FACTOR * longest_pause_s), timeout_s)
-            if quiet_s > limit_s:
-                return
-            self._supervisor.pump(_DRAIN_POLL_S)
+            self._supervisor.pump(DRAIN_POLL_S)
 
     def _enough(self, first: dict[str, int], counts: dict[str, int]) -> bool:
-        """Whether as many messages came as are expected, which is cheap to see."""
+        """Whether the number of messages suffices; a cheap check before `_outstanding`."""
         if not isinstance(self._schedule, CyclicSchedule):
             # Of a timeline, not every step counts for every monitor.
             return True
@@ -374,34 +307,20 @@ class SegmentPlayer:
         )
 
     def _outstanding(self, first: dict[str, int]) -> Outstanding:
-        """Which answers are still missing.
-
-        As many messages as steps do not suffice: where some are answered twice, others still wait.
-        """
-        observation = self._observe(first)
-        found: Outstanding = "nothing"
-        for name, matched in observation.all_matched().items():
-            if name in self._stopped_outputs:
-                continue
-            answers = matched.matching.first_row
-            if not answers.size or (answers != NO_MATCH).all():
-                continue
-            if answers[-1] == NO_MATCH:
-                return "tail"
-            found = "gaps"
-        return found
+        """Which answers are still missing; an output that has stopped is not waited for again."""
+        matched = self._observe(first).all_matched()
+        return outstanding_answers(
+            each for name, each in matched.items() if name not in self._stopped_outputs
+        )
 
     def _write_segment(
         self,
-        kind: SegmentKind,
-        segment_id: str,
+        heading: SegmentHeading,
         rate_hz: float,
         steps: int,
-        index: int,
         first: dict[str, int],
         observation: SegmentObservation,
         complete: bool,
-        rerun_of: str,
     ) -> None:
         playback = observation.playback
         if not playback.size:
@@ -409,16 +328,16 @@ class SegmentPlayer:
         began_ns = int(playback["due_ns"][0])
         self._write_samples(
             Segment(
-                id=segment_id,
-                kind=kind,
+                id=heading.id,
+                kind=heading.kind,
                 rate_hz=rate_hz,
-                index=index,
+                index=heading.index,
                 steps=steps,
                 began_ns=began_ns,
                 ended_ns=began_ns + self._schedule.span_ns(rate_hz, playback.size),
                 complete=complete,
                 played_before=observation.played_before,
-                rerun_of=rerun_of,
+                rerun_of=heading.rerun_of,
                 monitor_held_ns=self._stall_log.between(began_ns, time.monotonic_ns()),
             ),
             observation,
@@ -428,7 +347,7 @@ class SegmentPlayer:
     def _write_samples(
         self, segment: Segment, observation: SegmentObservation, first: dict[str, int]
     ) -> None:
-        """Write a segment and its rows, and hold its samples if a verdict may rest on them."""
+        """Write a segment and its rows, and keep its samples in memory if they are judged."""
         taps = {topic: reader.read(first[topic]) for topic, reader in self._taps.items()}
         self._folder.write_playback(segment.id, observation.playback)
         for name, rows in observation.monitors.items():

@@ -1,4 +1,4 @@
-"""The time budget: what is not needed for a verdict is left out where it would not fit."""
+"""The time budget: optional parts of a run are left out if they would exceed it."""
 
 from __future__ import annotations
 
@@ -9,22 +9,21 @@ from r2bspec.language.quantities import Duration
 
 
 class TimeBudget:
-    """The time that measuring may take, from `begin` on.
+    """The time limit of the measurement, from `begin` on.
 
-    More iterations, playing disturbed ones again, and a fresh batch are asked for here before they
-    are played. What the spec declares is not: a run that cannot be judged is worth less than one
-    that took too long.
+    It limits additional iterations, repetitions of affected iterations, and the confirmation run.
+    It does not limit what the spec declares: without it, the run could not be judged.
 
     Attributes:
-        left_out: a sentence for each thing that was left out.
+        left_out: a sentence for each part that was left out.
     """
 
     def __init__(self, limit_ns: int, note: Callable[[str], None]) -> None:
-        """Make a budget, which is not touched yet.
+        """Create a budget, which has not begun yet.
 
         Args:
             limit_ns: the budget; 0 for none.
-            note: is told what is left out.
+            note: receives a note about each part that is left out.
         """
         self._limit_ns = limit_ns
         self._note = note
@@ -32,23 +31,23 @@ class TimeBudget:
         self.left_out: list[str] = []
 
     def begin(self) -> None:
-        """Count from now on."""
+        """Start the time."""
         self._began_s = time.monotonic()
 
     def spent_s(self) -> float:
-        """Seconds since it began."""
+        """Seconds since `begin`."""
         return 0.0 if self._began_s is None else time.monotonic() - self._began_s
 
     def allows(self, what: str, seconds: float) -> bool:
-        """Whether something fits, as far as can be told; if not, that is noted.
+        """Whether a part is expected to fit; if not, it is noted.
 
         Args:
-            what: such as ``no fresh batch``.
-            seconds: how long it takes.
+            what: the note, such as ``no confirmation run``.
+            seconds: the expected duration.
         """
         if not self._limit_ns or self.spent_s() + seconds <= self._limit_ns / 1e9:
             return True
-        said = f"{what}: the time budget of {Duration(self._limit_ns)} does not allow it"
-        self._note(said)
-        self.left_out.append(f"{said[:1].upper()}{said[1:]}.")
+        note = f"{what}: it would exceed the time budget of {Duration(self._limit_ns)}"
+        self._note(note)
+        self.left_out.append(f"{note[:1].upper()}{note[1:]}.")
         return False

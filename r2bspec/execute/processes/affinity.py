@@ -1,4 +1,4 @@
-"""Where a process runs, and with what priority."""
+"""CPU affinity and priority of a process."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from r2bspec.plan.plan import ProcessPlan
 
 
 def apply_affinity(plan: ProcessPlan, pid: int) -> None:
-    """Bind a process that has just been started to its processors, and set its priority.
+    """Bind a process that has just been started to its CPUs, and set its priority.
 
-    Done from outside, before the program has started its first thread: threads and descendants
-    inherit both.
+    This is done before the program starts its first thread; threads and descendants inherit both.
 
     Raises:
-        RunError: the machine has no such processor, or does not allow the priority.
+        RunError: the machine has no such CPU, or does not permit the priority.
     """
     with contextlib.suppress(ProcessLookupError):
         if plan.cpus:
@@ -25,11 +24,11 @@ def apply_affinity(plan: ProcessPlan, pid: int) -> None:
             except ProcessLookupError:
                 raise
             except (OSError, ValueError) as error:
-                here = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
+                available = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
                 raise RunError(
-                    f"process {plan.name} cannot run on processors "
-                    f"{', '.join(map(str, plan.cpus))}; this machine has {here}",
-                    hint="Correct 'cpus', or run on a machine that has them.",
+                    f"process {plan.name} cannot run on CPUs "
+                    f"{', '.join(map(str, plan.cpus))}; available: {available}",
+                    hint="Correct 'cpus', or use a machine that has these CPUs.",
                     code="R2B636",
                 ) from error
         if plan.nice:
@@ -37,7 +36,7 @@ def apply_affinity(plan: ProcessPlan, pid: int) -> None:
                 os.setpriority(os.PRIO_PROCESS, pid, plan.nice)
             except PermissionError as error:
                 raise RunError(
-                    f"process {plan.name} may not have a nice value of {plan.nice}",
-                    hint="Only a privileged user may lower it below 0.",
+                    f"process {plan.name}: a nice value of {plan.nice} is not permitted",
+                    hint="Only a privileged user may set values below 0.",
                     code="R2B637",
                 ) from error

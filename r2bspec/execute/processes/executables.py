@@ -1,4 +1,4 @@
-"""From the command line in a plan to one that can be executed on this machine."""
+"""Resolving the command lines of a plan on this machine."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
 
 
 def resolve_argv(plan: ProcessPlan) -> list[str]:
-    """The command line of a process, with the interpreter, executables and full paths put in.
+    """The command line of a process, with the interpreter and full paths of executables.
 
     Raises:
         NotInstalledError: a package, executable or program is not on this machine.
@@ -26,7 +26,7 @@ def resolve_argv(plan: ProcessPlan) -> list[str]:
 
 
 def resolve_command(words: Sequence[str], what: str) -> list[str]:
-    """The same for any command; `what` is whose it is, for the error.
+    """Resolve any command; `what` names its owner in the error.
 
     Raises:
         NotInstalledError: a package, executable or program is not on this machine.
@@ -36,7 +36,7 @@ def resolve_command(words: Sequence[str], what: str) -> list[str]:
         found = shutil.which(argv[0])
         if found is None:
             raise NotInstalledError(
-                f"{what}: there is no program {argv[0]!r} on PATH",
+                f"{what}: program {argv[0]!r} is not on PATH",
                 hint="Install it, or correct the command in the spec.",
                 code="R2B621",
             )
@@ -56,31 +56,31 @@ def _resolve(word: str) -> str:
 def find_executable(package: str, name: str) -> Path:
     """The executable of an ament package: ``PREFIX/lib/PACKAGE/NAME``.
 
-    The index is read directly (a package is a file of its name below
-    ``share/ament_index/resource_index/packages``), so that it works wherever ROS is sourced.
+    The index is read directly (a package is a file with its name in
+    ``share/ament_index/resource_index/packages``), so this works without ament's Python package.
 
     Raises:
         NotInstalledError: no prefix in AMENT_PREFIX_PATH has the package or the executable.
     """
     prefixes = [Path(each) for each in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if each]
     index = "share/ament_index/resource_index/packages"
-    homes = [prefix for prefix in prefixes if (prefix / index / package).exists()]
-    if not homes:
+    having = [prefix for prefix in prefixes if (prefix / index / package).exists()]
+    if not having:
         raise NotInstalledError(
             f"ROS package {package!r} is not installed in {len(prefixes)} ament prefixes",
-            hint="Source the workspace that has it, or install it.",
+            hint="Install it, or source the workspace that contains it.",
             code="R2B622",
         )
-    for prefix in homes:
+    for prefix in having:
         candidate = prefix / "lib" / package / name
         if _executable(candidate):
             return candidate
-    there = sorted(
-        each.name for each in (homes[0] / "lib" / package).glob("*") if _executable(each)
+    available = sorted(
+        each.name for each in (having[0] / "lib" / package).glob("*") if _executable(each)
     )
     raise NotInstalledError(
         f"ROS package {package!r} has no executable {name!r}",
-        hint=f"It has: {', '.join(there) or 'none'}.",
+        hint=f"Its executables: {', '.join(available) or 'none'}.",
         code="R2B623",
     )
 

@@ -24,16 +24,17 @@ _LONGEST_SECRET_BYTES = 1 << 17
 
 
 class ManagedProcess:
-    """One process, or a part of one that has a control channel of its own.
+    """One process, or a part of one that has its own control channel.
 
-    Programs that know nothing of r2bspec have no channel.
+    Programs that are not part of r2bspec have no channel.
 
     Attributes:
-        parts: those of a harness process, by their roles. A part is started, watched and ended
+        parts: those of a harness process, by their roles. A part is started, supervised and ended
             with its process.
-        inbox: what it has said and nobody has taken yet.
-        exit_expected: whether its end is no failure, because it was told to, or is meant to.
-        has_replied: whether it has ever said anything.
+        inbox: replies that have been received but not processed.
+        exit_expected: whether its exit is not an error, because it was told to exit or is a
+            command.
+        has_replied: whether it has ever sent a reply.
     """
 
     def __init__(
@@ -64,22 +65,22 @@ class ManagedProcess:
 
     @property
     def is_running(self) -> bool:
-        """Whether it has not ended yet."""
+        """Whether it has not exited yet."""
         return self.process.poll() is None
 
     def send(self, message: Any) -> None:
-        """Send a command; a child that does not take it is dead or hangs, which will be noticed."""
+        """Send a command; errors are ignored, because `pump` detects an exited or blocked child."""
         if self.connection is not None:
             with contextlib.suppress(OSError):
                 self.connection.settimeout(_SEND_TIMEOUT_S)
                 self.connection.sendall(protocol.encode(message))
 
     def read(self) -> bool:
-        """Put what has arrived into the inbox; False at the end of the channel."""
+        """Move received replies to the inbox; False at the end of the channel."""
         if self.connection is None:
             return False
         try:
-            # The end may never come: a child that has died can have forked one that holds it.
+            # The channel may stay open after the child has exited, if a fork has inherited it.
             self.connection.setblocking(False)
             received = self.connection.recv(1 << 16)
         except BlockingIOError:
@@ -90,21 +91,21 @@ class ManagedProcess:
         *lines, rest = self._pending.split(b"\n")
         self._pending = bytearray(rest)
         for line in lines:
-            # Whatever else a node may write to this socket by mistake is not for the controller.
+            # Other data that a node may write to this socket by mistake is ignored.
             with contextlib.suppress(msgspec.DecodeError):
                 self.inbox.append(protocol.decode_reply(bytes(line)))
                 self.has_replied = True
         return bool(received)
 
     def request_shutdown(self) -> None:
-        """Ask it, in the way that it understands, to end by itself."""
+        """Ask it to exit: over its channel, or with SIGINT."""
         self.exit_expected = True
         self.send(protocol.Shutdown())
         if self.connection is None:
             self.signal(signal.SIGINT)
         elif not self.has_replied:
-            # It is still being made, or hangs in that: it hears nothing, and has nothing yet
-            # that it must put in order.
+            # It is still initialising, or blocked in it: it reads no commands yet, and has nothing
+            # to clean up.
             self.signal(signal.SIGTERM)
 
     def signal(self, which: signal.Signals) -> None:
@@ -113,10 +114,10 @@ class ManagedProcess:
             os.killpg(self.pid, which)
 
     def log_tail(self) -> str:
-        """The last lines that the process printed, without secrets.
+        """The last lines of its output, with secrets redacted.
 
-        More is read than is shown, so that a secret is complete, and is replaced, before the text
-        is cut.
+        More is read than is returned: a secret is complete, and is replaced, before the text is
+        cut.
         """
         try:
             with self.log.open("rb") as file:
@@ -129,9 +130,9 @@ class ManagedProcess:
 
 
 def describe_exit(status: int) -> str:
-    """Put a return code of `subprocess` in words."""
+    """The text for a return code of `subprocess`."""
     if status >= 0:
-        return f"ended with status {status}"
+        return f"exited with status {status}"
     with contextlib.suppress(ValueError):
         return f"was killed by {signal.Signals(-status).name}"
     return f"was killed by signal {-status}"

@@ -1,4 +1,4 @@
-"""The logs of a run, which no process may fill the disk with."""
+"""The logs of a run, truncated so that no process can fill the disk."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from collections.abc import Iterator
 from pathlib import Path
 
 MAX_LOG_BYTES = 32 << 20
-"""A log that is larger is cut."""
+"""Larger logs are truncated."""
 
 KEPT_HEAD_BYTES = 8 << 20
 KEPT_TAIL_BYTES = 8 << 20
-"""What is kept of a log that is cut: how it began, and what came last."""
+"""The parts of a truncated log that are kept: its beginning and its end."""
 
 _PERIOD_S = 0.1
 
 
 class LogLimiter:
-    """Everything in the log folders of a run.
+    """Limits the size of all files in the log folders of a run.
 
-    Processes write to their logs directly, so that none ever waits for the controller to read
-    what it prints. What is too much is cut out afterwards: each log is opened for appending, so
-    that its writer goes on at the new end.
+    Processes write to their logs directly, so that none waits for the controller to read its
+    output. The middle of a large log is removed later: each log is opened for appending, so that
+    its process continues at the new end.
     """
 
     def __init__(self) -> None:
@@ -33,17 +33,17 @@ class LogLimiter:
 
     @property
     def truncated(self) -> list[Path]:
-        """The logs of which something was cut out."""
+        """The logs that were truncated."""
         return sorted(self._removed_bytes)
 
     def watch(self, folder: Path) -> None:
-        """Keep the logs in a folder small, and those in folders below it."""
+        """Limit the logs in a folder and its subfolders."""
         self._folders.add(folder)
 
     def truncate_large(self, *, now: bool = False) -> None:
-        """Cut what has grown too large; looks at most every tenth of a second, unless told `now`.
+        """Truncate large logs; checks at most every tenth of a second, unless `now`.
 
-        A log that cannot be cut stays as it is.
+        A log that cannot be truncated stays unchanged.
         """
         if not now and time.monotonic() < self._next_s:
             return
@@ -64,7 +64,7 @@ class LogLimiter:
             file.seek(size - KEPT_TAIL_BYTES)
             tail = file.read(KEPT_TAIL_BYTES) or b""
             file.truncate(KEPT_HEAD_BYTES)
-            # What earlier cuts took out is counted; their notes were cut out with the rest.
+            # Includes the bytes removed earlier, whose note is removed now.
             self._removed_bytes[log] = (
                 self._removed_bytes.get(log, 0) + size - KEPT_HEAD_BYTES - KEPT_TAIL_BYTES
             )
@@ -72,4 +72,4 @@ class LogLimiter:
 
 
 def _note(cut_bytes: int) -> bytes:
-    return f"\n[r2bspec cut out {cut_bytes / 2**20:.1f} MiB of this log here]\n".encode()
+    return f"\n[r2bspec removed {cut_bytes / 2**20:.1f} MiB of this log here]\n".encode()

@@ -1,8 +1,8 @@
-"""Keeping secrets out of what processes say.
+"""Redaction of secrets in the output of processes.
 
 A spec can name environment variables that its processes inherit, and a program can find those of
-r2bspec itself. What a dying process printed last becomes part of the error, the record and the
-reports, and may show the value of one.
+r2bspec itself. The last output of a failed process is part of the error, the record and the
+reports, and may contain the value of one.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from urllib.parse import quote_plus
 from r2bspec.language.secret_variables import REDACTED, is_secret_variable
 
 _MIN_SECRET_LENGTH = 4
-"""What is shorter occurs everywhere, and is no secret."""
+"""Shorter values occur everywhere in ordinary text."""
 
 _MIN_UNNAMED_LENGTH = 8
 """The same for variables that the spec does not name, and for the lines of a value: there are many,

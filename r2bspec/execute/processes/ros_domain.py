@@ -1,4 +1,4 @@
-"""A ROS domain of one's own, so that two runs on one machine never meet."""
+"""Reserving a ROS domain, so that runs on one machine do not discover each other."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from collections.abc import Iterator
 from r2bspec.execute.errors import RunError
 
 _MIN_DOMAIN, _MAX_DOMAIN = 1, 100
-"""Domains whose UDP ports (7400 + 250 x domain) stay clear of the ephemeral range of Linux."""
+"""Domains whose UDP ports (7400 + 250 x domain) are outside of the ephemeral range of Linux."""
 
 _PORT_BASE = 32768
-"""The convention of ROS's own `domain_coordinator`: whoever holds TCP port 32768 + N has domain N.
-Following it, runs keep clear of test suites that use it."""
+"""The convention of ROS's `domain_coordinator`: a process that binds TCP port 32768 + N has
+domain N. It also avoids collisions with test suites that use it."""
 
 
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
     """Reserve a free domain for as long as the context lasts.
 
-    The reservation is a bound port, so the kernel ends it with the process, whatever happens.
+    The reservation is a bound port, which the kernel releases when the process exits.
 
     Raises:
         RunError: all domains are taken.
@@ -38,5 +38,5 @@ def reserved_domain() -> Iterator[int]:
             return
     raise RunError(
         f"all ROS domains from {_MIN_DOMAIN} to {_MAX_DOMAIN} are in use on this machine",
-        hint="Wait until other runs have ended.",
+        hint="Wait until other runs have finished.",
     )

@@ -1,8 +1,8 @@
 """Whether the shared memory of a phase fits into what is free.
 
-Fast DDS takes a segment of the full size for each process when it starts. Where that fails, it
-says so in the log of that process and goes on over UDP: with images the graph is then ten times
-slower, and nothing tells why. A run therefore looks before it starts anything.
+A segment of the full size is taken for each process when it starts. Where that fails, the
+middleware says so in the log of that process and goes on over UDP: with images the graph is then
+ten times slower, and nothing tells why. A run therefore looks before it starts anything.
 """
 
 from __future__ import annotations
@@ -12,20 +12,16 @@ from pathlib import Path
 
 from r2bspec.execute.errors import SharedMemoryError
 from r2bspec.measure.units import show
-from r2bspec.middleware.shm_files import SHARED_MEMORY
+from r2bspec.middleware.middleware import SHARED_MEMORY, Middleware
 from r2bspec.plan.plan import Plan
-
-_PROCESS_OVERHEAD_BYTES = 1 << 20
-"""What a process takes beside its segment: ports, discovery, locks. 0.7 MB were seen."""
-
-
-def required_bytes(processes: int, segment_bytes: int) -> int:
-    """How much shared memory processes take when they start, each with a segment of this size."""
-    return processes * (segment_bytes + _PROCESS_OVERHEAD_BYTES)
 
 
 def require_free_shared_memory(
-    plan: Plan, phase: str, segment_bytes: int, folder: Path = SHARED_MEMORY
+    plan: Plan,
+    phase: str,
+    middleware: Middleware,
+    segment_bytes: int,
+    folder: Path = SHARED_MEMORY,
 ) -> None:
     """See that the processes of a phase find the shared memory that they are told to use.
 
@@ -34,6 +30,7 @@ def require_free_shared_memory(
     Args:
         plan: says who runs in the phase.
         phase: ``preprocess`` or ``measure``.
+        middleware: takes the segments.
         segment_bytes: the size of each segment; 0 where the run decides nothing about it.
         folder: where shared memory lies.
 
@@ -50,7 +47,7 @@ def require_free_shared_memory(
             hint="Mount a tmpfs there, or state transport: udp.",
         ) from error
     processes = sum(each.phase == phase for each in plan.processes)
-    wanted = required_bytes(processes, segment_bytes)
+    wanted = middleware.required_shm_bytes(processes, segment_bytes)
     if free < wanted:
         raise SharedMemoryError(
             f"{folder} has {show(free, 'B')} free; the {processes} processes of the {phase} phase "

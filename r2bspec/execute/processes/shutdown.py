@@ -1,4 +1,4 @@
-"""Ending processes: one after another, first asked, then told, then killed."""
+"""Ending processes one after another: by request, then with SIGTERM, then with SIGKILL."""
 
 from __future__ import annotations
 
@@ -8,30 +8,26 @@ from collections.abc import Callable, Sequence
 
 from r2bspec.execute.processes.process import ManagedProcess
 
-_MAX_SEQUENTIAL_S = 3.0
-"""How long processes are waited for one by one, all together; then the rest are asked at once.
-
-A participant that leaves while it hears that another one leaves can hang for ever in Fast DDS
-2.14: `DomainParticipant::set_listener` waits for a callback of discovery to return, which waits
-for a lock that the caller of `set_listener` holds. Whoever leaves alone hears nothing.
-"""
-
 MAX_EXIT_S = 10.0
-"""How long a process that has been asked may take to end by itself."""
+"""How long a process may take to exit after the request."""
 
 MAX_SIGTERM_S = 2.0
-"""How long one may take after SIGTERM."""
+"""How long a process may take to exit after SIGTERM."""
 
 _MAX_SIGKILL_S = 5.0
 _POLL_S = 0.005
 
 
-def end_sequentially(processes: Sequence[ManagedProcess], on_poll: Callable[[], None]) -> list[str]:
+def end_sequentially(
+    processes: Sequence[ManagedProcess], on_poll: Callable[[], None], in_turn_s: float
+) -> list[str]:
     """End some processes.
 
     Args:
-        processes: in the order in which they are to end.
-        on_poll: is called again and again while they are waited for.
+        processes: in the order in which to end them.
+        on_poll: is called repeatedly while waiting.
+        in_turn_s: how long processes are waited for one by one, all together; then the rest are
+            asked at once (`Middleware.exit_in_turn_s`).
 
     Returns:
         The names of those that had to be killed.
@@ -39,7 +35,7 @@ def end_sequentially(processes: Sequence[ManagedProcess], on_poll: Callable[[], 
     began = time.monotonic()
     for child in processes:
         child.request_shutdown()
-        _wait_for([child], began + _MAX_SEQUENTIAL_S, on_poll)
+        _wait_for([child], began + in_turn_s, on_poll)
     _wait_for(processes, began + MAX_EXIT_S, on_poll)
     _signal_all(processes, signal.SIGTERM)
     _wait_for(processes, time.monotonic() + MAX_SIGTERM_S, on_poll)
@@ -60,7 +56,7 @@ def _wait_for(
 
 
 def _signal_all(processes: Sequence[ManagedProcess], which: signal.Signals) -> list[str]:
-    """Signal those that still run; returns their names."""
+    """Send a signal to those that still run; returns their names."""
     running = [child for child in processes if child.is_running]
     for child in running:
         child.signal(which)

@@ -1,4 +1,4 @@
-"""Signals that ask for an end: taken note of at once, acted on where it is safe."""
+"""Interrupting a run by signals: recorded immediately, handled where it is safe."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from r2bspec.execute.errors import InterruptedRunError
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _DEBOUNCE_S = 0.5
-"""Signals that follow each other faster are one act: a terminal and a wrapper such as make or
-timeout both pass one Ctrl-C on, so that it arrives twice."""
+"""Signals within this time count as one: a terminal and a wrapper such as make or timeout both
+forward one Ctrl-C, so that it arrives twice."""
 
 
 class _ImmediateInterrupt(BaseException):
-    """Leaves whatever is under way; no Exception, which readers of damaged files catch."""
+    """Interrupts the current work; not an Exception, which readers of damaged files catch."""
 
 
 class Interrupts:
-    """While active, the first signal makes `check` raise and a second ends the process at once.
+    """While active, the first signal makes `check` raise; a second one exits immediately.
 
-    What the second leaves behind, the watchdog ends. In a thread other than the main one, where
-    Python sets no handlers, signals stay with the program that started the run.
+    After a second signal, the watchdog cleans up. In a thread other than the main one, where
+    Python sets no handlers, the program that started the run handles signals.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class Interrupts:
         if threading.current_thread() is not threading.main_thread():
             return self
         for each in _SIGNALS:
-            # Whoever starts a run with nohup wants it to outlive the terminal.
+            # A run started with nohup must survive the end of its terminal.
             if each is signal.SIGHUP and signal.getsignal(each) is signal.SIG_IGN:
                 continue
             self._previous[each] = signal.signal(each, self._note)
@@ -68,9 +68,9 @@ class Interrupts:
 
     @contextlib.contextmanager
     def immediate(self) -> Iterator[None]:
-        """While active, a signal raises wherever the program is, instead of waiting for `check`.
+        """While active, a signal raises immediately instead of in the next `check`.
 
-        For long work that needs no cleaning up in order, such as reading a bag.
+        For long work without ordered cleanup, such as reading a bag.
 
         Raises:
             InterruptedRunError: a signal has arrived, or arrives.
@@ -85,7 +85,7 @@ class Interrupts:
             self._is_immediate = False
 
     def check(self) -> None:
-        """Raise once after a signal; cleaning up afterwards is not disturbed again.
+        """Raise once after a signal, so that the cleanup is not interrupted again.
 
         Raises:
             InterruptedRunError: a signal has arrived since the last call.
@@ -94,5 +94,5 @@ class Interrupts:
             self._reported = True
             raise InterruptedRunError(
                 f"interrupted by {self._received.name}",
-                hint="What was measured until then is in the run folder, marked as incomplete.",
+                hint="The measurements so far are in the run folder, marked as incomplete.",
             )

@@ -1,12 +1,13 @@
-"""The processes of a run: started, listened to, watched for death, and ended in order.
+"""The processes of a run: starting, receiving replies, detecting exits, and ending in order.
 
-Everything happens in the controller's one thread: `ProcessSupervisor.pump` waits for messages and
-looks at every process, and raises as soon as one has died that was not told to.
+Everything happens in the single thread of the controller: `ProcessSupervisor.pump` waits for
+messages, checks every process, and raises as soon as one has exited unexpectedly.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import selectors
 import socket
 import subprocess
@@ -22,22 +23,23 @@ from r2bspec.execute.processes.process_logs import LogLimiter
 from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import clean_up
+from r2bspec.middleware.rmw_registry import middleware_of
 from r2bspec.record.run_record import ProcessRecord
 
 __all__ = ["ManagedProcess", "ProcessSupervisor", "describe_exit"]
 
 _POLL_S = 0.05
 _NOT_INSTALLED_PREFIX = "R2B62"
-"""The family of codes for what is not there: to try the run again would not help."""
+"""The codes for missing software: another attempt would not help."""
 
 _ROLES_WITHOUT_CHANNEL = frozenset({"command", "container"})
-"""Roles of programs that know nothing of r2bspec."""
+"""Roles of programs that are not part of r2bspec."""
 
 _Answer = TypeVar("_Answer")
 
 
 class ProcessSupervisor:
-    """All processes of a run, and the watchdog that ends them should the controller be killed."""
+    """All processes of a run, and the watchdog that ends them if the controller is killed."""
 
     def __init__(
         self,
@@ -57,7 +59,7 @@ class ProcessSupervisor:
         self._killed: list[str] = []
         self._logs = LogLimiter()
         self._began_s = time.time()
-        # The process environment is the controller's: the watchdog is no part of the run.
+        # It inherits the environment of the controller: the watchdog is not part of the run.
         self._watchdog = subprocess.Popen(
             [sys.executable, "-P", "-m", "r2bspec.harness.watchdog", run_id, str(scratch)],
             stdin=subprocess.PIPE,
@@ -70,7 +72,7 @@ class ProcessSupervisor:
         return iter(list(self._running.values()))
 
     def observer(self) -> ManagedProcess:
-        """Who can be asked what discovery shows: the monitor or the loader, whichever is up."""
+        """A process that can report what discovery shows: the monitor or the loader."""
         endpoints = (each for child in self for each in (child, *child.parts.values()))
         return next(each for each in endpoints if each.role in {"monitor", "loader"})
 
@@ -85,13 +87,13 @@ class ProcessSupervisor:
         log: Path,
         parts: Iterable[str] = (),
     ) -> ManagedProcess:
-        """Start a process in a session of its own, with its output going to `log`.
+        """Start a process in its own session, with its output in `log`.
 
-        It has a control channel, and one more for each of its `parts`, but for programs that know
-        nothing of r2bspec.
+        It has a control channel, and one more for each of its `parts`, unless it is not part of
+        r2bspec.
 
         Raises:
-            NotInstalledError: there is no such program, or it may not be executed.
+            NotInstalledError: the program does not exist, or may not be executed.
         """
         command = list(argv)
         self._logs.watch(log.parent)
@@ -141,13 +143,13 @@ class ProcessSupervisor:
         return child
 
     def pump(self, timeout_s: float = _POLL_S) -> None:
-        """Wait for messages for at most `timeout_s` seconds, and look after every process.
+        """Wait for messages for at most `timeout_s` seconds, and check every process.
 
         Raises:
-            ProcessFailedError: a process said why it cannot go on.
-            NotInstalledError: it said that something is not there that it needs.
-            ProcessDiedError: a process ended unasked.
-            InterruptedRunError: the user or the system asked for an end.
+            ProcessFailedError: a process reported an error.
+            NotInstalledError: a process reported that something is not installed.
+            ProcessDiedError: a process exited unexpectedly.
+            InterruptedRunError: a signal interrupted the run.
         """
         self._check_interrupt()
         for key, _ in self._selector.select(timeout_s):
@@ -164,10 +166,10 @@ class ProcessSupervisor:
         self._check_interrupt()
 
     def pump_for(self, seconds: float) -> None:
-        """Do as `pump` for a while.
+        """Call `pump` for a number of seconds.
 
         Raises:
-            RunError: what `pump` raises.
+            RunError: from `pump`.
         """
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
@@ -184,33 +186,45 @@ class ProcessSupervisor:
                 )
 
     def _raise_exit(self, child: ManagedProcess) -> None:
-        # Its last words may still be in the socket.
+        # Its last reply may still be in the socket.
         for endpoint in (child, *child.parts.values()):
             if endpoint.read():
                 self._raise_failure(endpoint)
         tail = child.log_tail()
-        said = f"; the last it printed:\n{tail}" if tail else "; it printed nothing"
+        output = f"; its last output:\n{tail}" if tail else "; it printed nothing"
         raise ProcessDiedError(
-            f"process {child.name} {describe_exit(child.process.returncode)}{said}",
-            hint=f"Its whole output is in {child.log}",
+            f"process {child.name} {describe_exit(child.process.returncode)}{output}",
+            hint=f"Its complete output is in {child.log}",
         )
 
     def request(
         self, child: ManagedProcess, command: Any, kind: type[_Answer], timeout_s: float
     ) -> _Answer:
-        """Send a command and wait for its answer.
+        """Send a command and wait for its reply.
 
         Raises:
-            RunError: no answer came in time, or what `pump` raises.
+            RunError: no reply was received in time, or from `pump`.
         """
         child.send(command)
         return self.answer(child, kind, timeout_s)
 
-    def answer(self, child: ManagedProcess, kind: type[_Answer], timeout_s: float) -> _Answer:
-        """Wait for an answer of a kind.
+    def answer(
+        self,
+        child: ManagedProcess,
+        kind: type[_Answer],
+        timeout_s: float,
+        stated_timeout_s: float | None = None,
+    ) -> _Answer:
+        """Wait for a reply of a type.
+
+        Args:
+            child: whose reply it is.
+            kind: its type.
+            timeout_s: how long to wait.
+            stated_timeout_s: the timeout in the error, if `timeout_s` is only the rest of it.
 
         Raises:
-            RunError: none came in time, or what `pump` raises.
+            RunError: none was received in time, or from `pump`.
         """
         deadline = time.monotonic() + timeout_s
         while True:
@@ -219,22 +233,24 @@ class ProcessSupervisor:
                 if isinstance(message, kind):
                     return message
             if time.monotonic() > deadline:
+                stated_s = timeout_s if stated_timeout_s is None else stated_timeout_s
                 raise RunError(
-                    f"process {child.name} did not answer within {timeout_s:g} s",
+                    f"process {child.name} did not respond within {stated_s:g} s",
                     hint=f"It may be blocked in a callback or a constructor; see {child.log}",
                     code="R2B632",
                 )
             self.pump()
 
     def end(self, children: Iterable[ManagedProcess]) -> None:
-        """End some processes, one after another: asked, then told, then killed."""
+        """End some processes, one after another; see `shutdown`."""
         ended = [child for child in children if child.name in self._running]
-        self._killed += end_sequentially(ended, self._logs.truncate_large)
+        in_turn_s = middleware_of(os.environ).exit_in_turn_s
+        self._killed += end_sequentially(ended, self._logs.truncate_large, in_turn_s)
         for child in ended:
             self._forget(child)
 
     def close(self) -> list[str]:
-        """End everything, and leave nothing behind. Returns the names of what had to be killed."""
+        """End all processes and clean up. Returns the names of processes that had to be killed."""
         self.end(list(self._running.values()))
         sessions = [child.pid for child in self._all]
         self._killed += clean_up(
@@ -252,11 +268,11 @@ class ProcessSupervisor:
 
     @property
     def truncated_logs(self) -> list[Path]:
-        """The logs of which a part had to be cut out."""
+        """The logs that were truncated."""
         return self._logs.truncated
 
     def records(self) -> tuple[ProcessRecord, ...]:
-        """Every process that was started, with how it ended."""
+        """Every process that was started, with its exit status."""
         return tuple(
             ProcessRecord(
                 name=child.name, role=child.role, pid=child.pid, exit_code=child.process.poll()

@@ -1,4 +1,4 @@
-"""Another workspace: the environment that a setup file or a prefix makes, and running inside it."""
+"""Workspaces: the environment of a setup file or a prefix, and running in it."""
 
 from __future__ import annotations
 
@@ -16,15 +16,14 @@ _SETUP_FILES = ("setup.bash", "local_setup.bash", "setup.sh", "local_setup.sh")
 _SOURCE_TIMEOUT_S = 60.0
 
 _SHELL_VARIABLES = {"_", "SHLVL", "PWD", "OLDPWD", "BASH_ENV", "ENV", "PS1", "COLUMNS", "LINES"}
-"""What a shell changes by itself, which no workspace means."""
+"""Variables that a shell itself changes; they are not part of a workspace."""
 
 
 @contextlib.contextmanager
 def applied_environment(changes: Mapping[str, str]) -> Iterator[None]:
-    """Be in another environment, as if the program had been started there.
+    """Change the environment of this process while the context lasts.
 
-    Programs are looked for, packages found and processes started by the environment of this
-    process, which is therefore changed for as long as the context lasts.
+    Programs and packages are looked up, and processes started, in this environment.
 
     Args:
         changes: variables by name; an empty value removes one.
@@ -46,10 +45,10 @@ def _apply_changes(changes: Mapping[str, str]) -> None:
 
 
 def workspace_environments(texts: Iterable[str]) -> dict[str, str]:
-    """What several environments change together, each on top of those before it.
+    """The combined changes of several environments, each applied after those before it.
 
     Raises:
-        WorkspaceError: one of them is not there, or cannot be sourced.
+        WorkspaceError: one of them does not exist, or cannot be sourced.
     """
     found: dict[str, str] = {}
     for text in texts:
@@ -59,17 +58,17 @@ def workspace_environments(texts: Iterable[str]) -> dict[str, str]:
 
 
 def workspace_environment(text: str) -> dict[str, str]:
-    """What an environment changes, by the way a user names it.
+    """The changes of an environment.
 
     Args:
-        text: a setup file (``install/setup.bash``), a prefix that holds one or that has programs
+        text: a setup file (``install/setup.bash``), a prefix with a setup file or with programs
             and packages in ``bin``, ``lib`` and ``share``, or ``NAME=VALUE``.
 
     Returns:
         The variables that differ from those of this process; empty for one that is removed.
 
     Raises:
-        WorkspaceError: there is no such file or folder, or it cannot be sourced.
+        WorkspaceError: the file or folder does not exist, or cannot be sourced.
     """
     path = Path(text).expanduser()
     if path.is_file():
@@ -81,13 +80,13 @@ def workspace_environment(text: str) -> dict[str, str]:
     if equals and name.isidentifier():
         return {name: value} if os.environ.get(name, "") != value else {}
     raise WorkspaceError(
-        f"there is no environment {text!r}",
-        hint="Name a setup file, the folder of an installed workspace, or NAME=VALUE.",
+        f"environment {text!r} does not exist",
+        hint="Give a setup file, the folder of an installed workspace, or NAME=VALUE.",
     )
 
 
 def _source_setup_file(path: Path) -> dict[str, str]:
-    """What sourcing a file changes. The file is the user's own, as in a terminal."""
+    """The changes of sourcing a file, which the user trusts as in a terminal."""
     shell = shutil.which("sh" if path.suffix == ".sh" else "bash")
     if shell is None:
         raise WorkspaceError(f"{path} needs bash, which is not on PATH")
@@ -102,12 +101,12 @@ def _source_setup_file(path: Path) -> dict[str, str]:
         )
     except subprocess.TimeoutExpired as error:
         raise WorkspaceError(
-            f"{path} did not end within {_SOURCE_TIMEOUT_S:g} s when it was sourced"
+            f"sourcing {path} did not finish within {_SOURCE_TIMEOUT_S:g} s"
         ) from error
     if done.returncode:
-        said = done.stderr.decode(errors="replace").strip().splitlines()
+        lines = done.stderr.decode(errors="replace").strip().splitlines()
         raise WorkspaceError(
-            f"{path} cannot be sourced: {said[-1] if said else f'status {done.returncode}'}"
+            f"{path} cannot be sourced: {lines[-1] if lines else f'status {done.returncode}'}"
         )
     text = done.stdout.decode(errors="surrogateescape")
     after = dict(each.split("=", 1) for each in text.split("\0") if "=" in each)
@@ -126,7 +125,7 @@ def _changed_variables(after: Mapping[str, str]) -> dict[str, str]:
 
 
 def _prefix_environment(path: Path) -> dict[str, str]:
-    """What an overlay of this prefix puts in front."""
+    """The variables that an overlay of this prefix prepends."""
     path = path.absolute()
     python = f"python{sys.version_info.major}.{sys.version_info.minor}"
     front = {
@@ -140,14 +139,14 @@ def _prefix_environment(path: Path) -> dict[str, str]:
     }
     found = {
         name: os.pathsep.join(
-            [*map(str, there), *([os.environ[name]] if os.environ.get(name) else [])]
+            [*map(str, existing), *([os.environ[name]] if os.environ.get(name) else [])]
         )
         for name, folders in front.items()
-        if (there := [each for each in folders if each.is_dir()])
+        if (existing := [each for each in folders if each.is_dir()])
     }
     if not found:
         raise WorkspaceError(
-            f"{path} is no workspace: it has neither a setup file nor programs or packages",
-            hint="Name the 'install' folder of a workspace, or its setup.bash.",
+            f"{path} is not a workspace: it has neither a setup file nor programs or packages",
+            hint="Give the 'install' folder of a workspace, or its setup.bash.",
         )
     return found

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from r2bspec.judge.decision import Answer, Question, decide
+from r2bspec.judge.decision import Answer, Decider, Question, decide
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.t_interval import MeanInterval, iterations_to_settle, mean_interval
 from r2bspec.judge.verdict import Outcome
@@ -142,3 +142,9 @@ def _settle(question: Question, interval: MeanInterval, inflation: float) -> str
         )
     needed = max(math.ceil(needed * inflation), len(question.iterations) + 1)
     return f"About {needed} iterations would settle it, if mean and scatter stay what they are."
+
+
+DECIDER = Decider(
+    takes=lambda question: question.info.statistic == "mean" and not question.is_equality,
+    decide=lambda question, _: judge_mean(question),
+)

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from r2bspec.judge.decision import Answer, Question
+from r2bspec.judge.decision import Answer, Decider, Question
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict_wording import counted_noun
 from r2bspec.measure.metric_values import metric_value
@@ -132,3 +132,9 @@ def _observation_text(question: Question, seen: float, n: int) -> str:
             return f"{show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"
         return f"{show(seen, 'count')} in {show(n, 'count')} steps"
     return f"{info.name} is {show(seen, info.unit)}"
+
+
+DECIDER = Decider(
+    takes=lambda _: True,
+    decide=lambda question, _: judge_observation(question),
+)

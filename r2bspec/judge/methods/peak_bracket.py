@@ -8,7 +8,7 @@ Probes that stayed open leave the bracket wide, and decide nothing within it.
 
 from __future__ import annotations
 
-from r2bspec.judge.decision import Answer, Question, decide
+from r2bspec.judge.decision import Answer, Decider, Question, decide
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
 
@@ -94,3 +94,10 @@ def _settle(search: SearchRecord) -> str:
             return "Let the search end."
         case _:
             return "Make benchmark.search.precision finer, or move the limit."
+
+
+DECIDER = Decider(
+    takes=lambda question: question.info.statistic == "search",
+    decide=lambda question, record: judge_peak(question, record.search),
+    needs_iterations=False,
+)

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from r2bspec.judge.decision import Answer, Question, decide
+from r2bspec.judge.decision import Answer, Decider, Question, decide
 from r2bspec.judge.methods.forecast import settle_share
 from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
 from r2bspec.judge.statistics.order_statistics import (
@@ -105,3 +105,9 @@ def _share_test(
         allowed=allowed,
         withstands=tolerance,
     )
+
+
+DECIDER = Decider(
+    takes=lambda question: question.info.statistic == "percentile" and not question.is_equality,
+    decide=lambda question, _: judge_percentile(question),
+)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from r2bspec.judge.decision import Answer, Question, decide
+from r2bspec.judge.decision import Answer, Decider, Question, decide
 from r2bspec.judge.methods.forecast import settle_share
 from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import EffectiveSample, effective_sample
@@ -75,3 +75,9 @@ def share_test(
         allowed=allowed,
         withstands=burst_tolerance(sample.bad, sample.n, allowed, confidence) if ceiling else None,
     )
+
+
+DECIDER = Decider(
+    takes=lambda question: question.info.statistic == "share" and not question.is_equality,
+    decide=lambda question, _: judge_share(question),
+)

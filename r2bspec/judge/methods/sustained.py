@@ -1,9 +1,9 @@
 """Whether an offered rate is sustained, by the one sequential probe that was made of it.
 
-The probe is a sequential test with three answers and a stated error (`r2bspec.judge.rate_test`):
-it was stopped as soon as one of two was clear, and is open where neither was in the longest time
-that a probe may take. To test its samples once more would test a sample whose size the first test
-has chosen, so the answer stands as it was recorded:
+The probe is a sequential test with three answers and a stated error
+(`r2bspec.judge.rate_decision`): it was stopped as soon as one of two was clear, and is open where
+neither was in the longest time that a probe may take. To test its samples once more would test a
+sample whose size the first test has chosen, so the answer stands as it was recorded:
 
     PASS            the rate held
     FAIL            the backlog grew, messages were dropped, or a condition of the spec did not hold
@@ -16,7 +16,7 @@ import math
 from collections.abc import Iterable
 from typing import Final
 
-from r2bspec.judge.decision import Answer, Question
+from r2bspec.judge.decision import Answer, Decider, Question
 from r2bspec.judge.verdict import Outcome
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import Probe
@@ -60,3 +60,10 @@ def judge_sustained(question: Question, probes: Iterable[Probe]) -> Answer:
         estimate=probe.delivered_hz,
         n=1,
     )
+
+
+DECIDER = Decider(
+    takes=lambda question: question.info.statistic == "sequential",
+    decide=lambda question, record: judge_sustained(question, record.sustained),
+    needs_iterations=False,
+)

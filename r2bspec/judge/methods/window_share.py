@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from r2bspec.judge.decision import Answer, Question, WindowCondition, decide
+from r2bspec.judge.decision import Answer, Decider, Question, WindowCondition, decide
 from r2bspec.judge.methods.forecast import settle_share
 from r2bspec.judge.methods.share_bound import share_test
 from r2bspec.judge.statistics.effective_sample_size import (
@@ -33,8 +33,11 @@ from r2bspec.measure.units import show
 from r2bspec.measure.windows import WindowValues, has_windows, window_values
 
 
-def judge_windows(question: Question, windows: WindowCondition) -> Answer:
-    """Decide a requirement that must hold in a share of windows."""
+def judge_windows(question: Question) -> Answer:
+    """Decide a requirement that must hold in a share of windows; it names them."""
+    windows = question.windows
+    if windows is None:
+        raise ValueError(f"{question.requirement.text} names no windows")
     if not has_windows(question.info):
         return Answer(
             outcome="fail",
@@ -49,7 +52,7 @@ def judge_windows(question: Question, windows: WindowCondition) -> Answer:
     pieces = [np.array(one.values) for one in found]
     if not any(piece.size for piece in pieces):
         return _without_windows(question, windows, found)
-    if question.requirement.op in {"==", "!="}:
+    if question.is_equality:
         return _judge_equality(question, windows, pieces)
     return _judge_ordered(question, windows, pieces)
 
@@ -117,3 +120,9 @@ def _answer(question: Question, test: ShareTest, outcome: Outcome) -> Answer:
         bursts=test.bursts,
         share=test,
     )
+
+
+DECIDER = Decider(
+    takes=lambda question: question.windows is not None,
+    decide=lambda question, _: judge_windows(question),
+)

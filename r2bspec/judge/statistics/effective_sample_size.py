@@ -52,7 +52,7 @@ _LAG_DIVISOR = 4
 _MIN_ITERATIONS = 5
 """Fewer iterations say next to nothing about how much iterations differ."""
 
-_REFERENCE_CONFIDENCE = 0.95
+_REFERENCE_LEVEL = 0.95
 _MAX_AUTOCORRELATION = 0.999
 
 
@@ -181,4 +181,4 @@ def _small_sample_factor(m: int) -> float:
     """(t_c(m - 1) / z_c)^2."""
     from scipy.special import ndtri, stdtrit
 
-    return float(stdtrit(m - 1, _REFERENCE_CONFIDENCE) / ndtri(_REFERENCE_CONFIDENCE)) ** 2
+    return float(stdtrit(m - 1, _REFERENCE_LEVEL) / ndtri(_REFERENCE_LEVEL)) ** 2

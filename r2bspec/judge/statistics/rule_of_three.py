@@ -26,20 +26,17 @@ def zero_failure_bound(n: int, confidence: float) -> float:
     return -math.expm1(math.log1p(-confidence) / n)
 
 
-def messages_needed(quantile: float, confidence: float) -> int:
-    """The smallest number of messages, none over the bound, that proves a percentile.
+def min_sample_size(max_share: float, confidence: float) -> int | None:
+    """The fewest messages, none over the bound, that prove a share of at most `max_share`.
 
-    299 for p99 and 29 for p90 at 95 %; 459 for p99 and 44 for p90 at 99 %.
+    For p99 (1 %) and p90 (10 %) they are 299 and 29 at 95 %, 459 and 44 at 99 %.
 
-    Args:
-        quantile: such as 0.99.
-        confidence: such as 0.95.
-
-    Raises:
-        ValueError: one of the two is not between 0 and 1.
+    Returns:
+        None if no number of messages is enough.
     """
-    if not 0 < quantile < 1 or not 0 < confidence < 1:
-        raise ValueError("quantile and confidence must be between 0 and 1")
-    exact = math.log1p(-confidence) / math.log(quantile)
+    if max_share <= 0 or confidence >= 1:
+        return None
+    if max_share >= 1:
+        return 1
     # 0.9 is not exact in binary: a number that is whole but for rounding is taken as whole.
-    return max(1, math.ceil(exact - 1e-9 * exact))
+    return max(1, math.ceil(math.log1p(-confidence) / math.log1p(-max_share) - 1e-9))

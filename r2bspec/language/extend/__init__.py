@@ -1,4 +1,4 @@
-"""`extends`: documents that build on files, and entries that build on their siblings."""
+"""`extends`: documents that extend files, and entries that extend siblings."""
 
 from r2bspec.language.extend.extended_files import ExtendResult, extend
 from r2bspec.language.extend.extended_siblings import extend_siblings

@@ -1,7 +1,7 @@
-"""`extends` at the top of a document: the files that it builds on.
+"""`extends` at the top of a document: the files that it extends.
 
-Files are read below the folder of the spec only, and below folders that the user allows: a spec
-of a stranger must not be able to show what else is on the machine.
+Only files below the folder of the spec, or below folders that the user allows, are read: the
+messages about an untrusted spec must not show other files of the machine.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ KEY = "extends"
 MAX_EXTENDS_DEPTH = 20
 """Files in a chain, each of which extends the next."""
 MAX_EXTENDED_FILES = 100
-"""Files that one document may read, each counted as often as it is named."""
+"""Files that one document may read; a file extended twice counts twice."""
 
 
 @dataclass(slots=True)
 class ExtendResult:
-    """The merged tree, what was wrong, and the files that were read.
+    """The merged tree, the problems, and the files that were read.
 
     Attributes:
         origins: for each file, the places that led to it, the nearest first.
-        complete: whether all of them could be read.
+        complete: whether all files could be read.
     """
 
     tree: TreeNode
@@ -48,7 +48,7 @@ class ExtendResult:
 
 @dataclass(frozen=True, slots=True)
 class _FileContext:
-    """A document that is being read: its name for the user, its real path, and the way to it."""
+    """A document that is being read: its file name, its real path, and the places leading to it."""
 
     file: str
     real: FilePath
@@ -59,7 +59,7 @@ class _FileContext:
 def extend(
     root: TreeNode, file: str, schema: dict[str, Any], allowed: Iterable[FilePath] = ()
 ) -> ExtendResult:
-    """Merge the files that a document extends; without `extends`, nothing is touched."""
+    """Merge the files that a document extends; without `extends`, the tree is unchanged."""
     result = ExtendResult(root)
     if isinstance(root, MapNode) and KEY in root.entries:
         home = FilePath(file).parent.resolve()
@@ -82,7 +82,7 @@ class _FileMerger:
 
     def merge(self, root: MapNode, place: _FileContext) -> MapNode:
         named = list(extended_names(root))
-        if not named:  # of a wrong type: the schema says so
+        if not named:  # of a wrong type, reported by the schema
             return root
         own = without(root, KEY)
         base: MapNode | None = None
@@ -99,9 +99,9 @@ class _FileMerger:
         if OPENING in text:
             self._problems.error(
                 "R2B125",
-                "nothing is replaced in 'extends'",
+                "references are not supported in 'extends'",
                 node.span,
-                "files are merged before variables are known: name the file",
+                "write the file name: files are merged before variables are known",
             )
             return None
         folder = posixpath.dirname(place.file.replace(os.sep, "/"))
@@ -113,21 +113,21 @@ class _FileMerger:
         if real in place.ancestors:
             self._problems.error(
                 "R2B135",
-                f"{quote(text)} is extended by itself: it would never end",
+                f"{quote(text)} extends itself",
                 node.span,
-                "remove one of the 'extends' of this circle",
+                "remove one 'extends' of this cycle",
                 related=place.trace,
             )
             return None
         self._read += 1
         if len(place.ancestors) > MAX_EXTENDS_DEPTH or self._read > MAX_EXTENDED_FILES:
             limit = (
-                f"{MAX_EXTENDS_DEPTH} files deep"
+                f"{MAX_EXTENDS_DEPTH} levels"
                 if len(place.ancestors) > MAX_EXTENDS_DEPTH
                 else f"{MAX_EXTENDED_FILES} files"
             )
-            message = f"'extends' leads through more than {limit}"
-            self._problems.error("R2B135", message, node.span, "merge some of them", related=trace)
+            message = f"'extends' reads more than {limit}"
+            self._problems.error("R2B135", message, node.span, "merge some files", related=trace)
             return None
         self._result.origins.setdefault(file, trace)
         below = self._compose_file(node, file)
@@ -142,7 +142,7 @@ class _FileMerger:
         return done if isinstance(done, MapNode) else None
 
     def _readable_path(self, node: ScalarNode, path: FilePath, text: str) -> FilePath | None:
-        """The real path of a file that may be read; else why not has been said."""
+        """The real path of a file that may be read; None if the reason why not is reported."""
         try:
             real = path.resolve()
             inside = any(real.is_relative_to(folder) for folder in self._folders)
@@ -152,13 +152,13 @@ class _FileMerger:
         if not inside:
             self._problems.error(
                 "R2B134",
-                f"{quote(text)} lies outside of the folder of this spec",
+                f"{quote(text)} is outside of the folder of this spec",
                 node.span,
-                "copy it below that folder, or allow it: --allow-path "
+                "copy it into that folder, or allow it with --allow-path "
                 f"{quote(posixpath.dirname(str(path)) or '.')}",
             )
         elif not there:
-            message = f"there is no file {quote(text)} to extend"
+            message = f"file not found: {quote(text)}"
             self._problems.error("R2B133", message, node.span, _suggest_file(path))
         else:
             return real
@@ -177,10 +177,10 @@ class _FileMerger:
         if composed.tree is not None:
             self._problems.error(
                 "R2B133",
-                f"{quote(posixpath.basename(file))} holds no map that could be extended",
+                f"{quote(posixpath.basename(file))} cannot be extended: it is not a map",
                 node.span,
-                "a file to build on has the keys of a spec",
-                related=(Related("its content", Span.of_file(file)),),
+                "the file needs the keys of a spec",
+                related=(Related("the content of the file", Span.of_file(file)),),
             )
         return None
 
@@ -191,7 +191,7 @@ class _FileMerger:
 
 
 def extended_names(root: MapNode) -> Iterator[ScalarNode]:
-    """The values that name files; none if one of them is of a wrong type."""
+    """The file names; none if one of them is of a wrong type."""
     value = root.entries[KEY].value
     items = value.items if isinstance(value, ListNode) else (value,)
     texts = [item for item in items if isinstance(item, ScalarNode)]
@@ -203,6 +203,6 @@ def _suggest_file(path: FilePath) -> str:
     try:
         names = sorted(each.name for each in path.parent.iterdir() if each.suffix == ".yaml")[:100]
     except (OSError, ValueError):
-        return f"there is no folder {quote(str(path.parent))} either"
+        return f"folder not found: {quote(str(path.parent))}"
     close = did_you_mean(path.name, names)
     return f"did you mean {quote(close)}?" if close else "paths are relative to this file"

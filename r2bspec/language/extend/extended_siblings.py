@@ -1,4 +1,4 @@
-"""`extends` inside maps of named things: an entry that builds on another of the same map."""
+"""`extends` in maps of named entries: an entry that extends another of the same map."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ SECTIONS: tuple[Path, ...] = (
     ("monitors",),
     ("slos",),
 )
-"""Maps whose entries may build on each other."""
+"""Maps whose entries may extend each other."""
 MAX_CHAIN_LENGTH = 50
-"""Entries in a chain, each of which builds on the next."""
+"""Entries in a chain, each of which extends the next."""
 
 
 @dataclass(slots=True)
 class SiblingsResult:
-    """The tree with all entries written out, what was wrong, and what was made of what.
+    """The tree with all entries expanded, the problems, and the origins of entries.
 
     Attributes:
-        incomplete: entries of which nobody can say what they lack.
+        incomplete: entries that extend something invalid, whose missing keys are unknown.
     """
 
     tree: TreeNode
@@ -47,7 +47,7 @@ class SiblingsResult:
 
 
 def extend_siblings(root: TreeNode) -> SiblingsResult:
-    """Write out every entry that builds on a sibling."""
+    """Expand every entry that extends a sibling."""
     result = SiblingsResult(root)
     for section in SECTIONS:
         entries = lookup(root, section)
@@ -79,7 +79,7 @@ class _Section:
         return MapNode(entries, self._entries.span)
 
     def _resolved(self, name: str) -> MapNode:
-        """The entry, over all that it builds on, the farthest first."""
+        """The entry merged over the entries that it extends, the most distant first."""
         chain = [name]
         while chain[-1] not in self._done:
             base = self._base(chain)
@@ -103,7 +103,7 @@ class _Section:
         return self._done[name]
 
     def _base(self, chain: list[str]) -> str | None:
-        """The sibling on which the last of a chain builds; None at its end, or if it is wrong."""
+        """The sibling that the last of a chain extends; None at its end, or if it is invalid."""
         entry = self._map(chain[-1]).entries.get(KEY)
         if entry is None or not isinstance(entry.value, ScalarNode):
             return None
@@ -116,27 +116,27 @@ class _Section:
         ):
             close = did_you_mean(base, self._entries.entries)
             others = [each for each in self._entries.entries if each != chain[-1]]
-            known = "there are " + ", ".join(others[:12]) if others else "there is no other"
+            known = "known entries: " + ", ".join(others[:12]) if others else "there are no others"
             self._result.problems.error(
                 "R2B136",
-                f"{where} has no {quote(base)} to build on",
+                f"{where} has no entry {quote(base)} to extend",
                 span,
                 f"did you mean '{close}'? {known}" if close and close != chain[-1] else known,
             )
             self._failed.add(chain[-1])
             return None
         self._result.origins[(*self._section, chain[-1])] = (
-            Related(f"'{chain[-1]}' builds on '{base}' here", span),
+            Related(f"'{chain[-1]}' extends '{base}' here", span),
         )
         if base in chain or len(chain) + self._depth.get(base, 0) >= MAX_CHAIN_LENGTH:
             circle = base in chain
             message = (
-                f"{quote(base)} builds on itself: it would never end"
+                f"{quote(base)} extends itself, directly or through others"
                 if circle
-                else f"more than {MAX_CHAIN_LENGTH} entries build on each other"
+                else f"more than {MAX_CHAIN_LENGTH} entries extend each other"
             )
             self._result.problems.error(
-                "R2B135", message, span, "remove one of the 'extends' of this chain"
+                "R2B135", message, span, "remove one 'extends' of this chain"
             )
             self._failed.add(chain[-1])
             return None
@@ -152,7 +152,7 @@ def _values(entries: MapNode) -> Iterator[Entry]:
 
 
 def _extends_sibling(node: TreeNode) -> bool:
-    """Whether an entry names a sibling; what is of a wrong type is left to the schema."""
+    """Whether an entry names a sibling; wrong types are reported by the schema."""
     entry = node.entries.get(KEY) if isinstance(node, MapNode) else None
     value = entry.value if entry is not None else None
     return isinstance(value, ScalarNode) and isinstance(value.value, str) and bool(value.value)

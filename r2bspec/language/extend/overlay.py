@@ -1,4 +1,4 @@
-"""One map laid over another: maps are merged, everything else is replaced, null removes."""
+"""Merging of two maps: nested maps are merged, other values replaced, null removes a key."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from r2bspec.language.located_tree import Entry, MapNode, ScalarNode, TreeNode
 
 
 def overlay(base: MapNode, own: MapNode) -> MapNode:
-    """What `own` says, over what `base` says; every value keeps the place where it was written.
+    """`own` merged over `base`; every value keeps the place where it is written.
 
-    Keys stand in the order of `base`, then those that are new. A null where `base` has nothing
-    stays, so that it is reported as any key without a value.
+    The keys of `base` come first, then the new ones. A null for a key that `base` does not have is
+    kept, so that it is reported like any key without a value.
     """
     entries = dict(base.entries)
     for key, entry in own.entries.items():

@@ -1,7 +1,7 @@
-"""Paths in a document of another folder, rewritten so that they still mean the same.
+"""Rewriting the paths in a document of another folder, so that they refer to the same files.
 
-A path is relative to the file in which it is written. The words of command lines are words: what
-among them is a path is not known, and they are left as they are.
+A path is relative to the file in which it is written. Arguments of command lines are not
+rewritten: which of them are paths is unknown.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _FILE_AND_NAME = ".py:"
 
 
 def rebase_paths(node: TreeNode, rule: Any, folder: str) -> TreeNode:
-    """The tree with every relative path put below `folder`; `rule` is the schema of the node."""
+    """The tree with `folder` put before every relative path; `rule` is the schema of the node."""
     if not isinstance(rule, dict):
         return node
     if isinstance(node, ScalarNode):
@@ -47,7 +47,7 @@ def _scalar(node: ScalarNode, folder: str) -> ScalarNode:
     text = node.value
     if not isinstance(text, str) or not text or text.startswith(("/", OPENING)):
         return node
-    # One word may be the name of a dataset or a module; whoever means a file writes './'.
+    # A single word may be the name of a dataset or of a module; a path begins with './'.
     if not text.startswith(".") and "/" not in text and not text.endswith((".yaml", ".yml")):
         return node
     if ":" in text and _FILE_AND_NAME not in text:

@@ -1,1 +1,1 @@
-"""Keys that exclude, require or contradict each other."""
+"""Constraints between keys that the schema does not express."""

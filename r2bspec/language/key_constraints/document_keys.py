@@ -1,4 +1,4 @@
-"""Keys outside of nodes and recordings that exclude, need or contradict each other."""
+"""Constraints between keys, outside of nodes and recordings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _HARNESS_COMPONENTS = ("data_loader", "playback", "monitor")
 
 
 def section_constraint_errors(root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
-    """What contradicts itself; in maps at `misspelt`, a missing key may be there, misspelt."""
+    """Violated constraints; maps at `misspelt` may have a missing key in a misspelt form."""
     for name, keys in _ONE_OF.items():
         for path, entry in _map_entries(root, (name,)):
             yield from _one_of(entry, path, keys, misspelt)
@@ -51,27 +51,27 @@ def _one_of(
     name = f"'{format_path(path)}'"
     listed = ", ".join(f"'{key}'" for key in keys[:-1]) + f" or '{keys[-1]}'"
     if len(given) > 1:
-        yield _both(entry, path, (given[0], given[1]), f"give it only one of {listed}")
+        yield _both(entry, path, (given[0], given[1]), f"keep only one of {listed}")
     elif not given and path not in misspelt:
         yield Diagnostic(
             "R2B118",
             Severity.ERROR,
-            f"{name} says nothing: it needs {listed}",
+            f"{name} needs one of {listed}",
             entry.span,
             path=path,
-            help=f"give it one of {listed}",
+            help=f"add one of {listed}",
         )
 
 
 def _launch(launch: MapNode, path: Path, misspelt: set[Path]) -> Iterator[Diagnostic]:
     given = [key for key in launch.entries if key in ("package", "file", "path")]
-    help_text = "give it 'package' and 'file', or 'path'"
+    help_text = "set 'package' and 'file', or 'path'"
     if "path" in given and len(given) > 1:
         other = next(key for key in given if key != "path")
         yield _both(launch, path, ("path", other), help_text)
     elif len(given) < 2 and "path" not in given and path not in misspelt:
         lacks = {"package": "'file'", "file": "'package'"}.get("".join(given), "a launch file")
-        message = f"'{format_path(path)}' lacks {lacks}"
+        message = f"'{format_path(path)}' needs {lacks}"
         yield Diagnostic("R2B118", Severity.ERROR, message, launch.span, path=path, help=help_text)
 
 
@@ -83,18 +83,18 @@ def _playback(root: TreeNode) -> Iterator[Diagnostic]:
     if mode == "live":
         for key in _PLAYBACK_SECTIONS:
             if isinstance(root, MapNode) and key in root.entries:
-                message = f"'{key}' has no use here: a live benchmark plays nothing"
+                message = f"'{key}' has no effect: a live benchmark plays nothing"
                 yield _at_key(root, (), key, message, f"remove '{key}', or change playback.mode")
         for key in ("inputs", "buffer"):
             if key in playback.entries:
-                message = f"'playback.{key}' has no use here: a live benchmark plays nothing"
+                message = f"'playback.{key}' has no effect: a live benchmark plays nothing"
                 help_text = f"remove '{key}', or change playback.mode"
                 yield _at_key(playback, ("playback",), key, message, help_text)
     if mode and mode != "timeline":
         for key in _TIMELINE_ONLY:
             if key in playback.entries:
-                message = f"'playback.{key}' has no use with mode {mode}"
-                help_text = f"remove it, or write 'mode: timeline' in place of '{mode}'"
+                message = f"'playback.{key}' has no effect with mode {mode}"
+                help_text = f"remove it, or write 'mode: timeline' instead of '{mode}'"
                 yield _at_key(playback, ("playback",), key, message, help_text)
     yield from _translations(playback)
 
@@ -107,12 +107,12 @@ def _translations(playback: MapNode) -> Iterator[Diagnostic]:
     for topic, entry in translations.entries.items():
         if topic not in inputs.entries and entry.key_resolved:
             close = did_you_mean(topic, inputs.entries)
-            known = "the inputs are " + ", ".join(list(inputs.entries)[:10])
+            known = "inputs: " + ", ".join(list(inputs.entries)[:10])
             yield _at_key(
                 translations,
                 ("playback", "timeline", "translations"),
                 topic,
-                f"'{topic}' is no input that is played",
+                f"unknown playback input '{topic}'",
                 f"did you mean '{close}'? {known}" if close else known,
             )
 
@@ -123,14 +123,14 @@ def _harness(root: TreeNode) -> Iterator[Diagnostic]:
     if isinstance(harness, MapNode) and not other:
         for key in _HARNESS_COMPONENTS:
             if key in harness.entries:
-                message = f"'harness.{key}' has no use with the harness r2bspec"
+                message = f"'harness.{key}' has no effect with the harness r2bspec"
                 help_text = "write 'kind: ros2_benchmark', or remove it"
                 yield _at_key(harness, ("harness",), key, message, help_text)
     if not other:
         for path, monitor in _map_entries(root, ("monitors",)):
             if "parameters" in monitor.entries:
-                message = f"'{format_path((*path, 'parameters'))}' has no use here: the monitors "
-                message += "of the harness r2bspec take none"
+                message = f"'{format_path((*path, 'parameters'))}' has no effect: monitors of the "
+                message += "harness r2bspec have no parameters"
                 help_text = "write 'harness: {kind: ros2_benchmark}', or remove it"
                 yield _at_key(monitor, path, "parameters", message, help_text)
 
@@ -140,7 +140,9 @@ def _transport(root: TreeNode) -> Iterator[Diagnostic]:
     if isinstance(transport, MapNode) and "segment" in transport.entries:
         kind = _word(transport, "kind")
         if kind not in ("", "shared_memory"):
-            message = f"'transport.segment' has no use with {kind}: only shared_memory has segments"
+            message = (
+                f"'transport.segment' has no effect with {kind}: only shared_memory has segments"
+            )
             help_text = "remove it, or write 'kind: shared_memory'"
             yield _at_key(transport, ("transport",), "segment", message, help_text)
 
@@ -153,11 +155,11 @@ def _benchmark(root: TreeNode) -> Iterator[Diagnostic]:
     max_iterations = _number(benchmark, "max_iterations", 0)
     if iterations is not None and max_iterations and max_iterations < iterations:
         message = (
-            f"'benchmark.max_iterations' is {max_iterations}, fewer than the {iterations} "
-            "'iterations'"
+            f"'benchmark.max_iterations' ({max_iterations}) is less than 'iterations' "
+            f"({iterations})"
         )
         yield _at_key(
-            benchmark, ("benchmark",), "max_iterations", message, f"write {iterations} or more"
+            benchmark, ("benchmark",), "max_iterations", message, f"use at least {iterations}"
         )
     rates = child(benchmark, "rates")
     if isinstance(rates, MapNode):
@@ -167,13 +169,13 @@ def _benchmark(root: TreeNode) -> Iterator[Diagnostic]:
 def _range(rates: MapNode) -> Iterator[Diagnostic]:
     path: Path = ("benchmark", "rates")
     if "count" in rates.entries and "step" in rates.entries:
-        yield _both(rates, path, ("count", "step"), "keep the one that is meant")
+        yield _both(rates, path, ("count", "step"), "keep one of them")
         return
     if "count" not in rates.entries and "step" not in rates.entries:
         yield Diagnostic(
             "R2B118",
             Severity.ERROR,
-            "'benchmark.rates' does not say which rates lie between its ends",
+            "'benchmark.rates' needs 'step' or 'count'",
             rates.span,
             path=path,
             help="add 'step: 10 Hz', or 'count: 6'",
@@ -183,19 +185,19 @@ def _range(rates: MapNode) -> Iterator[Diagnostic]:
     if first is None or last is None:
         return
     if first >= last:
-        message = f"the range of rates ends at {last}, not above its beginning, {first}"
+        message = f"the range of rates is empty: 'to' ({last}) is not above 'from' ({first})"
         yield _at_key(rates, path, "to", message, "swap the two, or write a list of rates")
     elif step is not None and step.hz > 0:
         if step.hz > last.hz - first.hz:
-            message = f"a step of {step} leads out of the range from {first} to {last}"
-            yield _at_key(rates, path, "step", message, "make it smaller")
+            message = f"a step of {step} is larger than the range from {first} to {last}"
+            yield _at_key(rates, path, "step", message, "use a smaller step")
         elif (last.hz - first.hz) / step.hz >= MAX_RANGE_RATES:
-            message = f"the range holds more than {MAX_RANGE_RATES:,} rates"
-            yield _at_key(rates, path, "step", message, "make the step larger")
+            message = f"the range has more than {MAX_RANGE_RATES:,} rates"
+            yield _at_key(rates, path, "step", message, "use a larger step")
 
 
 def _conditions(root: TreeNode) -> Iterator[Diagnostic]:
-    """Variables named by the `when` of an objective."""
+    """Variables in the `when` of objectives."""
     declared = child(root, "variables")
     known = declared.entries if isinstance(declared, MapNode) else {}
     for path, objective in _map_entries(root, ("slos",)):
@@ -205,13 +207,13 @@ def _conditions(root: TreeNode) -> Iterator[Diagnostic]:
         for name in when.entries:
             if name not in known:
                 close = did_you_mean(name, known)
-                listed = "declared are " + ", ".join(sorted(known)[:10])
+                listed = "declared variables: " + ", ".join(sorted(known)[:10])
                 help_text = listed if known else "declare it under 'variables'"
                 yield _at_key(
                     when,
                     (*path, "when"),
                     name,
-                    f"there is no variable '{name}'",
+                    f"unknown variable '{name}'",
                     f"did you mean '{close}'? {listed}" if close else help_text,
                     "R2B120",
                 )
@@ -246,7 +248,7 @@ def _both(node: MapNode, path: Path, keys: tuple[str, str], help_text: str) -> D
         node.entries[second].key_span,
         path=(*path, second),
         help=help_text,
-        related=(Related("the first one", node.entries[first].key_span),),
+        related=(Related("the other key", node.entries[first].key_span),),
     )
 
 

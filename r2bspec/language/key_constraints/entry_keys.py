@@ -1,12 +1,12 @@
-"""Keys that exclude or need each other, in words of their own.
+"""Constraints between the keys of nodes and of recordings.
 
-JSON Schema's ``oneOf`` would say the same, with messages that nobody understands. Nodes and
-recordings are judged here, everything else in `r2bspec.language.key_constraints.document_keys`.
+JSON Schema's ``oneOf`` could express them, but its messages are hard to understand. All other
+constraints are in `r2bspec.language.key_constraints.document_keys`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from r2bspec.diagnostics import Diagnostic, Path, Related, Severity, format_path
 from r2bspec.language.key_constraints.document_keys import section_constraint_errors
@@ -19,52 +19,24 @@ from r2bspec.language.located_tree import (
     lookup,
     span_at,
 )
-
-_KIND_BY_KEY = {
-    "python": "python",
-    "package": "package",
-    "plugin": "package",
-    "executable": "package",
-    "command": "command",
-    "launch": "launch",
-    "external": "external",
-}
-_NODE_MAPS: tuple[Path, ...] = (("preprocessors",), ("graph", "nodes"))
-_KIND_HELP = (
-    "give it one of 'python', 'package' with 'plugin' or 'executable', 'command', 'launch', or "
-    "'external: true'"
+from r2bspec.language.node_kinds import (
+    NODE_KIND_KEYS,
+    NODE_KINDS,
+    PROCESS_KEYS,
+    kinds_help,
+    members,
 )
-_RESOURCES = ("cpus", "nice", "prefix", "memory_limit")
-_PROCESS_KINDS = ("executable", "command")
-_UNSUPPORTED_KEYS: Mapping[str, tuple[tuple[str, ...], str]] = {
-    "arguments": (
-        ("python", "plugin", "external", "launch"),
-        "only an executable or a command takes 'arguments'",
-    ),
-    "container": (
-        (*_PROCESS_KINDS, "launch", "external"),
-        "only Python nodes and plugins run in a container",
-    ),
-    "env": (("external",), "what runs already has its environment"),
-    "parameters": (("external",), "what runs already has its parameters"),
-    **dict.fromkeys(
-        _RESOURCES, (("launch", "external"), "it is not r2bspec that makes its processes")
-    ),
-}
-"""Keys that mean nothing for some kinds of node, and why."""
 
-_UNSUPPORTED_KEYS_HELP = {
-    ("arguments", "launch"): "put them under 'launch.arguments'",
-    ("arguments", "python"): "a Python node takes 'parameters'",
-    ("arguments", "plugin"): "a plugin takes 'parameters'",
-}
+_NODE_MAPS: tuple[Path, ...] = (("preprocessors",), ("graph", "nodes"))
+_GROUPS = {key: kind.group for kind in NODE_KINDS for key in kind.keys}
+_KIND_HELP = f"use one of {kinds_help()}"
 
 
 def key_constraint_errors(root: TreeNode, found: Sequence[Diagnostic] = ()) -> Iterator[Diagnostic]:
-    """Nodes that are not exactly one kind of node, bags that are not exactly one source, and more.
+    """Violated constraints: nodes of no kind or of several, bags without a source, and others.
 
-    `found` is what the schema says: a map in which it found an unknown key may well have the
-    key that is missed here, misspelt.
+    `found` are the violations of the schema: a map with an unknown key may have the missing key in
+    a misspelt form.
     """
     misspelt = {one.path[:-1] for one in found if one.code == "R2B101"}
     for path in _NODE_MAPS:
@@ -78,52 +50,55 @@ def key_constraint_errors(root: TreeNode, found: Sequence[Diagnostic] = ()) -> I
 
 
 def _node(node: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
-    given = [key for key in node.entries if key in _KIND_BY_KEY and not _is_false(node, key)]
+    given = [key for key in node.entries if key in NODE_KIND_KEYS and not _is_false(node, key)]
     name = f"'{format_path(path)}'"
     first_of: dict[str, str] = {}
     for key in given:
-        first_of.setdefault(_KIND_BY_KEY[key], key)
+        first_of.setdefault(_GROUPS[key], key)
     if not first_of:
         if path not in misspelt:
-            yield _error("R2B113", f"{name} does not say what it runs", root, path, _KIND_HELP)
+            yield _error("R2B113", f"{name} does not define what to run", root, path, _KIND_HELP)
         return
     if len(first_of) > 1:
         first, second = list(first_of.values())[:2]
         yield _both(name, path, node, (first, second), "R2B113", _KIND_HELP)
         return
-    if "package" in first_of:
-        parts = [key for key in given if key != "package"]
-        if len(parts) > 1:
-            yield _both(name, path, node, (parts[0], parts[1]), "R2B113", _KIND_HELP)
+    group = next(iter(first_of))
+    alike = members(group)
+    if len(alike) > 1:
+        markers = [key for key in given if key != group]
+        if len(markers) > 1:
+            yield _both(name, path, node, (markers[0], markers[1]), "R2B113", _KIND_HELP)
             return
         if len(given) == 1 and path not in misspelt:
-            yield _incomplete_package(name, path, given[0], root)
+            yield _incomplete(name, path, given[0], group, root)
             return
-        kind = "plugin" if "plugin" in given else "executable"
-    else:
-        kind = next(iter(first_of))
-    for key, (kinds, why) in _UNSUPPORTED_KEYS.items():
-        if key in node.entries and kind in kinds:
-            help_text = _UNSUPPORTED_KEYS_HELP.get((key, kind), f"remove '{key}'")
-            message = f"{name} cannot have '{key}': {why}"
+    kind = next((each for each in alike if each.marker in given), alike[-1])
+    for key, refusal in kind.refuses.items():
+        if key in node.entries:
+            message = f"{name} cannot have '{key}': {refusal.why}"
+            help_text = refusal.help or f"remove '{key}'"
             yield _error("R2B119", message, root, (*path, key), help_text)
     if "container" in node.entries:
-        for key in (*_RESOURCES, "env"):
+        for key in (*PROCESS_KEYS, "env"):
             if key in node.entries:
-                message = f"{name} cannot have '{key}': it shares its process with others"
-                help_text = f"put '{key}' into the container"
+                message = f"{name} cannot have '{key}': it shares its process with other nodes"
+                help_text = f"move '{key}' to the container"
                 yield _error("R2B119", message, root, (*path, key), help_text)
 
 
-def _incomplete_package(name: str, path: Path, given: str, root: TreeNode) -> Diagnostic:
-    if given == "package":
-        message = f"{name} has 'package' but no 'executable' and no 'plugin'"
-        way_out = "add one of them; ros2 pkg executables and ros2 component types list both"
+def _incomplete(name: str, path: Path, given: str, group: str, root: TreeNode) -> Diagnostic:
+    """The diagnostic for a node that has one of the two keys of its kind."""
+    alike = sorted(members(group), key=lambda kind: kind.marker)
+    if given == group:
+        missing = " and ".join(f"no '{each.marker}'" for each in alike)
+        message = f"{name} has '{group}' but {missing}"
+        help_text = f"add one of them; see {' or '.join(repr(each.listed_by) for each in alike)}"
     else:
-        message = f"{name} has '{given}' but no 'package'"
-        shown = "ros2 component types" if given == "plugin" else "ros2 pkg executables"
-        way_out = f"add 'package'; {shown} lists both"
-    return _error("R2B113", message, root, (*path, given), way_out)
+        message = f"{name} has '{given}' but no '{group}'"
+        listed = next(each.listed_by for each in alike if each.marker == given)
+        help_text = f"add '{group}'; see '{listed}'"
+    return _error("R2B113", message, root, (*path, given), help_text)
 
 
 def _is_false(node: MapNode, key: str) -> bool:
@@ -138,10 +113,10 @@ def _bags(root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
     place: Path = ("data_loader",)
     given = [key for key in loader.entries if key in ("bag", "bags")]
     if len(given) == 2:
-        help_text = "put all recordings under 'bags'"
+        help_text = "list all recordings under 'bags'"
         yield _both("'data_loader'", place, loader, (given[0], given[1]), "R2B114", help_text)
     elif not given and place not in misspelt:
-        message = "'data_loader' names no recording"
+        message = "'data_loader' needs 'bag' or 'bags'"
         yield _error("R2B114", message, root, place, "add 'bag: r2b_storage', or 'bag: ./a/bag'")
     bag, bags = child(loader, "bag"), child(loader, "bags")
     if isinstance(bag, MapNode):
@@ -159,11 +134,11 @@ def _bag(bag: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Itera
     name = f"'{format_path(path)}'"
     given = [key for key in bag.entries if key in ("dataset", "path")]
     if len(given) == 2:
-        help_text = "keep the one that is meant"
+        help_text = "keep one of them"
         yield _both(name, path, bag, (given[0], given[1]), "R2B114", help_text)
     elif not given and path not in misspelt:
-        help_text = "give it 'dataset: r2b_storage', or 'path: ./a/bag'"
-        yield _error("R2B114", f"{name} names no recording", root, path, help_text)
+        help_text = "add 'dataset: r2b_storage', or 'path: ./a/bag'"
+        yield _error("R2B114", f"{name} needs 'dataset' or 'path'", root, path, help_text)
 
 
 def _both(
@@ -177,7 +152,7 @@ def _both(
         node.entries[second].key_span,
         path=(*path, second),
         help=help_text,
-        related=(Related("the first one", node.entries[first].key_span),),
+        related=(Related("the other key", node.entries[first].key_span),),
     )
 
 

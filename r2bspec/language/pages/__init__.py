@@ -1,4 +1,4 @@
-"""What `r2bspec explain` says of the codes of this package, a module for each family."""
+"""The pages of `r2bspec explain` for the codes of this package, one module for each family."""
 
 from __future__ import annotations
 
@@ -11,4 +11,4 @@ from r2bspec.language.pages.yaml_codes import YAML_PAGES
 PAGES: dict[str, Page] = {
     page.code: page for page in (*YAML_PAGES, *SCHEMA_PAGES, *VARIABLE_PAGES, *REUSE_PAGES)
 }
-"""Every code from R2B001 to R2B199 with its page; examples show the part that matters."""
+"""The page of every code from R2B001 to R2B199; examples show the relevant part of a spec."""

@@ -1,7 +1,9 @@
-"""`benchmark` and `slos`: what is played, and what must hold."""
+"""`benchmark` and `slos`: rates, iterations, search and requirements."""
 
 from __future__ import annotations
 
+from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.probe_length import PROBE
 from r2bspec.language.quantities import Duration, Rate, Share
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.reuse import sibling, when
@@ -20,24 +22,24 @@ from r2bspec.language.schema.schema_builder import (
 )
 
 _SEARCH = record(
-    "The search for the highest rate that holds: the backlog of unanswered messages does not "
-    "grow, and 'holds' is met.",
+    "Search for the highest sustained rate: the backlog of unanswered messages does not grow, and "
+    "the conditions in 'holds' are met.",
     {
-        "min": quantity(Rate, "The lowest rate that is tried.", examples=["5 Hz"], positive=True),
+        "min": quantity(Rate, "The lowest rate of the search.", examples=["5 Hz"], positive=True),
         "max": quantity(
-            Rate, "The highest rate that is tried.", examples=["200 Hz"], positive=True
+            Rate, "The highest rate of the search.", examples=["200 Hz"], positive=True
         ),
         "precision": quantity(
             Share,
-            "The relative width at which the search ends.",
+            "The search ends when the peak is known to this relative precision.",
             default="2 %",
             examples=["2 %"],
             positive=True,
         ),
         "holds": {
             **array(
-                "What else must hold for a rate to count: one requirement or several.",
-                requirement("A condition on one probe.", examples=["drop_rate <= 5 %"]),
+                "Further conditions for a rate to count as sustained: one requirement or several.",
+                requirement("A condition on one probe of a rate.", examples=["drop_rate <= 5 %"]),
                 examples=["drop_rate <= 5 %", ["drop_rate <= 5 %", "latency.p99 < 100 ms"]],
             ),
             "type": ["array", "string"],
@@ -45,16 +47,16 @@ _SEARCH = record(
         },
         "probe": quantity(
             Duration,
-            "The longest time for which one rate is tried; most answers are clear sooner.",
-            default="10 s",
-            examples=["10 s"],
+            "The maximum duration of the probe of one rate; most probes end earlier.",
+            default=str(PROBE),
+            examples=[str(PROBE)],
             positive=True,
         ),
         "confidence": quantity(
             Share,
-            "How sure the search must be that a rate holds, or that it does not.",
-            default="95 %",
-            examples=["95 %"],
+            "The confidence at which a rate counts as sustained, or as not sustained.",
+            default=str(Share(CONFIDENCE)),
+            examples=[str(Share(CONFIDENCE))],
             positive=True,
         ),
     },
@@ -63,30 +65,29 @@ _SEARCH = record(
 )
 
 _GATE = record(
-    "How verdicts are reached, and what they lead to.",
+    "How verdicts are reached, and their consequences.",
     {
         "confidence": quantity(
             Share,
-            "How sure a verdict must be, in each direction, unless an objective says otherwise.",
-            default="95 %",
+            "The confidence of a verdict, pass or fail, unless an objective sets its own.",
+            default=str(Share(CONFIDENCE)),
             examples=["99 %"],
             positive=True,
         ),
         "inconclusive": choice(
-            "What counts where the data decide nothing: report it with an exit status of its own, "
-            "pass or fail.",
+            "The effect of an inconclusive verdict: report it with an exit status of its own, "
+            "pass, or fail.",
             ["report", "pass", "fail"],
             "report",
         ),
         "confirm": boolean(
-            "Whether a failure must be found again, in fresh processes, before it counts.",
+            "Whether a failure counts only if a second run in new processes confirms it.",
             default=True,
         ),
         "time_budget": quantity(
             Duration,
-            "The longest time that measuring may take: more iterations, disturbed ones played "
-            "again and a fresh batch that confirms a failure are left out where they would not "
-            "fit.",
+            "The maximum duration of measuring. Additional iterations, repetitions of affected "
+            "iterations and the confirmation of a failure are skipped if they would exceed it.",
             examples=["10 min"],
             positive=True,
         ),
@@ -97,8 +98,8 @@ _GATE = record(
 
 _RATES: Schema = {
     **record(
-        "The rates at which the inputs are played: a list, or a range with 'count' rates or a "
-        "'step'.",
+        "The rates at which the inputs are played: a list, or a range with a 'step' or with "
+        "'count' rates.",
         {
             "from": loader_key(
                 quantity(Rate, "The first rate.", examples=["10 Hz"], positive=True)
@@ -106,14 +107,14 @@ _RATES: Schema = {
             "to": loader_key(quantity(Rate, "The last rate.", examples=["60 Hz"], positive=True)),
             "count": loader_key(
                 integer(
-                    "How many rates there are, evenly spaced.",
+                    "The number of rates, evenly spaced.",
                     minimum=2,
                     maximum=1000,
                     examples=[6],
                 )
             ),
             "step": loader_key(
-                quantity(Rate, "The distance of two rates.", examples=["10 Hz"], positive=True)
+                quantity(Rate, "The distance between two rates.", examples=["10 Hz"], positive=True)
             ),
         },
         required=["from", "to"],
@@ -121,24 +122,26 @@ _RATES: Schema = {
         default=[],
     ),
     "type": ["array", "object"],
-    "items": quantity(Rate, "One rate of play.", examples=["30 Hz"], positive=True),
+    "items": quantity(Rate, "A rate of playing.", examples=["30 Hz"], positive=True),
 }
 
 BENCHMARK: Schema = record(
-    "What is played: 'iterations' times 'duration' at each of 'rates', and a search if asked for.",
+    "What is played: 'iterations' iterations of 'duration' at each of 'rates', and a search if "
+    "there is one.",
     {
         "duration": quantity(
             Duration,
-            "How long one iteration lasts.",
+            "The duration of one iteration.",
             default="5 s",
             examples=["10 s"],
             positive=True,
         ),
         "iterations": integer(
-            "How often each rate is played.", minimum=1, default=5, examples=[5, 10]
+            "The number of iterations at each rate.", minimum=1, default=5, examples=[5, 10]
         ),
         "max_iterations": integer(
-            "How often each rate may be played where 'iterations' decide nothing; 0 for no more.",
+            "The maximum number of iterations at each rate, played while a verdict is inconclusive "
+            "after 'iterations'; 0 means no additional ones.",
             minimum=0,
             default=0,
             examples=[20],
@@ -178,34 +181,34 @@ SLOS: Schema = name_map(
     "The objectives that decide the verdict, by name.",
     name_patterns.NAME,
     record(
-        "Requirements that must hold at one rate.",
+        "Requirements at one rate.",
         {
             "extends": sibling("objective"),
             "at": quantity(
                 Rate,
-                "The rate at which the requirements must hold; left out for requirements on the "
-                "search as a whole, such as peak.rate. peak is the highest rate that the search "
-                "finds.",
+                "The rate at which the requirements apply; omit it for requirements on the whole "
+                "search, such as peak.rate. peak is the highest rate that the search finds.",
                 examples=["30 Hz", "peak"],
                 positive=True,
                 words=["peak"],
             ),
             "level": choice(
-                "What a failure is: error fails the run, warn and info are shown, off is not "
-                "judged.",
+                "The effect of a failure: error fails the run; warn and info only report it; off "
+                "skips the objective.",
                 ["error", "warn", "info", "off"],
                 "error",
             ),
             "when": when(),
             "confidence": quantity(
                 Share,
-                "How sure the verdict must be; benchmark.gate says it for all.",
+                "The confidence of the verdict; default: that of benchmark.gate.",
                 examples=["99 %"],
                 positive=True,
             ),
             "require": array(
-                "What must hold: 'metric op bound', such as latency.p99 < 50 ms; or sustained. "
-                "'in 99 % of 1 s windows' behind it asks it of parts of the time.",
+                "The requirements: 'metric op bound', such as latency.p99 < 50 ms; or sustained. "
+                "With 'in 99 % of 1 s windows' at the end, the requirement applies to windows of "
+                "time.",
                 requirement(
                     "One requirement.",
                     examples=["latency.p99 < 50 ms", "drop_rate <= 0.5 %", "sustained"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from r2bspec.language.bag_formats import SUFFIXES_TEXT
 from r2bspec.language.quantities import Duration
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.schema_builder import (
@@ -22,24 +23,24 @@ def _bag(description: str) -> Schema:
 
 def _source(description: str) -> Schema:
     return record(
-        f"{description}: the name of a dataset, or the path of a bag relative to this file. As a "
-        "map it can also pin the content.",
+        f"{description}: the name of a dataset, or the path of a bag relative to this file. A map "
+        "can also pin the content.",
         {
             "dataset": text(
-                "The name of a dataset; r2bspec data list shows those that can be made.",
+                "The name of a dataset; 'r2bspec data list' lists them.",
                 form=name_patterns.DATASET,
                 examples=["r2b_storage", "r2b_lounge"],
             ),
             "path": text(
-                "The path of a bag: its folder, or a single .mcap, .db3 or ROS 1 .bag file; "
+                f"The path of a bag: its folder, or a single {SUFFIXES_TEXT} file; "
                 "relative to this file.",
                 form=name_patterns.NOT_EMPTY,
                 examples=["./bags/kitchen", "/data/drive_07.mcap"],
                 path=True,
             ),
             "sha256": text(
-                "The digest that the data must have, as r2bspec data info shows it. Another bag "
-                "of the same name is then refused.",
+                "The digest of the data, as 'r2bspec data info' shows it. A bag with other content "
+                "is refused.",
                 form=name_patterns.SHA256,
                 examples=["a3f5" * 16],
             ),
@@ -47,20 +48,20 @@ def _source(description: str) -> Schema:
         examples=["r2b_storage", {"path": "./bags/kitchen"}],
         snippets=[
             {"label": "dataset", "body": "${1:r2b_storage}"},
-            {"label": "bag with a pinned content", "body": {"path": "$1", "sha256": "$2"}},
+            {"label": "bag with pinned content", "body": {"path": "$1", "sha256": "$2"}},
         ],
     )
 
 
 _WINDOW = record(
-    "The part of the recording that is used, counted from its first message.",
+    "The part of the recording to use, relative to its first message.",
     {
         "start": quantity(
-            Duration, "Where the part begins.", default="0 s", examples=["0.0 s", "1.5 s"]
+            Duration, "The start of the window.", default="0 s", examples=["0.0 s", "1.5 s"]
         ),
         "end": quantity(
             Duration,
-            "Where the part ends; without it, the recording is used to its end.",
+            "The end of the window; default: the end of the recording.",
             examples=["0.5 s"],
             positive=True,
         ),
@@ -70,22 +71,22 @@ _WINDOW = record(
 )
 
 DATA_LOADER: Schema = record(
-    "Which recorded topics are loaded, and what they are called in the graph.",
+    "The recorded topics to load, and their names in the graph.",
     {
         "bag": _bag("The recording"),
         "bags": array(
-            "Several recordings in place of one, in the order in which they were made; their "
-            "topics are joined.",
+            "Several recordings instead of one, in the order of recording; their topics are "
+            "merged.",
             _bag("A recording"),
             examples=[["./bags/part_1", "./bags/part_2"]],
         ),
         "window": _WINDOW,
         "topics": name_map(
-            "What is loaded: topic of the bag, and the topic that it becomes in the graph. Topics "
-            "of the bag that are not named here are never touched.",
+            "The topics to load: the topic in the bag, and the topic in the graph. Other topics of "
+            "the bag are ignored.",
             name_patterns.TOPIC,
             text(
-                "The topic in the graph; a relative one lies in the namespace of the benchmark.",
+                "The topic in the graph; a relative name is in the namespace of the benchmark.",
                 form=name_patterns.TOPIC,
                 examples=["data_loader/image"],
             ),
@@ -93,13 +94,13 @@ DATA_LOADER: Schema = record(
             at_least=1,
             examples=[{"/d455_1_rgb_image": "data_loader/image"}],
         ),
-        "publish_tf": boolean("Whether recorded /tf is played with the inputs.", default=False),
+        "publish_tf": boolean("Whether the recorded /tf is played with the inputs.", default=False),
         "publish_tf_static": boolean(
-            "Whether recorded /tf_static is published before anything is played.", default=False
+            "Whether the recorded /tf_static is published before playing starts.", default=False
         ),
         "real_time": boolean(
-            "Whether the preprocessors get the messages in the time in which they were recorded, "
-            "instead of as fast as they take them.",
+            "Whether the preprocessors get the messages at the recorded times instead of as fast "
+            "as they process them.",
             default=False,
         ),
     },

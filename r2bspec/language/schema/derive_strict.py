@@ -1,9 +1,9 @@
-"""The two schemas that are made from the one source.
+"""The strict and the published schema, both derived from `document_root.DOCUMENT`.
 
-- The strict one judges a document whose variables are substituted and whose ``x-`` keys are
-  gone. Quantities and requirements are judged by the classes that parse them.
-- The published one is for editors. It is plain draft-07, accepts ``$(var x)`` and ``$(env X)``
-  wherever a scalar may stand, ignores ``x-`` keys, and takes null where something is extended.
+- The strict one validates a document after substitution and without ``x-`` keys. Quantities and
+  requirements are validated by the classes that parse them.
+- The published one is for editors. It is plain draft-07, accepts ``$(var x)`` and ``$(env X)`` for
+  every scalar, ignores ``x-`` keys, and accepts null in maps with 'extends'.
 """
 
 from __future__ import annotations
@@ -47,20 +47,20 @@ _PRIVATE_KEYWORDS = (
 _REFERENCE = r"\$\((?:var|env) +[A-Za-z_][A-Za-z0-9_]* *\)"
 _WHOLE_REFERENCE = f"^{_REFERENCE}$"
 _NUMBER = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
-_SCALAR_NAMES = {"integer": "a whole number", "boolean": "true or false"}
+_SCALAR_NAMES = {"integer": "an integer", "boolean": "true or false"}
 _METRIC = r"[A-Za-z][A-Za-z0-9_]*(?:\.[A-Za-z][A-Za-z0-9_]*)*"
 _REQUIREMENT = rf"^\s*(?:sustained|{_METRIC}\s*(?:[<>]=?|[=!]=)\s*\d.*?)\s*$"
 
 
 def strict_schema(*, live: bool = False) -> Schema:
-    """The schema that the loader applies; for `live`, to a document in which nothing is played."""
+    """The schema that the loader applies; `live` is that of live benchmarks."""
 
     def stricter(schema: Schema) -> Schema:
         strict = dict(schema)
         if UNLESS_LIVE in strict and not live:
             needed = {*strict.get("required", ()), *strict[UNLESS_LIVE]}
             strict["required"] = [key for key in strict["properties"] if key in needed]
-        # The class says it better than 'type' could; see `r2bspec.language.schema_validator`.
+        # The class has better messages than 'type'; see `r2bspec.language.schema_validator`.
         if KIND in strict:
             del strict["type"]
         for pattern in (strict, strict.get("propertyNames", {})):
@@ -73,7 +73,7 @@ def strict_schema(*, live: bool = False) -> Schema:
 
 
 def published_schema() -> Schema:
-    """The schema for editors: what `r2bspec schema spec` prints."""
+    """The schema for editors, as `r2bspec schema spec` prints it."""
     return {
         "$schema": "http://json-schema.org/draft-07/schema#",
         "$id": FILE_NAME,
@@ -89,20 +89,20 @@ def published_schema_text() -> str:
 
 
 def _with_removable_keys(schema: Schema) -> Schema:
-    """The schema with null allowed wherever it may remove a key, and refused where nothing extends.
+    """The schema with null allowed for every key, and refused outside of maps with `extends`.
 
-    Only what `extends` can be removed from. The check is one small schema of its own, so that the
-    one for editors need not be there twice.
+    Null removes a key that `extends` brings. The refusal is a small schema of its own, so that the
+    schema for editors is not duplicated.
     """
     allowed = _rewrite(schema, _with_null)
-    # Of the document itself, and of this one key, nothing can be removed.
+    # The document itself and its version cannot be removed.
     allowed["type"] = schema["type"]
     allowed["properties"]["r2bspec"] = schema["properties"]["r2bspec"]
     return allowed | {"allOf": [{"$ref": f"#/definitions/{_NULL_RULE}"}]}
 
 
 def _with_null(schema: Schema) -> Schema:
-    """Each value of a map may be null. The words for people and for completion stay as they are."""
+    """Each value of a map may be null. Descriptions and completions are unchanged."""
     changed = dict(schema)
     if "properties" in changed:
         changed["properties"] = {key: _or_null(each) for key, each in changed["properties"].items()}
@@ -115,7 +115,7 @@ def _or_null(schema: Schema) -> Schema:
     kinds = schema.get("type")
     if kinds is None:
         return schema
-    # The kind that is meant comes first: by it, editors choose what to insert.
+    # Null comes last: editors insert a value of the first type.
     changed = schema | {"type": [*([kinds] if isinstance(kinds, str) else kinds), "null"]}
     if "enum" in changed:
         changed["enum"] = [*changed["enum"], None]
@@ -125,14 +125,14 @@ def _or_null(schema: Schema) -> Schema:
 def _null_rule() -> Schema:
     """No value is null, except below a map that extends another.
 
-    By 'not' and without 'type': editors then propose nothing because of it.
+    Written with 'not' instead of 'type', so that editors do not propose values because of it.
     """
     itself = {"$ref": f"#/definitions/{_NULL_RULE}"}
     return {
         "if": {"type": "object", "required": ["extends"]},
         "else": {
             "not": {"type": "null"},
-            "errorMessage": "a value is missing; null removes a key, where 'extends' brings one",
+            "errorMessage": "missing value; null removes a key of an extended map",
             "additionalProperties": itself,
             "items": itself,
         },
@@ -142,7 +142,7 @@ def _null_rule() -> Schema:
 def _publish(schema: Schema) -> Schema:
     public = {key: value for key, value in schema.items() if key not in _PRIVATE_KEYWORDS}
     if "extends" in schema.get("properties", {}) and "required" in public:
-        # What is missing here may stand where this builds on.
+        # Required keys may come from the extended entry.
         public["if"] = {"not": {"required": ["extends"]}}
         public["then"] = {"required": public.pop("required")}
     kind = schema.get(KIND)
@@ -180,11 +180,11 @@ def _publish(schema: Schema) -> Schema:
 
 
 def _or_words(words: list[str], pattern: str | None) -> Schema:
-    """Words that may stand in place of a map, or of text of a pattern."""
+    """Words that are allowed instead of a map, or besides a pattern."""
     only = f"^(?:{'|'.join(words)})$"
     if pattern is not None:
         return {"pattern": f"(?:{pattern})|{only}"}
-    return {"pattern": only, "patternErrorMessage": f"one of {', '.join(words)}; or a map"}
+    return {"pattern": only, "patternErrorMessage": f"one of {', '.join(words)}, or a map"}
 
 
 def _quantity_pattern(kind: str) -> Schema:
@@ -192,7 +192,7 @@ def _quantity_pattern(kind: str) -> Schema:
         return {
             "pattern": _REQUIREMENT,
             "patternErrorMessage": "a requirement is 'metric op bound', such as latency.p99 < 50 "
-            "ms; or sustained",
+            "ms, or sustained",
         }
     units = "|".join(QUANTITIES[kind].units)
     return {

@@ -34,32 +34,35 @@ DOCUMENT: Schema = record(
     {
         "r2bspec": _VERSION,
         "name": text(
-            "The benchmark's name, by which results are kept.",
+            "The name of the benchmark; it identifies results and baselines.",
             form=name_patterns.NAME,
             examples=["apriltag_node"],
         ),
         "title": deferrable(
-            text("One line for people.", examples=["AprilTag detection, 720p colour"])
+            text(
+                "A title of one line, shown in reports.",
+                examples=["AprilTag detection, 720p colour"],
+            )
         ),
         "description": deferrable(
             text("What is measured, and why.", examples=["Detection on a colour camera at 720p."])
         ),
         "extends": EXTENDS,
         "labels": name_map(
-            "Anything that the report shall show.",
+            "Labels that reports show.",
             name_patterns.LABEL_KEY,
-            deferrable(scalar("The label's value.", examples=["720p"])),
+            deferrable(scalar("The value of the label.", examples=["720p"])),
             examples=[{"resolution": "720p", "robot": "carter"}],
         ),
         "environment": array(
             "The environment variables that $(env NAME) may read.",
-            text("A variable's name.", form=name_patterns.ENVIRONMENT, examples=["DATA_DIR"]),
+            text("The name of a variable.", form=name_patterns.ENVIRONMENT, examples=["DATA_DIR"]),
             examples=[["DATA_DIR"]],
         ),
         "variables": VARIABLES,
         "matrix": MATRIX,
         "namespace": text(
-            "The namespace in which relative topics and nodes lie.",
+            "The namespace of nodes and of relative topics.",
             form=name_patterns.NAMESPACE,
             examples=["r2b"],
             default="r2b",
@@ -68,8 +71,8 @@ DOCUMENT: Schema = record(
         "harness": HARNESS,
         "data_loader": DATA_LOADER,
         "preprocessors": nodes(
-            "Nodes that prepare the recorded messages. They run before anything is measured, and "
-            "are stopped then."
+            "Nodes that prepare the recorded messages. They run before measuring, and are stopped "
+            "before it starts."
         ),
         "containers": CONTAINERS,
         "setup": SETUP,

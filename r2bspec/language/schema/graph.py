@@ -1,4 +1,4 @@
-"""`graph` and `monitors`: what is under test, and what is watched."""
+"""`graph` and `monitors`: the nodes under test, and the monitored topics."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ GRAPH: Schema = record(
     "The graph under test.",
     {
         "placement": choice(
-            "Where nodes run that name no container: separate gives each a process of its own; "
-            "shared puts those of one kind into one; harness puts them beside the harness.",
+            "The processes of nodes without a container: separate runs each node in its own "
+            "process, shared runs nodes of the same kind in one process, harness runs them in the "
+            "process of the harness.",
             ["separate", "shared", "harness"],
             "separate",
         ),
@@ -34,15 +35,17 @@ GRAPH: Schema = record(
 )
 
 MONITORS: Schema = name_map(
-    "The topics that are watched, by a name that requirements use.",
+    "The monitored topics, by the names that requirements use.",
     name_patterns.MONITOR_NAME,
     record(
-        "A watched topic.",
+        "A monitored topic.",
         {
             "extends": sibling("monitor"),
             "repeat": repeat("monitor"),
             "topic": text(
-                "The topic to watch.", form=name_patterns.TOPIC, examples=["tag_detections", "/tf"]
+                "The topic to monitor.",
+                form=name_patterns.TOPIC,
+                examples=["tag_detections", "/tf"],
             ),
             "format": text(
                 "The type of its messages.",
@@ -50,35 +53,41 @@ MONITORS: Schema = name_map(
                 examples=["geometry_msgs/msg/PoseArray"],
             ),
             "match": choice(
-                "How a message finds the input that it answers: by the stamp of its header, or "
-                "by order for types that have none.",
+                "How outputs are matched to inputs: by the stamp in the header, or by order for "
+                "types without a header.",
                 ["stamp", "order"],
                 "stamp",
             ),
             "answers": array(
                 "With mode timeline and inputs of different rates: the inputs that its messages "
-                "answer. Only steps that have messages of all of them count for it; without this, "
-                "all inputs from which a way leads to it.",
+                "answer. Only steps with messages of all these inputs count for it. Default: all "
+                "inputs with a path to the topic.",
                 text("A playback input.", form=name_patterns.TOPIC, examples=["image"]),
                 examples=[["image"]],
             ),
             "ratio": record(
                 "How many outputs answer how many inputs.",
                 {
-                    "inputs": integer("So many inputs.", minimum=1, default=1, examples=[2]),
-                    "outputs": integer("So many outputs.", minimum=1, default=1, examples=[3]),
+                    "inputs": integer("The number of inputs.", minimum=1, default=1, examples=[2]),
+                    "outputs": integer(
+                        "The number of outputs.", minimum=1, default=1, examples=[3]
+                    ),
                 },
                 examples=[{"inputs": 2}],
                 default={},
             ),
-            "qos": qos("The profile with which the monitor reads; else what the writer offers."),
+            "qos": qos(
+                "The profile of the monitor's subscription; default: the profile that is offered."
+            ),
             "label": text("What reports call it.", examples=["Tag detections"]),
             "taps": boolean(
-                "Whether the topics on the way to it are watched, too, so that the report shows "
-                "where time goes. It costs some of it.",
+                "Whether the topics on the path to it are monitored, too, so that reports show the "
+                "latency of each hop. The additional subscriptions cost some time.",
                 default=False,
             ),
-            "parameters": values("Parameters of the component that watches, where there is one."),
+            "parameters": values(
+                "Parameters of the component that monitors, with the harness ros2_benchmark."
+            ),
         },
         required=["topic", "format"],
         examples=[{"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"}],

@@ -1,4 +1,4 @@
-"""`harness` and `transport`: who plays and watches, and how messages travel."""
+"""`harness` and `transport`: what plays and monitors, and how messages are transported."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _KINDS = ["inherit", "shared_memory", "udp"]
 
 TRANSPORT: Schema = or_words(
     record(
-        "How messages travel: shared_memory sized to the largest message, udp, or inherit for "
-        "what the environment says. As a map it can also set the size.",
+        "How messages are transported: shared_memory with segments for the largest message, udp, "
+        "or inherit for the settings of the environment. A map can also set the size.",
         {
-            "kind": choice("How messages travel.", _KINDS, "shared_memory"),
+            "kind": choice("How messages are transported.", _KINDS, "shared_memory"),
             "segment": loader_key(
                 quantity(
                     Size,
-                    "The size of each writer's shared memory; without it, it follows from the "
-                    "largest message.",
+                    "The size of the shared memory segment of each process; default: computed from "
+                    "the largest message.",
                     examples=["64 MiB"],
                     positive=True,
                 )
@@ -43,10 +43,10 @@ TRANSPORT: Schema = or_words(
 
 def _plugin(what: str, example: str) -> Schema:
     return record(
-        f"With ros2_benchmark: the component that {what}, in place of its own.",
+        f"With ros2_benchmark: the component that {what}, instead of its default.",
         {
             "package": text(
-                "The ROS package that holds the component.",
+                "The ROS package of the component.",
                 form=name_patterns.PACKAGE,
                 examples=["ros2_benchmark"],
             ),
@@ -62,18 +62,18 @@ def _plugin(what: str, example: str) -> Schema:
 
 HARNESS: Schema = or_words(
     record(
-        "Who plays and watches: r2bspec itself, or the C++ nodes of ros2_benchmark where they are "
+        "What plays and monitors: r2bspec itself, or the C++ nodes of ros2_benchmark if they are "
         "installed.",
         {
-            "kind": choice("Whose harness it is.", ["r2bspec", "ros2_benchmark"], "r2bspec"),
+            "kind": choice("The harness.", ["r2bspec", "ros2_benchmark"], "r2bspec"),
             "placement": choice(
-                "Whether player and monitors have a process each, or share one.",
+                "Whether the player and the monitors run in separate processes or share one.",
                 ["separate", "shared"],
                 "separate",
             ),
             "data_loader": _plugin("loads the data", "ros2_benchmark::DataLoaderNode"),
             "playback": _plugin("plays the messages", "ros2_benchmark::PlaybackNode"),
-            "monitor": _plugin("watches a topic", "ros2_benchmark::MonitorNode"),
+            "monitor": _plugin("monitors a topic", "ros2_benchmark::MonitorNode"),
         },
         examples=[{"kind": "ros2_benchmark"}],
         default={},

@@ -1,4 +1,4 @@
-"""The forms that names and references take, each with the words for one that is wrong."""
+"""The patterns of names and references, each with a message for an invalid one."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class NamePattern:
-    """A regular expression in the subset that Python and JavaScript share, and what it means.
+    """A regular expression in the common subset of Python and JavaScript, with its texts.
 
     Attributes:
-        noun: what a text of this form is called.
-        message: how such a text is written.
+        noun: the name of such a text in messages.
+        message: a description of the form.
     """
 
     pattern: str
@@ -25,61 +25,63 @@ _TOKENS = f"{_TOKEN}(?:/{_TOKEN})*"
 TOPIC = NamePattern(
     f"^(?:~|(?:~?/)?{_TOKENS})$",
     "topic",
-    "a topic is made of letters, digits and underscores, separated by single slashes; no part "
-    "begins with a digit, and no slash stands at the end",
+    "a topic consists of letters, digits and underscores, separated by single slashes; no part "
+    "begins with a digit, and it does not end with a slash",
 )
 NAMESPACE = NamePattern(
     f"^(?:/|/?{_TOKENS})$",
     "namespace",
-    "a namespace is made of letters, digits and underscores, separated by single slashes; no "
+    "a namespace consists of letters, digits and underscores, separated by single slashes; no "
     "part begins with a digit",
 )
 NODE_NAME = NamePattern(
     f"^{_TOKEN}$",
     "node name",
-    "a node's name is made of letters, digits and underscores, and does not begin with a digit",
+    "the name of a node consists of letters, digits and underscores, and does not begin with a "
+    "digit",
 )
 MONITOR_NAME = NamePattern(
     "^[A-Za-z][A-Za-z0-9_]*$",
     "monitor name",
-    "a monitor's name begins with a letter and goes on with letters, digits and underscores, so "
-    "that requirements can use it",
+    "the name of a monitor consists of letters, digits and underscores, and begins with a letter, "
+    "so that requirements can use it",
 )
 NAME = NamePattern(
     "^[A-Za-z][A-Za-z0-9_-]*$",
     "name",
-    "a name begins with a letter and goes on with letters, digits, underscores and dashes",
+    "a name consists of letters, digits, underscores and dashes, and begins with a letter",
 )
 VARIABLE = NamePattern(
     f"^{_TOKEN}$",
     "variable name",
-    "a variable's name is made of letters, digits and underscores, and does not begin with a digit",
+    "the name of a variable consists of letters, digits and underscores, and does not begin with "
+    "a digit",
 )
 ENVIRONMENT = NamePattern(
     f"^{_TOKEN}$",
-    "name of an environment variable",
-    "an environment variable's name is made of letters, digits and underscores, and does not "
-    "begin with a digit",
+    "environment variable name",
+    "the name of an environment variable consists of letters, digits and underscores, and does "
+    "not begin with a digit",
 )
 PARAMETER = NamePattern(
     "^[A-Za-z_][A-Za-z0-9_./-]*$",
     "parameter name",
-    "a parameter's name begins with a letter; its parts are separated by dots",
+    "the name of a parameter begins with a letter; its parts are separated by dots",
 )
 LABEL_KEY = NamePattern(
     "^[A-Za-z_][A-Za-z0-9_.-]*$",
     "label",
-    "a label begins with a letter and goes on with letters, digits, underscores, dots and dashes",
+    "a label consists of letters, digits, underscores, dots and dashes, and begins with a letter",
 )
 MESSAGE_TYPE = NamePattern(
     "^[A-Za-z][A-Za-z0-9_]*/msg/[A-Z][A-Za-z0-9]*$",
     "message type",
-    "a message type is written package/msg/Name, such as sensor_msgs/msg/Image",
+    "a message type has the form package/msg/Name, such as sensor_msgs/msg/Image",
 )
 PYTHON_NODE = NamePattern(
     r"^(?:[A-Za-z_][A-Za-z0-9_]*(?:\.[A-Za-z_][A-Za-z0-9_]*)+|[^:]+\.py:[A-Za-z_][A-Za-z0-9_]*)$",
     "Python node",
-    "a Python node is written module.Class, or ./file.py:Class relative to this file",
+    "a Python node has the form module.Class, or ./file.py:Class relative to this file",
 )
 PLUGIN = NamePattern(
     r"^[A-Za-z_][A-Za-z0-9_]*(?:::[A-Za-z_][A-Za-z0-9_]*)*$",
@@ -89,29 +91,29 @@ PLUGIN = NamePattern(
 INSTANCE = NamePattern(
     "^[A-Za-z0-9_]+$",
     "instance name",
-    "an instance's name is made of letters, digits and underscores; it is appended to the name "
-    "that is repeated",
+    "the name of an instance consists of letters, digits and underscores; it is appended to the "
+    "name of the entry",
 )
 SERVICE_TYPE = NamePattern(
     "^[A-Za-z][A-Za-z0-9_]*/srv/[A-Z][A-Za-z0-9]*$",
     "service type",
-    "a service type is written package/srv/Name, such as std_srvs/srv/SetBool",
+    "a service type has the form package/srv/Name, such as std_srvs/srv/SetBool",
 )
 PACKAGE = NamePattern(
     "^[A-Za-z][A-Za-z0-9_-]*$",
     "package name",
-    "a package's name begins with a letter and goes on with letters, digits, underscores and "
-    "dashes",
+    "the name of a package consists of letters, digits, underscores and dashes, and begins with a "
+    "letter",
 )
-FILE_NAME = NamePattern("^[^/]+$", "executable name", "an executable is named without its folder")
+FILE_NAME = NamePattern("^[^/]+$", "executable name", "the name of an executable has no folder")
 DATASET = NamePattern(
     "^[A-Za-z0-9][A-Za-z0-9_.-]*$",
     "dataset name",
-    "a dataset's name is made of letters, digits, underscores, dots and dashes; a path goes "
-    "under 'path'",
+    "the name of a dataset consists of letters, digits, underscores, dots and dashes; use 'path' "
+    "for a path",
 )
 SHA256 = NamePattern(
-    "^[0-9a-f]{64}$", "SHA-256 digest", "a SHA-256 digest is 64 digits, 0 to 9 and a to f"
+    "^[0-9a-f]{64}$", "SHA-256 digest", "a SHA-256 digest has 64 hexadecimal digits, 0-9 and a-f"
 )
-NOT_EMPTY = NamePattern(r"\S", "path", "this must not be empty")
-SOME_TEXT = NamePattern(r"\S", "text", "this must not be empty")
+NOT_EMPTY = NamePattern(r"\S", "path", "the path must not be empty")
+SOME_TEXT = NamePattern(r"\S", "text", "the text must not be empty")

@@ -1,4 +1,4 @@
-"""ROS parameters: values, parameters files, or a list of both."""
+"""ROS parameters: values, parameter files, or a list of both."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from r2bspec.language.schema.schema_builder import (
 
 
 def values(description: str) -> Schema:
-    """Parameters by their names."""
+    """Parameters by name."""
     return name_map(
         description,
         name_patterns.PARAMETER,
         {
             "type": [*SCALAR_TYPES, "array"],
-            "description": "Text, a number, a truth value, or a list of one of these.",
+            "description": "A string, a number, a boolean, or a list of one of these.",
             "items": deferrable(scalar("An item of the list.", examples=[0.5, "left"])),
             DEFERRABLE: True,
             "examples": [1280, "36h11", [0.1, 0.2]],
@@ -30,20 +30,20 @@ def values(description: str) -> Schema:
     )
 
 
-_VALUES = values("Parameters by their names. Nested ones are written with dots: camera.fx.")
+_VALUES = values("Parameters by name. Nested names are written with dots: camera.fx.")
 
 PARAMETERS: Schema = {
     **_VALUES,
     "type": ["object", "string", "array"],
-    "description": "ROS parameters of the node: a map, the path of a parameters file relative to "
-    "this file, or a list of both, of which the later ones win. Nested names are written with "
-    "dots: camera.fx.",
+    "description": "ROS parameters of the node: a map, the path of a parameter file relative to "
+    "this file, or a list of both, in which later items have precedence. Nested names are written "
+    "with dots: camera.fx.",
     "minLength": 1,
     PATH: True,
     "items": {
         **{key: value for key, value in _VALUES.items() if key != "default"},
         "type": ["object", "string"],
-        "description": "Parameters by their names, or the path of a parameters file.",
+        "description": "Parameters by name, or the path of a parameter file.",
         "minLength": 1,
         PATH: True,
         "examples": ["./camera.yaml", {"width": 1280}],

@@ -17,10 +17,10 @@ from r2bspec.language.schema.schema_builder import (
 )
 
 _INPUT = record(
-    "A topic that the graph reads.",
+    "A topic that is played to the graph.",
     {
         "from": text(
-            "The topic on which its messages were loaded or preprocessed.",
+            "The loaded or preprocessed topic that provides the messages.",
             form=name_patterns.TOPIC,
             examples=["buffer/image"],
         ),
@@ -29,10 +29,10 @@ _INPUT = record(
             form=name_patterns.MESSAGE_TYPE,
             examples=["sensor_msgs/msg/Image"],
         ),
-        "qos": qos("The profile with which the player offers the topic.", default={}),
+        "qos": qos("The QoS profile of the player's publisher.", default={}),
         "timestamp": choice(
-            "header writes the time of play into the header of each message; none leaves the "
-            "message as it was recorded.",
+            "header writes the time of playing into the header of each message; none leaves "
+            "messages as recorded.",
             ["header", "none"],
             "header",
         ),
@@ -45,21 +45,21 @@ PLAYBACK: Schema = record(
     "How the buffered messages are played to the graph.",
     {
         "mode": choice(
-            "looping plays the buffered messages again and again at the asked rate, sweeping "
-            "forwards and backwards by turns, timeline in the time in which they were recorded; "
-            "live plays nothing, for graphs that have a source of their own.",
+            "looping repeats the buffered messages at the offered rate; sweeping plays them "
+            "forwards and backwards in turn; timeline plays them at the recorded times; live plays "
+            "nothing, for graphs with a source of their own.",
             ["timeline", "looping", "sweeping", "live"],
             "looping",
         ),
         "buffer": integer(
-            "How many messages of each input are kept; 0 keeps all that the window holds.",
+            "The number of messages to buffer for each input; 0 buffers all of the window.",
             minimum=0,
             default=0,
             examples=[30, 0],
         ),
         "inputs": name_map(
-            "The topics that the graph reads. All inputs of one step are played together, with "
-            "the same stamp.",
+            "The topics that are played to the graph. All inputs of one step are played together, "
+            "with the same stamp.",
             name_patterns.TOPIC,
             _INPUT,
             topics=True,
@@ -78,17 +78,17 @@ PLAYBACK: Schema = record(
             ],
         ),
         "timeline": record(
-            "With mode timeline: how recorded time becomes time of play.",
+            "With mode timeline: how recorded times are converted to times of playing.",
             {
                 "speed": quantity(
                     Share,
-                    "The speed of play, relative to the recording.",
+                    "The speed of playing relative to the recording.",
                     default="100 %",
                     examples=["50 %", "200 %"],
                     positive=True,
                 ),
                 "translations": name_map(
-                    "By how much an input is played, and stamped, later than it was recorded.",
+                    "Delays of inputs: how much later than recorded they are played and stamped.",
                     name_patterns.TOPIC,
                     quantity(Duration, "The delay of one input.", examples=["20 ms"]),
                     topics=True,
@@ -99,12 +99,12 @@ PLAYBACK: Schema = record(
             default={},
         ),
         "record_timeline": boolean(
-            "Whether the timeline is that of the messages as they came out of the preprocessors, "
-            "instead of that of the recording.",
+            "Whether the timeline follows the times at which the preprocessors published the "
+            "messages, instead of the recorded times.",
             default=False,
         ),
         "tf": choice(
-            "Whether stamps inside /tf are shifted like all others, or kept.",
+            "Whether stamps in /tf are shifted like those of other messages, or kept.",
             ["shift", "keep"],
             "shift",
         ),

@@ -1,4 +1,4 @@
-"""How a process is run: what nodes, containers and steps have in common."""
+"""Settings of processes, shared by nodes, containers and steps."""
 
 from __future__ import annotations
 
@@ -20,54 +20,54 @@ from r2bspec.language.schema.schema_builder import (
 ENV: Schema = name_map(
     "Environment variables of the process.",
     name_patterns.ENVIRONMENT,
-    deferrable(text("The variable's value.", examples=["4"])),
+    deferrable(text("The value of the variable.", examples=["4"])),
     examples=[{"OMP_NUM_THREADS": "4"}],
 )
 
 
 def words(description: str, *, at_least: int = 0, examples: list[list[str]]) -> Schema:
     """A command line, or a part of one."""
-    word = deferrable(text("A word of the command line.", examples=[examples[0][0]]))
+    word = deferrable(text("An argument.", examples=[examples[0][0]]))
     return array(description, word, at_least=at_least, examples=examples)
 
 
 RESOURCES: dict[str, Schema] = {
     "cpus": array(
-        "The processor cores on which the process may run; empty for all.",
-        integer("The number of a core, counted from 0.", minimum=0, examples=[0, 2]),
+        "The CPUs on which the process may run; empty means all.",
+        integer("The number of a CPU, counted from 0.", minimum=0, examples=[0, 2]),
         examples=[[2, 3]],
     ),
     "nice": integer(
-        "The niceness of the process: below 0 takes more of the processor, and needs the right "
-        "to do so.",
+        "The niceness of the process; values below 0 raise its priority and need the permission to "
+        "do so.",
         minimum=-20,
         maximum=19,
         default=0,
         examples=[-5],
     ),
     "prefix": words(
-        "Words put before the command line, such as a profiler.",
+        "Words before the command line, such as a profiler.",
         examples=[["perf", "record", "-g"]],
     ),
     "memory_limit": quantity(
         Size,
-        "The most memory that the process may take; above it, it is ended, and the run fails.",
+        "The maximum resident memory of the process; if it is exceeded, the run fails.",
         examples=["2 GiB"],
         positive=True,
     ),
 }
-"""What a process is given, in the order of the language."""
+"""Resources of a process, in the order of the language."""
 
 CONTAINERS: Schema = name_map(
-    "Processes that hold several nodes, by a name that nodes refer to.",
+    "Processes for several nodes, by the names that nodes refer to.",
     name_patterns.NODE_NAME,
     record(
         "A process for several nodes.",
         {
             "extends": sibling("container"),
             "executable": choice(
-                "What holds the nodes: one of rclcpp_components' containers for plugins, or python "
-                "for Python nodes.",
+                "The kind of container: one of rclcpp_components for plugins, or python for Python "
+                "nodes.",
                 [
                     "component_container",
                     "component_container_mt",
@@ -77,12 +77,12 @@ CONTAINERS: Schema = name_map(
                 "component_container",
             ),
             "executor": choice(
-                "With python: whether callbacks run one after another or side by side.",
+                "With python: whether callbacks run one after another or in parallel.",
                 ["single_threaded", "multi_threaded"],
                 "single_threaded",
             ),
             "threads": integer(
-                "Threads of the executor; 0 leaves the number to it.",
+                "The number of threads of the executor; 0 means its default.",
                 minimum=0,
                 default=0,
                 examples=[4],

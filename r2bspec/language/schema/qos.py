@@ -16,33 +16,33 @@ from r2bspec.language.schema.schema_builder import (
 def qos(description: str, *, default: object = None) -> Schema:
     """A quality-of-service profile."""
     fields = record(
-        f"{description} A name of ROS's profiles, or a map.",
+        f"{description} The name of a ROS profile, or a map.",
         {
             "profile": loader_key(
                 choice(
-                    "The profile from which the other keys of this map depart.",
+                    "The profile that provides the values of keys that this map does not set.",
                     list(PROFILES),
                     "default",
                 )
             ),
             "reliability": choice(
-                "Whether lost messages are sent again. A reliable reader gets nothing from a "
-                "best-effort writer.",
+                "Whether lost messages are sent again. A reliable subscription does not match a "
+                "best-effort publisher.",
                 ["reliable", "best_effort"],
                 "reliable",
             ),
             "durability": choice(
-                "Whether a late reader gets the last messages, too.",
+                "Whether a subscription that is made later gets the last messages, too.",
                 ["volatile", "transient_local"],
                 "volatile",
             ),
             "history": choice(
-                "Whether only the last 'depth' messages are kept.",
+                "Whether only the last 'depth' messages are kept, or all.",
                 ["keep_last", "keep_all"],
                 "keep_last",
             ),
             "depth": integer(
-                "How many messages are kept with keep_last.", minimum=1, default=10, examples=[10]
+                "The number of messages that keep_last keeps.", minimum=1, default=10, examples=[10]
             ),
         },
         examples=[{"reliability": "best_effort", "depth": 5}],
@@ -50,7 +50,7 @@ def qos(description: str, *, default: object = None) -> Schema:
         snippets=[
             {"label": "sensor data", "body": "sensor_data"},
             {
-                "label": "a profile of its own",
+                "label": "field by field",
                 "body": {"reliability": "best_effort", "depth": "${1:5}"},
             },
         ],

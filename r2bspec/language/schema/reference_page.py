@@ -13,10 +13,10 @@ _TABLE_BLOCK = re.compile(r"<!-- keys of (?P<path>\S+) -->\n.*?<!-- end -->", re
 
 
 def with_tables(text: str) -> str:
-    """The text with every table between its marks made anew.
+    """The text with every table replaced by that of the current schema.
 
-    A table stands between ``<!-- keys of PATH -->`` and ``<!-- end -->``; ``spec`` is the document
-    itself, and ``<name>`` in a path any name that the user gives.
+    A table is between ``<!-- keys of PATH -->`` and ``<!-- end -->``; ``spec`` is the document
+    itself, and ``<name>`` in a path is any name given by the user.
     """
 
     def table(found: re.Match[str]) -> str:
@@ -26,7 +26,7 @@ def with_tables(text: str) -> str:
 
 
 def key_table(path: str) -> str:
-    """The table of the keys that the map at a path has."""
+    """The table of the keys of the map at a path."""
     schema = _schema_at(path)
     required = {*schema.get("required", ()), *schema.get(UNLESS_LIVE, ())}
     lines = ["| key | value | default | meaning | example |", "| --- | --- | --- | --- | --- |"]
@@ -56,7 +56,7 @@ def _kind(schema: Schema) -> str:
         return f"`{schema['const']}`"
     types = schema.get("type", "any")
     names = [types] if isinstance(types, str) else types
-    called = {"string": "text", "object": "map", "array": "list", "boolean": "true or false"}
+    called = {"object": "map", "array": "list"}
     words = [f"`{word}`" for word in schema.get(ALLOWED_WORDS, ())]
     kinds = [called.get(name, name) for name in names if not (words and name == "string")]
     return ", ".join([*words, *kinds])
@@ -74,7 +74,7 @@ def _example(schema: Schema) -> str:
 
 
 def _flow(value: object) -> str:
-    """A value as YAML on one line; short text stands unquoted."""
+    """A value as YAML on one line; strings are unquoted."""
     if isinstance(value, str):
         return value
     if isinstance(value, dict):

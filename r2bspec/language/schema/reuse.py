@@ -1,4 +1,4 @@
-"""What the loader uses up: `extends`, `variables`, `matrix` and `repeat`."""
+"""Keys that the loader evaluates: `extends`, `variables`, `matrix`, `repeat` and `when`."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from r2bspec.language.schema.schema_builder import (
 )
 
 TYPES = ("string", "integer", "number", "boolean", "duration", "rate", "size", "share")
-"""What a variable may be declared to be."""
+"""The types of variables."""
 
 EXTENDS: Schema = loader_key(
     {
         **array(
-            "The file that this one builds on, relative to it, or several, of which the later ones "
-            "win. Maps are merged, lists replaced, and null removes.",
+            "The file that this one extends, relative to it, or several, in which later ones have "
+            "precedence. Maps are merged, lists are replaced, and null removes a key.",
             text(
                 "The path of a file.",
                 form=name_patterns.NOT_EMPTY,
@@ -44,8 +44,8 @@ def sibling(what: str) -> Schema:
     """`extends` inside an entry of a map of named things."""
     return loader_key(
         text(
-            f"The name of another {what} of the same map that this one builds on. Maps are "
-            "merged, lists replaced, and null removes.",
+            f"The name of another {what} of the same map that this one extends. Maps are merged, "
+            "lists are replaced, and null removes a key.",
             examples=["left"],
             form=name_patterns.SOME_TEXT,
         )
@@ -53,7 +53,7 @@ def sibling(what: str) -> Schema:
 
 
 def _values(description: str, value: str) -> Schema:
-    """Values of variables by their names."""
+    """Values of variables by name."""
     return name_map(
         description,
         name_patterns.VARIABLE,
@@ -66,11 +66,10 @@ def repeat(what: str) -> Schema:
     """Named instances of one entry."""
     return loader_key(
         name_map(
-            f"Instances of the {what} by their names, each with variables of its own, which "
-            "$(var NAME) means here before all others. The instance left of camera is called "
-            "camera_left.",
+            f"Instances of the {what} by name, each with its own variables, which $(var NAME) in "
+            "this entry refers to first. The instance left of camera is named camera_left.",
             name_patterns.INSTANCE,
-            _values("The variables of one instance.", "The variable's value."),
+            _values("The variables of one instance.", "The value of the variable."),
             examples=[{"left": {"side": "left"}, "right": {"side": "right"}}],
             at_least=1,
         )
@@ -80,27 +79,29 @@ def repeat(what: str) -> Schema:
 def when() -> Schema:
     """A condition on variables."""
     return _values(
-        "The objective counts only where these variables have these values.",
+        "The objective applies only if these variables have these values.",
         "The value that the variable must have.",
     )
 
 
 VARIABLES: Schema = name_map(
-    "Values that $(var name) stands for; --var name=value replaces one.",
+    "Values for $(var name); --var name=value replaces one.",
     name_patterns.VARIABLE,
     {
         **record(
-            "The variable's value; or a map that declares it, with its value under 'value'.",
+            "The value of the variable, or a map that declares it, with its value under 'value'.",
             {
-                "type": choice("What the value must be.", list(TYPES), "string"),
+                "type": choice("The type of the value.", list(TYPES), "string"),
                 "value": scalar("The value.", examples=["30 Hz", 1280]),
                 "default": scalar("The same as 'value'.", examples=["30 Hz", 1280]),
                 "choices": array(
-                    "The values that it may have; empty for all.",
+                    "The allowed values; empty means all.",
                     scalar("One of the values.", examples=["10 Hz"]),
                     examples=[["10 Hz", "30 Hz"]],
                 ),
-                "description": text("What it is for.", examples=["The camera's rate."]),
+                "description": text(
+                    "The purpose of the variable.", examples=["The camera's rate."]
+                ),
             },
             examples=[],
         ),
@@ -116,11 +117,11 @@ VARIABLES: Schema = name_map(
 
 MATRIX: Schema = loader_key(
     record(
-        "Cases of this benchmark that differ in variables. Each has a verdict of its own, under "
+        "Cases of this benchmark that differ in variables. Each case has its own verdict, under "
         "the name of the benchmark with the case in brackets: name[threads=2].",
         {
             "axes": name_map(
-                "Variables with the values that are combined, each with each.",
+                "Variables with their values; every combination is a case.",
                 name_patterns.VARIABLE,
                 array(
                     "The values of the variable.",
@@ -131,12 +132,12 @@ MATRIX: Schema = loader_key(
                 examples=[{"threads": [1, 2, 4]}],
             ),
             "exclude": array(
-                "Combinations that are left out: all that have these values.",
+                "Combinations to leave out: all that have these values.",
                 _values("Variables and values.", "The value."),
                 examples=[[{"threads": 4, "rate": "60 Hz"}]],
             ),
             "cases": name_map(
-                "Further cases by their names, with the variables in which each differs.",
+                "Further cases by name, with the variables in which each differs.",
                 name_patterns.NAME,
                 _values("The variables of the case.", "The value."),
                 examples=[{"night": {"bag": "r2b_lounge"}}],

@@ -1,18 +1,18 @@
-"""Small builders from which the sections of the schema are made.
+"""Builders for the sections of the schema.
 
-They write JSON Schema, draft-07, plus annotations that `r2bspec.language.schema.derive_strict`
-takes out before anything is published:
+They write JSON Schema, draft-07, with annotations that `r2bspec.language.schema.derive_strict`
+removes from the published schema:
 
 - ``r2b-kind``: the string is a quantity (``duration``, ``rate``, ``size``, ``share``) or a
-  ``requirement``, and is judged by the class that parses it,
+  ``requirement``, and is validated by the class that parses it,
 - ``r2b-positive``: the quantity must be more than zero,
-- ``r2b-keys``: the keys of the map are topics, in which variables may stand,
-- ``r2b-noun``: what a text of the pattern is called,
-- ``r2b-words``: the words that a string may be, where the value may also be a map or a quantity,
+- ``r2b-keys``: the keys of the map are topics, in which references are supported,
+- ``r2b-noun``: the name of a text of the pattern in messages,
+- ``r2b-words``: the allowed words of a string that may also be a map or a quantity,
 - ``r2b-path``: the string is a path, relative to the file in which it is written,
-- ``r2b-loader``: the loader uses the key up; no typed value has it,
-- ``r2b-unless-live``: keys that are required unless nothing is played,
-- ``r2b-alone``: a text in place of the list is its only item,
+- ``r2b-loader``: the loader evaluates the key; the typed `Spec` does not have it,
+- ``r2b-unless-live``: keys that are required unless the benchmark is live,
+- ``r2b-alone``: a string instead of the list is its only item,
 - ``r2b-deferrable``: the value is only shown, or given to a process, so that it may refer to a
   secret.
 """
@@ -50,13 +50,13 @@ def text(
     default: str = "",
     path: bool = False,
 ) -> Schema:
-    """A string, of a form if one is given; `path` says that it names a file or a folder."""
+    """A string, of a pattern if one is given; `path` marks the path of a file or a folder."""
     schema: Schema = {"type": "string", "description": description, "examples": list(examples)}
     if form is not None:
         schema |= _pattern(form)
     if path:
         schema[PATH] = True
-    # An empty default would be inserted by editors as if it were a value.
+    # Editors would insert an empty default as a value.
     return schema | {"default": default} if default else schema
 
 
@@ -68,7 +68,7 @@ def integer(
     default: int | None = None,
     maximum: int | None = None,
 ) -> Schema:
-    """A whole number."""
+    """An integer."""
     schema: Schema = {"type": "integer", "description": description, "minimum": minimum}
     if maximum is not None:
         schema["maximum"] = maximum
@@ -78,7 +78,7 @@ def integer(
 
 
 def boolean(description: str, *, default: bool) -> Schema:
-    """A truth value."""
+    """A boolean."""
     return {
         "type": "boolean",
         "description": description,
@@ -99,7 +99,7 @@ def choice(description: str, values: Sequence[str], default: str) -> Schema:
 
 
 def scalar(description: str, *, examples: Sequence[object]) -> Schema:
-    """Text, a number or a truth value."""
+    """A string, a number or a boolean."""
     return {"type": list(SCALAR_TYPES), "description": description, "examples": list(examples)}
 
 
@@ -127,7 +127,7 @@ def quantity(
 
 
 def requirement(description: str, *, examples: Sequence[str]) -> Schema:
-    """One sentence of the requirement grammar."""
+    """A requirement (`r2bspec.language.requirement_grammar`)."""
     return {
         "type": "string",
         "description": description,
@@ -162,7 +162,7 @@ def record(
     default: object = None,
     unless_live: Sequence[str] = (),
 ) -> Schema:
-    """A map whose keys are known; `unless_live` are required where something is played."""
+    """A map with known keys; those in `unless_live` are required unless the benchmark is live."""
     schema: Schema = {
         "type": "object",
         "description": description,
@@ -194,7 +194,7 @@ def name_map(
     at_least: int = 0,
     snippets: Sequence[Schema] = (),
 ) -> Schema:
-    """A map whose keys are names that the user gives; `topics` says that they are topics."""
+    """A map whose keys are names given by the user; `topics` means that they are topics."""
     schema: Schema = {
         "type": "object",
         "description": description,
@@ -214,7 +214,7 @@ def name_map(
 
 
 def or_words(schema: Schema, words: Sequence[str], examples: Sequence[object]) -> Schema:
-    """A map, or one of a few words that stand for a map."""
+    """A map, or one of a few words as a shorthand for a map."""
     return {
         **schema,
         "type": ["string", "object"],
@@ -224,7 +224,7 @@ def or_words(schema: Schema, words: Sequence[str], examples: Sequence[object]) -
 
 
 def loader_key(schema: Schema) -> Schema:
-    """The same, as a key that the loader uses up."""
+    """The same, for a key that the loader evaluates."""
     return schema | {LOADER_ONLY: True}
 
 

@@ -1,4 +1,4 @@
-"""`setup`, `ready` and `after_ready`: what happens around the start of the graph."""
+"""`setup`, `ready` and `after_ready`: steps around the start of the graph."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from r2bspec.language.schema.schema_builder import (
 def _timeout(what: str, default: str) -> Schema:
     return quantity(
         Duration,
-        f"How long {what} may take; then the run fails.",
+        f"The maximum duration of the {what}; if it is exceeded, the run fails.",
         default=default,
         examples=[default],
         positive=True,
@@ -37,19 +37,19 @@ SETUP: Schema = name_map(
         "A command that runs before anything else is started.",
         {
             "command": words(
-                "The program with its arguments, one item each; no shell reads it.",
+                "The program with its arguments, one item each, run without a shell.",
                 at_least=1,
                 examples=[["./build_model.sh"]],
             ),
             "creates": text(
-                "The file that the command makes. If it is there, the command is skipped; while it "
-                "is made, other runs wait.",
+                "The file that the command creates. If it exists, the command is skipped; while it "
+                "is being created, other runs wait.",
                 examples=["model.plan"],
                 path=True,
             ),
-            "timeout": _timeout("it", "10 min"),
+            "timeout": _timeout("command", "10 min"),
             "directory": text(
-                "The folder in which it runs; that of this file by default.",
+                "The working directory; default: the folder of this file.",
                 examples=["./models"],
                 path=True,
             ),
@@ -65,15 +65,15 @@ SETUP: Schema = name_map(
 )
 
 READY: Schema = name_map(
-    "What must be so before the graph counts as ready, beyond writers and readers that found each "
-    "other.",
+    "Conditions for the graph to be ready, in addition to all publishers and subscriptions being "
+    "matched.",
     name_patterns.NAME,
     record(
-        "A condition: exactly one of 'file', 'service', 'log' and 'topic'.",
+        "A readiness probe: exactly one of 'file', 'service', 'log' and 'topic'.",
         {
-            "file": text("A file that is there.", examples=["model.plan"], path=True),
+            "file": text("A file that exists.", examples=["model.plan"], path=True),
             "service": text(
-                "A service that somebody offers.",
+                "A service that is available.",
                 form=name_patterns.TOPIC,
                 examples=["detector/set_parameters"],
             ),
@@ -81,12 +81,12 @@ READY: Schema = name_map(
                 "A line in the output of a process.",
                 {
                     "process": text(
-                        "The node, or the container, whose output is read.",
+                        "The node or the container whose output is read.",
                         form=name_patterns.NODE_NAME,
                         examples=["detector"],
                     ),
                     "pattern": text(
-                        "A regular expression that is found in the line.",
+                        "A regular expression to find in the line.",
                         form=name_patterns.SOME_TEXT,
                         examples=["model loaded"],
                     ),
@@ -95,11 +95,11 @@ READY: Schema = name_map(
                 examples=[{"process": "detector", "pattern": "model loaded"}],
             ),
             "topic": text(
-                "A topic that somebody writes.",
+                "A topic that is published.",
                 form=name_patterns.TOPIC,
                 examples=["detector/status"],
             ),
-            "timeout": _timeout("it", "30 s"),
+            "timeout": _timeout("wait", "30 s"),
         },
         examples=[{"log": {"process": "detector", "pattern": "model loaded"}}],
     ),
@@ -111,19 +111,19 @@ READY: Schema = name_map(
 )
 
 _CALL = record(
-    "A call of a service.",
+    "A service call.",
     {
         "name": text("The service.", form=name_patterns.TOPIC, examples=["detector/enable"]),
         "type": text(
-            "Its type, as ros2 service list -t shows it.",
+            "Its type, as 'ros2 service list -t' shows it.",
             form=name_patterns.SERVICE_TYPE,
             examples=["std_srvs/srv/SetBool"],
         ),
         "request": name_map(
-            "The fields of the request; those left out have their defaults.",
+            "The fields of the request; omitted fields have their defaults.",
             name_patterns.PARAMETER,
             {
-                "description": "The field's value: a scalar, a list or a map.",
+                "description": "The value of the field: a scalar, a list or a map.",
                 "examples": [True, 1.5],
                 DEFERRABLE: True,
             },
@@ -137,20 +137,20 @@ _CALL = record(
 )
 
 AFTER_READY: Schema = name_map(
-    "What is done once, in this order, when the graph stands and before anything is played.",
+    "Steps that run once, in this order, when the graph is ready and before playing starts.",
     name_patterns.NAME,
     record(
         "A step: exactly one of 'command' and 'service'.",
         {
             "command": {
                 **words(
-                    "The program with its arguments, one item each; no shell reads it.",
+                    "The program with its arguments, one item each, run without a shell.",
                     at_least=1,
                     examples=[["ros2", "lifecycle", "set", "/r2b/detector", "activate"]],
                 ),
             },
             "service": _CALL,
-            "timeout": _timeout("it", "30 s"),
+            "timeout": _timeout("step", "30 s"),
         },
         examples=[{"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}}],
     ),

@@ -1,8 +1,8 @@
-"""Why a text is not YAML, in plain words.
+"""Explanations of YAML syntax errors.
 
-PyYAML tells what its scanner expected; people want to know what they did. Each case below turns
-the scanner's report, and the text around it, into a cause and a way out. The texts of libyaml and
-of PyYAML's pure Python scanner differ, so that both are looked for.
+PyYAML reports what its scanner expected, which rarely names the mistake. Each explainer below turns
+the scanner's report, and the text around it, into a cause and a fix. The messages of libyaml and of
+PyYAML's pure Python scanner differ; both are recognised.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _EXPLAINERS: tuple[Callable[[ScannerReport], Diagnostic | None], ...] = (
     yaml_marks.missing_anchor_name,
     yaml_layout.document_marker,
 )
-"""Asked in this order; the first that recognises the report explains it."""
+"""Tried in this order; the first that recognises the report explains it."""
 
 
 def explain_syntax_error(error: yaml.YAMLError, source: Source) -> Diagnostic:
@@ -50,11 +50,11 @@ def explain_syntax_error(error: yaml.YAMLError, source: Source) -> Diagnostic:
         found = case(report)
         if found is not None:
             return found
-    return report.error("R2B010", f"this is not YAML: {report.problem}", "look at the lines above")
+    return report.error("R2B010", f"invalid YAML: {report.problem}", "check the lines above")
 
 
 def _span(source: Source, line: int, column: int) -> Span:
-    """One character; a place past the end of the text becomes the end of its last line."""
+    """The span of one character; a place past the end of the text is moved to its last line."""
     last = len(source.lines)
     while last > 1 and not source.lines[last - 1].strip():
         last -= 1

@@ -1,4 +1,4 @@
-"""The report of PyYAML's scanner, and the text around the place where it gave up."""
+"""The report of PyYAML's scanner, and the text around the place where it failed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from r2bspec.language.source_text import Source
 
 @dataclass(frozen=True, slots=True)
 class ScannerReport:
-    """The scanner's report: where it gave up, what it was reading, and the text there."""
+    """The scanner's report: where it failed, what it was reading, and the text there."""
 
     problem: str
     context: str
@@ -20,17 +20,17 @@ class ScannerReport:
 
     @property
     def line(self) -> str:
-        """The line of the place."""
+        """The line where the scanner failed."""
         return self.source.line(self.problem_span.line)
 
     @property
     def rest(self) -> str:
-        """The text of the line from the place on."""
+        """The text of the line from the failing column on."""
         return self.line[self.problem_span.column - 1 :]
 
     @property
     def before(self) -> str:
-        """The text of the line up to the place."""
+        """The text of the line before the failing column."""
         return self.line[: self.problem_span.column - 1]
 
     def error(
@@ -43,7 +43,7 @@ class ScannerReport:
         related: tuple[Related, ...] = (),
         edit: Edit | None = None,
     ) -> Diagnostic:
-        """A diagnostic at the place, or at `span`."""
+        """A diagnostic at the failing column, or at `span`."""
         return Diagnostic(
             code,
             Severity.ERROR,
@@ -55,7 +55,7 @@ class ScannerReport:
         )
 
     def rest_span(self) -> Span:
-        """The content of the line from the place on."""
+        """The span of the line's content from the failing column on."""
         start = self.problem_span.column
         end = start + max(len(self.rest.rstrip()), 1)
         return Span(
@@ -63,7 +63,7 @@ class ScannerReport:
         )
 
     def line_span(self, number: int) -> Span:
-        """The content of one line, without its indentation."""
+        """The span of one line's content, without its indentation."""
         text = self.source.line(number)
         return Span(
             self.problem_span.file, number, indentation(text) + 1, number, len(text.rstrip()) + 1
@@ -79,5 +79,5 @@ class ScannerReport:
 
 
 def indentation(line: str) -> int:
-    """The number of blanks at the beginning of a line."""
+    """The number of spaces at the beginning of a line."""
     return len(line) - len(line.lstrip(" "))

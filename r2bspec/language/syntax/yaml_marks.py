@@ -1,4 +1,4 @@
-"""Characters that YAML takes for something else: tabs, quotes, brackets, marks."""
+"""Characters with a special meaning in YAML: tabs, quotes, brackets, reserved characters."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def tab_indentation(report: ScannerReport) -> Diagnostic | None:
     )
     return report.error(
         "R2B011",
-        "a tab stands where the indentation is counted",
-        "indent with spaces, two for each level",
+        "tab in the indentation",
+        "indent with spaces, two per level",
         span=span if "\t" in report.line[:width] else None,
     )
 
 
 def reserved_character(report: ScannerReport) -> Diagnostic | None:
-    """A character with which no unquoted text begins."""
+    """A character with which unquoted text cannot begin."""
     if "start any token" not in report.problem:
         return None
     char = report.rest[:1]
@@ -46,15 +46,15 @@ def reserved_character(report: ScannerReport) -> Diagnostic | None:
 
 
 def unclosed_quote(report: ScannerReport) -> Diagnostic | None:
-    """A quote without its partner."""
+    """A quote that is not closed."""
     ended = "unexpected end of stream" in report.problem
     if not ended and "document indicator" not in report.problem:
         return None
     mark = report.source.line(report.context_span.line)[report.context_span.column - 1 :][:1]
     return report.error(
         "R2B012",
-        f"the quote {mark} that opens here is never closed",
-        f"close it with {mark}; inside single quotes, write '' for an apostrophe"
+        "unclosed single quote" if mark == "'" else "unclosed double quote",
+        f"close it with {mark}; in single quotes, write '' for an apostrophe"
         if mark == "'"
         else f"close it with {mark}",
         span=report.context_span,
@@ -62,7 +62,7 @@ def unclosed_quote(report: ScannerReport) -> Diagnostic | None:
 
 
 def unclosed_bracket(report: ScannerReport) -> Diagnostic | None:
-    """A list or map in brackets that meets something else than a comma or its end."""
+    """A list or map in brackets that is not continued by a comma or closed."""
     if "flow" not in report.context:
         return None
     at_end = not report.rest.strip() or "stream end" in report.problem
@@ -72,52 +72,52 @@ def unclosed_bracket(report: ScannerReport) -> Diagnostic | None:
             return None
         return report.error(
             "R2B012",
-            "the file ends inside a list or a map in brackets",
+            "the file ends inside brackets or braces",
             "close it with ']' or '}'",
         )
     closer = {"[": "]", "{": "}"}[opener]
     if report.rest[:1] in "]}" and report.rest[:1] and report.rest[:1] != closer:
         return report.error(
             "R2B012",
-            f"'{report.rest[:1]}' cannot close what '{opener}' opened",
+            f"'{report.rest[:1]}' does not match the opening '{opener}'",
             f"write '{closer}'",
             related=(Related("opened here", report.context_span),),
         )
     if at_end or report.problem_span.line != report.context_span.line:
         return report.error(
             "R2B012",
-            f"the '{opener}' that opens here is not closed before what follows",
-            f"close it with '{closer}', and put a comma between its items",
+            f"unclosed '{opener}'",
+            f"close it with '{closer}', and separate its items by commas",
             span=report.context_span,
-            related=(Related("the text stops making sense here", report.problem_span),),
+            related=(Related("the error is noticed here", report.problem_span),),
         )
     return report.error(
         "R2B012",
-        f"a ',' or '{closer}' is missing before this",
-        f"put a comma between the items, and close with '{closer}'; quote a value that holds a "
+        f"missing ',' or '{closer}' before this",
+        f"separate the items by commas, and close with '{closer}'; quote a value that contains a "
         "bracket, a brace or a comma",
         related=(Related("opened here", report.context_span),),
     )
 
 
 def stray_bracket(report: ScannerReport) -> Diagnostic | None:
-    """A closing bracket, or a comma, without anything open."""
+    """A closing bracket or a comma outside of brackets."""
     if report.rest[:1] not in ("]", "}", ","):
         return None
     return report.error(
         "R2B012",
-        f"nothing is open that '{report.rest[:1]}' could close"
+        f"unmatched '{report.rest[:1]}'"
         if report.rest[:1] != ","
-        else "a value is missing before this comma",
-        "remove it, or quote the value if it belongs to the text",
+        else "missing value before this comma",
+        "remove it, or quote the value if it is part of the text",
     )
 
 
 def invalid_escape(report: ScannerReport) -> Diagnostic | None:
-    """A backslash before a character that needs none."""
+    """An escape sequence that YAML does not have."""
     if "escape character" not in report.problem and "hexdecimal" not in report.problem:
         return None
-    # libyaml points to the backslash, the Python scanner behind it.
+    # libyaml points to the backslash, the Python scanner to the character after it.
     column = (
         report.problem_span.column
         if report.rest.startswith("\\")
@@ -133,20 +133,20 @@ def invalid_escape(report: ScannerReport) -> Diagnostic | None:
     shown = report.line[column - 1 : column + 1]
     return report.error(
         "R2B016",
-        f"'{shown}' is no escape that YAML knows",
-        "write a backslash as \\\\, or use single quotes, which know no escapes",
+        f"unknown escape sequence '{shown}'",
+        "write a backslash as \\\\, or use single quotes, which have no escapes",
         span=span,
     )
 
 
 def missing_anchor_name(report: ScannerReport) -> Diagnostic | None:
-    """A ``*`` or ``&`` with which text begins."""
+    """Unquoted text that begins with ``*`` or ``&``."""
     if "alphabetic or numeric" not in report.problem:
         return None
     char = "*" if "alias" in report.context else "&"
     return report.error(
         "R2B013",
-        f"unquoted text cannot begin with '{char}', which marks an "
+        f"unquoted text cannot begin with '{char}', the mark of an "
         f"{'alias' if char == '*' else 'anchor'}",
         "quote it",
         span=report.context_span,
@@ -154,5 +154,5 @@ def missing_anchor_name(report: ScannerReport) -> Diagnostic | None:
 
 
 def _word(text: str) -> str:
-    """The text that begins here: up to a colon, a comment, or the next mark in brackets."""
+    """The text up to a colon, a comment, a comma or a closing bracket."""
     return re.split(r"\s+#|[,\]}]|:(?:\s|$)", text, maxsplit=1)[0].rstrip()

@@ -1,7 +1,7 @@
-"""Specs to begin with: each is valid as it is, and explains itself.
+"""Templates of specs: each is valid as it is, and documented by comments.
 
-A template is a file ``NAME.r2b.yaml`` beside this module; its first comment says what it is for.
-Those in ``specs/templates`` of the repository are written from these by a test.
+A template is a file ``NAME.r2b.yaml`` in this folder; its first comment states its purpose. The
+files in ``specs/templates`` of the repository are generated from these by a test.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _NAME = re.compile(r"^name: .*$", re.MULTILINE)
 
 @cache
 def templates() -> dict[str, str]:
-    """Every template's text by its name."""
+    """The text of every template, by name."""
     found = sorted(files(__name__).iterdir(), key=lambda file: file.name)
     return {
         file.name.removesuffix(SUFFIX): file.read_text(encoding="utf-8")
@@ -27,18 +27,18 @@ def templates() -> dict[str, str]:
 
 
 def purpose(text: str) -> str:
-    """What a template is for: the first sentence of its first comment."""
+    """The purpose of a template: the first sentence of its first comment."""
     lines = [line.removeprefix("#").strip() for line in text.split("\n\n")[0].splitlines()]
     return " ".join(lines).split(". ")[0].removesuffix(".")
 
 
 def filled(template: str, name: str | None, schema: str) -> str:
-    """A template as a file of its own.
+    """The content of a spec made from a template.
 
     Args:
         template: the template's text.
         name: the name of the benchmark; None keeps that of the template.
-        schema: where its JSON Schema is, relative to the file, for editors.
+        schema: the path of the JSON Schema for editors, relative to the spec.
     """
     line = f"# yaml-language-server: $schema={schema}\n\n"
     if name is None:

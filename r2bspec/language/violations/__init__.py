@@ -1,4 +1,4 @@
-"""Violations of the schema, put into words."""
+"""Violations of the schema, explained as diagnostics."""
 
 from r2bspec.language.violations.explain_violations import explain_violations
 

@@ -1,8 +1,8 @@
 """From violations of the strict schema to diagnostics: one for each mistake.
 
-JSON Schema reports what a value violates; one mistake may violate much. What is left out here:
-everything about a value that is not known, because a variable or an alias failed; and a key that
-is missing where its misspelt form has been reported.
+JSON Schema reports every violated rule, and one mistake may violate several. Not reported here:
+violations of a value that is unknown because a variable or an alias failed, and a missing key
+whose misspelt form has been reported.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from r2bspec.language.violations.violation import Violation
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
 
-_MAX_ERRORS = 2 * MAX_PROBLEMS  # of jsonschema: one mistake may be several
+_MAX_ERRORS = 2 * MAX_PROBLEMS  # of jsonschema; one mistake may lead to several
 
 _EXPLANATIONS: dict[str, Callable[[Violation], Diagnostic]] = {
     "type": wrong_type,
@@ -56,7 +56,7 @@ _EXPLANATIONS: dict[str, Callable[[Violation], Diagnostic]] = {
 def explain_violations(
     root: TreeNode, plain: Any, sources: Mapping[str, Source]
 ) -> list[Diagnostic]:
-    """Judge the document, of which `plain` is the plain data, by the strict schema, in words."""
+    """Explain how a document, with the plain data `plain`, violates the strict schema."""
     errors = islice(schema_errors(plain), _MAX_ERRORS)
     all_violations = (_violation(error, root, sources) for error in errors)
     violations = [one for one in all_violations if not _unknown(one)]
@@ -85,8 +85,8 @@ def explain_violations(
 
 def _violation(error: ValidationError, root: TreeNode, sources: Mapping[str, Source]) -> Violation:
     keyword, limit = str(error.validator), error.validator_value
-    way = list(error.absolute_schema_path)
-    if way[-2:-1] == ["propertyNames"]:
+    schema_path = list(error.absolute_schema_path)
+    if schema_path[-2:-1] == ["propertyNames"]:
         keyword = "propertyNames"
     schema = error.schema if isinstance(error.schema, dict) else {}
     return Violation(
@@ -95,7 +95,7 @@ def _violation(error: ValidationError, root: TreeNode, sources: Mapping[str, Sou
 
 
 def _unknown(violation: Violation) -> bool:
-    """Whether the violation is about a value, or a key, whose text is not known."""
+    """Whether the violation is about a value or a key that is unknown."""
     if violation.keyword == "propertyNames":
         owner = lookup(violation.root, violation.path)
         entry = owner.entries.get(violation.value) if isinstance(owner, MapNode) else None
@@ -104,12 +104,12 @@ def _unknown(violation: Violation) -> bool:
 
 
 def _is_explained(path: Path, explained: set[Path]) -> bool:
-    """Whether the path leads to or into something that has been explained as a whole."""
+    """Whether the path is at or below a path that has been explained as a whole."""
     return any(path[:length] in explained for length in range(len(path) + 1))
 
 
 def _without_duplicates(found: list[Diagnostic]) -> Iterator[Diagnostic]:
-    """Without the echoes of an anchored value that is used in several places."""
+    """Without repetitions due to an anchored value that is used in several places."""
     seen = set()
     for one in found:
         if (one.code, one.span) not in seen:

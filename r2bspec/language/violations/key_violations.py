@@ -1,4 +1,4 @@
-"""Keys that are unknown, missing, misnamed, or stand where a name should."""
+"""Missing keys, invalid names of keys, and keys in the place of a name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from r2bspec.language.violations.violation import Violation
 
 
 def missing_keys(violations: Iterable[Violation], renamed: set[Path]) -> Iterator[Diagnostic]:
-    """One diagnostic for each map that lacks keys, whatever their number."""
+    """One diagnostic for each map with missing keys, whatever their number."""
     seen: set[Path] = set()
     for violation in violations:
         if violation.path in seen:
@@ -36,23 +36,25 @@ def missing_keys(violations: Iterable[Violation], renamed: set[Path]) -> Iterato
         properties = violation.schema["properties"]
         lines = [example_line(key, properties[key]) for key in missing]
         names = join_words([f"'{key}'" for key in missing], "and")
+        noun = "key" if len(missing) == 1 else "keys"
+        place = f"in {violation.name}" if violation.path else "at the top of the document"
         yield violation.error(
             "R2B102",
-            f"{violation.name} lacks {names}",
+            f"missing {noun} {names} {place}",
             f"add {join_words(lines, 'and')}",
             span=span_at(violation.root, violation.path, key=True),
         )
 
 
 def invalid_key_name(violation: Violation) -> Diagnostic:
-    """A key whose form is not that of the names or topics that belong there."""
+    """A key that is not a valid name or topic."""
     path = (*violation.path, violation.value)
     span = span_at(violation.root, path, key=True)
     better = repair_name(violation.value, violation.schema)
     message = violation.schema["patternErrorMessage"]
     return violation.error(
         "R2B106",
-        f"{quote(violation.value)} is not a valid {violation.schema[NOUN]}",
+        f"invalid {violation.schema[NOUN]} {quote(violation.value)}",
         f"write {better}; {message}" if better else message,
         span=span,
         path=path,
@@ -60,9 +62,9 @@ def invalid_key_name(violation: Violation) -> Diagnostic:
 
 
 def missing_names(violations: Sequence[Violation]) -> Iterator[tuple[Path, Diagnostic]]:
-    """Maps whose values should each stand under a name, written without the name.
+    """Maps of named entries in which an entry is written without its name.
 
-    ``monitors: {topic: a, format: b}`` violates the schema twice; the mistake is one.
+    ``monitors: {topic: a, format: b}`` violates the schema twice; it is one mistake.
     """
     owners: dict[Path, list[Violation]] = {}
     for violation in violations:
@@ -80,7 +82,7 @@ def missing_names(violations: Sequence[Violation]) -> Iterator[tuple[Path, Diagn
             path,
             inside[0].error(
                 "R2B117",
-                f"'{format_path(path)}' needs a name above {comma_separated(keys)}",
+                f"missing name above {comma_separated(keys)} in '{format_path(path)}'",
                 f"for example: '{format_path(path)}: {example(owner)}'",
                 span=span_at(inside[0].root, path, key=True),
                 path=path,

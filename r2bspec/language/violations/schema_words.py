@@ -1,4 +1,4 @@
-"""How values, kinds of values and lists of words are called in messages."""
+"""Texts for values, types and lists of words in messages."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from r2bspec.diagnostics.quote import clip, quote
 from r2bspec.language.schema.schema_builder import KIND
 
 _TYPES = {
-    "string": "text",
-    "integer": "a whole number",
+    "string": "a string",
+    "integer": "an integer",
     "number": "a number",
-    "boolean": "a truth value",
+    "boolean": "a boolean",
     "array": "a list",
     "object": "a map",
 }
 
 
 def describe_value(value: object) -> str:
-    """What a plain value is: ``the number 720``, ``a list``."""
+    """A plain value in a message: ``the number 720``, ``a list``."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int | float):
         return f"the number {value}"
     if isinstance(value, str):
-        return f"the text {quote(value)}"
+        return f"the string {quote(value)}"
     if isinstance(value, dict):
         return "a map"
-    return "a list" if isinstance(value, list) else "nothing"
+    return "a list" if isinstance(value, list) else "null"
 
 
 def describe_type(schema: dict[str, Any]) -> str:
-    """What a schema wants: ``text``, ``a list``, ``a duration``."""
+    """The type that a schema requires: ``a string``, ``a list``, ``a duration``."""
     kind = schema.get(KIND)
     if kind is not None:
         return f"a {kind}"
@@ -70,6 +70,6 @@ def to_flow_yaml(value: object) -> str:
 
 
 def example_line(key: str, schema: dict[str, Any]) -> str:
-    """A line to add for a key that is missing, with a value where one is short enough."""
+    """A line to add for a missing key, with an example value if it is short enough."""
     text = example(schema)
     return f"'{key}: {text}'" if text and len(text) <= 60 else f"'{key}'"

@@ -1,4 +1,4 @@
-"""Two keys of one map that hold each other's content."""
+"""Two keys of one map with each other's content."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ _MAX_KEYS = 20
 
 
 def swapped_keys(violations: Sequence[Violation]) -> Iterator[tuple[tuple[Path, Path], Diagnostic]]:
-    """The paths of two keys with each other's content, and what is said of them.
+    """The paths of two keys with each other's content, and one diagnostic for both.
 
-    Both contents violate the schema where they are, often many times, and neither would under
-    the other key: the keys are what is wrong, and one finding says so.
+    Both contents violate the schema, often many times, and neither would under the other key.
     """
     broken: dict[Path, dict[str, Violation]] = {}
     for one in violations:
@@ -50,10 +49,9 @@ def _are_swapped(
 
 
 def _has_shape(plain: object, schema: dict[str, Any]) -> bool:
-    """Whether a value has the keys and levels that a schema wants, whatever its scalars say.
+    """Whether a value has the keys and levels that a schema requires; scalars are ignored.
 
-    References to variables are not yet replaced where no schema knows the key, so that scalars
-    cannot be judged here.
+    Below unknown keys, references to variables are not replaced, so scalars cannot be validated.
     """
     types = schema.get("type", ())
     types = {types} if isinstance(types, str) else set(types)
@@ -77,8 +75,8 @@ def _diagnostic(violation: Violation, owner: Path, keys: tuple[str, str]) -> Dia
     first, second = sorted(keys, key=lambda key: _order(holder, key))
     return violation.error(
         "R2B150",
-        f"'{first}' holds what belongs under '{second}', and the other way round",
-        "exchange the two keys",
+        f"'{first}' and '{second}' have each other's content",
+        "swap the two keys",
         span=holder.entries[first].key_span,
         path=(*owner, first),
         related=(Related("the other key", holder.entries[second].key_span),),

@@ -1,4 +1,4 @@
-"""What was probably meant by a text of a wrong form."""
+"""Corrections of text that is not in the required form."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from r2bspec.language.schema.schema_builder import NOUN
 
 
 def repair_text(text: str, schema: dict[str, Any]) -> str:
-    """A text of the schema's form that means the same beyond doubt, or an empty string."""
+    """A valid text that certainly has the same meaning, or an empty string."""
     noun = schema[NOUN]
     if noun == MESSAGE_TYPE.noun:
         guess = _message_type(text)
@@ -24,7 +24,7 @@ def repair_text(text: str, schema: dict[str, Any]) -> str:
 
 
 def repair_name(name: str, schema: dict[str, Any]) -> str:
-    """A name close to one that cannot be used, or an empty string."""
+    """A valid name close to an invalid one, or an empty string."""
     guess = repair_text(name, schema) or re.sub(r"[^A-Za-z0-9_/~]+", "_", name).strip("_")
     return guess if guess != name and re.search(schema["pattern"], guess) else ""
 

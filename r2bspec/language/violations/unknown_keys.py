@@ -1,4 +1,4 @@
-"""Keys that the language does not know: what was meant, or where they belong."""
+"""Unknown keys: the key that was probably intended, or where it belongs."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ _SYNONYMS = {
     "type": "format",
     "vars": "variables",
 }
-"""What people write who know ROS launch files or other tools; only where the target is known."""
+"""Words of ROS launch files and other tools; used only where the map has the target key."""
 
 
 def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
-    """A diagnostic for each unknown key, and the known key of the same map that it stands for."""
+    """A diagnostic for each unknown key, and the key of the same map that was intended."""
     owner = violation.node
     if not isinstance(owner, MapNode):
         return
@@ -56,17 +56,17 @@ def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
             continue
         above = _missing_level(violation, owner, key)
         if above:
-            way_out = f"put it under '{format_path((*violation.path, above))}'"
+            help_text = f"put it under '{format_path((*violation.path, above))}'"
         else:
-            way_out = _location_help(violation, key) or _present_key_help(owner, key, properties)
-        yield _diagnostic(violation, owner, key, way_out), above
+            help_text = _location_help(violation, key) or _present_key_help(owner, key, properties)
+        yield _diagnostic(violation, owner, key, help_text), above
 
 
 def _diagnostic(violation: Violation, owner: MapNode, key: str, help_text: str) -> Diagnostic:
     place = f"in {violation.name}" if violation.path else "at the top of the document"
     return violation.error(
         "R2B101",
-        f"the key {quote(key)} is not known {place}",
+        f"unknown key {quote(key)} {place}",
         help_text,
         span=owner.entries[key].key_span,
         path=(*violation.path, key),
@@ -74,7 +74,7 @@ def _diagnostic(violation: Violation, owner: MapNode, key: str, help_text: str) 
 
 
 def _misspelled_key(violation: Violation, owner: MapNode, key: str, meant: str) -> Diagnostic:
-    known = f"known are {comma_separated(violation.schema['properties'])}"
+    known = f"known keys: {comma_separated(violation.schema['properties'])}"
     found = _diagnostic(violation, owner, key, f"did you mean '{meant}'? {known}")
     if _spelling(key) == _spelling(meant):
         return replace(found, edit=Edit(found.span, meant))
@@ -82,10 +82,10 @@ def _misspelled_key(violation: Violation, owner: MapNode, key: str, meant: str) 
 
 
 def _intended_keys(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, str]:
-    """Which absent key each unknown key stands for; none is meant twice.
+    """The absent key that each unknown key probably means; each is used once.
 
-    The surest answers come first: another way to write the same, then another word for it, then
-    a key that belongs elsewhere as it is (which stands for nothing here), then a likeness.
+    The most certain matches come first: another spelling of the same, then a synonym, then a key
+    that is valid elsewhere (no match here), then a similar name.
     """
     free = list(absent)
     found: dict[str, str] = {}
@@ -106,12 +106,12 @@ def _intended_keys(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, s
 
 
 def _spelling(key: str) -> str:
-    """What is left when case and the kind of separator do not count."""
+    """The key without case and separators."""
     return key.casefold().replace("-", "").replace("_", "").replace(" ", "")
 
 
 def _missing_level(violation: Violation, owner: MapNode, key: str) -> str:
-    """The key under which something of this shape should stand, such as 'nodes' for a node."""
+    """The key below which a value of this shape belongs, such as 'nodes' for a node."""
     inside = owner.entries[key].value
     if isinstance(inside, MapNode) and inside.entries:
         for name, below in violation.schema["properties"].items():
@@ -123,25 +123,25 @@ def _missing_level(violation: Violation, owner: MapNode, key: str) -> str:
 
 
 def _location_help(violation: Violation, key: str) -> str:
-    """Help for a key that is right, but not here."""
+    """Help for a key that is valid elsewhere."""
     homes = [home for home in _key_locations().get(key, ()) if home != format_path(violation.path)]
     if not homes:
         return ""
     known = comma_separated(violation.schema["properties"])
     places = join_words([f"'{home}'" for home in homes[:3]])
-    return f"it belongs under {places}; known here are {known}"
+    return f"it belongs under {places}; known keys here: {known}"
 
 
 def _present_key_help(owner: MapNode, key: str, properties: Iterable[str]) -> str:
-    """Help for a key like one that is there."""
+    """Help for a key similar to one that the map already has."""
     close = did_you_mean(key, [name for name in properties if name in owner.entries])
-    known = f"known are {comma_separated(properties)}"
-    return f"did you mean '{close}', which is there already? {known}" if close else known
+    known = f"known keys: {comma_separated(properties)}"
+    return f"did you mean '{close}', which is already set? {known}" if close else known
 
 
 @cache
 def _key_locations() -> dict[str, tuple[str, ...]]:
-    """Where each key of the language belongs, as people write it: ``monitors.<name>``."""
+    """The paths where each key of the language is valid, such as ``monitors.<name>``."""
     homes: dict[str, list[str]] = {}
 
     def walk(schema: dict[str, Any], path: str) -> None:

@@ -1,4 +1,4 @@
-"""Values of a wrong type, form or size."""
+"""Values of the wrong type, form or size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NOT_IN_FLOW = frozenset("[]{},#&*!|>'\"%@`:")
 
 
 def wrong_type(violation: Violation) -> Diagnostic:
-    """A value of another type than the schema wants."""
+    """A value of another type than the schema requires."""
     if violation.value is None:
         return _missing_value(violation)
     message = (
@@ -36,24 +36,24 @@ def wrong_type(violation: Violation) -> Diagnostic:
 
 def _missing_value(violation: Violation) -> Diagnostic:
     if not violation.path:
-        return violation.error("R2B116", "the document has no content")
+        return violation.error("R2B116", "the document is empty")
     shown = example(violation.schema)
-    way_out = f"give it {describe_type(violation.schema)}"
+    help_text = f"set it to {describe_type(violation.schema)}"
     if shown and len(shown) <= 60:
-        way_out += f", for example {shown}"
+        help_text += f", for example {shown}"
     owner = schema_at(violation.path[:-1]) or {}
     if violation.path[-1] in owner.get("properties", {}) and violation.path[-1] not in owner.get(
         "required", ()
     ):
-        way_out += ", or leave the key out"
+        help_text += ", or leave the key out"
     node = violation.node
     if isinstance(node, ScalarNode) and node.text and "string" in violation.schema.get("type", ()):
-        way_out += f"; quote it if {quote(node.text)} is meant as text"
-    return violation.error("R2B116", f"{violation.name} has no value", way_out)
+        help_text += f"; quote {quote(node.text)} if it is text"
+    return violation.error("R2B116", f"{violation.name} has no value", help_text)
 
 
 def _type_help(violation: Violation) -> tuple[str, str]:
-    """Help for a wrong type, and the text that may safely replace the value."""
+    """Help for a wrong type, and text that can safely replace the value."""
     value, node = violation.value, violation.node
     types = violation.schema["type"]
     types = [types] if isinstance(types, str) else types
@@ -68,9 +68,9 @@ def _type_help(violation: Violation) -> tuple[str, str]:
         text = f"[{node.text}]"
         simple = plain and not _NOT_IN_FLOW & set(node.text)
         return f"write a list: {text}", text if simple else ""
-    if isinstance(value, list) and "object" in types:
+    if isinstance(value, list) and types == ["object"]:
         shown = example(violation.schema)
-        return (f"each item stands under a name: {shown}" if shown else ""), ""
+        return (f"write a map, for example {shown}" if shown else ""), ""
     if isinstance(value, dict) and violation.path[-2:-1] == ("parameters",):
         name, inner = violation.path[-1], next(iter(value), "name")
         return f"write nested parameters with dots: '{name}.{inner}: ...'", ""
@@ -95,52 +95,54 @@ def _integer_help(node: ScalarNode) -> tuple[str, str]:
         return f"write it without quotes: {meant}", str(meant)
     digits = node.text.strip().lstrip("0")
     if digits.isascii() and digits.isdigit():
-        return f"a leading zero makes it text; write {digits}", digits
+        return f"a leading zero makes it a string; write {digits}", digits
     return "", ""
 
 
 def invalid_choice(violation: Violation) -> Diagnostic:
-    """A word that is not among the allowed ones."""
+    """A word that is not one of the choices."""
     words: list[str] = violation.limit
     if not isinstance(violation.value, str):
         message = f"{violation.name} must be one of {comma_separated(words)}"
         return violation.error("R2B103", message)
     close = did_you_mean(violation.value, words)
-    known = f"known are {comma_separated(words)}" if len(words) > 1 else f"known is only {words[0]}"
+    known = (
+        f"choices: {comma_separated(words)}" if len(words) > 1 else f"the only choice: {words[0]}"
+    )
     same = close and close == violation.value.strip().casefold().replace("-", "_")
     return violation.error(
         "R2B104",
-        f"{violation.name} cannot be {quote(violation.value)}",
+        f"unknown choice {quote(violation.value)} for {violation.name}",
         f"did you mean {close}? {known}" if close else known,
         repair=close if same else "",
     )
 
 
 def unsupported_version(violation: Violation) -> Diagnostic:
-    """A version of the language that this program does not read."""
+    """A version of the language that this program does not support."""
     return violation.error(
         "R2B115",
-        f"version {violation.value} of the language is not known; this r2bspec reads version "
+        f"unsupported version {violation.value} of the language; this r2bspec supports version "
         f"{violation.limit}",
-        f"write 'r2bspec: {violation.limit}', or use a newer r2bspec",
+        f"write 'r2bspec: {violation.limit}', or install a newer r2bspec",
     )
 
 
 def pattern_mismatch(violation: Violation) -> Diagnostic:
-    """Text of a form that cannot be what belongs there."""
+    """Text that does not match the required pattern."""
     better = repair_text(violation.value, violation.schema)
     node = violation.node
     message = violation.schema["patternErrorMessage"]
     return violation.error(
         "R2B105",
-        f"{quote(violation.value)} is not a valid {violation.schema[NOUN]}",
+        f"invalid {violation.schema[NOUN]} {quote(violation.value)}",
         f"write {better}" if better else message,
         repair=better if isinstance(node, ScalarNode) and not node.style else "",
     )
 
 
 def too_small(violation: Violation) -> Diagnostic:
-    """A number below the least one."""
+    """A number below the minimum."""
     return violation.error(
         "R2B107",
         f"{violation.name} must be at least {violation.limit}, not {violation.value}",
@@ -148,7 +150,7 @@ def too_small(violation: Violation) -> Diagnostic:
 
 
 def too_large(violation: Violation) -> Diagnostic:
-    """A number above the greatest one."""
+    """A number above the maximum."""
     return violation.error(
         "R2B107",
         f"{violation.name} must be at most {violation.limit}, not {violation.value}",
@@ -156,19 +158,19 @@ def too_large(violation: Violation) -> Diagnostic:
 
 
 def empty_value(violation: Violation) -> Diagnostic:
-    """An empty text, list or map where something must be."""
+    """An empty string, list or map that must not be empty."""
     return violation.error(
         "R2B108", f"{violation.name} must not be empty", _example_help(violation)
     )
 
 
 def invalid_quantity_or_requirement(violation: Violation) -> Diagnostic:
-    """No quantity, or no requirement: said by the class that parses it."""
+    """An invalid quantity or requirement, explained by the class that parses it."""
     if violation.value is None:
         return _missing_value(violation)
     problem = check_value(violation.value, violation.schema)
     if problem is None:
-        raise AssertionError("the validator judged the same value otherwise")
+        raise AssertionError("the validator rejected a value that check_value accepts")
     if problem.code == "R2B103":
         return _not_text(violation)
     span = None

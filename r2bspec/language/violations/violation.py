@@ -1,4 +1,4 @@
-"""One violation of the schema, with all that its explanation needs."""
+"""One violation of the schema, with everything that its explanation needs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Violation:
     Attributes:
         path: of the value, or of the map whose key is wrong.
         keyword: of the schema, such as ``type``; ``propertyNames`` for a key of a wrong form.
-        limit: what the schema says there.
+        limit: the value of the keyword.
         value: the value as plain data; for ``propertyNames``, the key.
         schema: the part of the schema that `keyword` belongs to.
     """
@@ -33,7 +33,7 @@ class Violation:
 
     @property
     def name(self) -> str:
-        """The path as messages show it."""
+        """The path as shown in messages."""
         return f"'{format_path(self.path)}'" if self.path else "the document"
 
     @property
@@ -54,8 +54,8 @@ class Violation:
     ) -> Diagnostic:
         """A diagnostic at the value, or at `span`.
 
-        `repair` becomes an edit of the value, unless a variable brought the value here: then it
-        would have to be made elsewhere, where others may rely on it.
+        `repair` becomes an edit of the value, unless the value comes from a variable: then the
+        variable would have to be edited, which may be used elsewhere.
         """
         node = self.node
         place = span or span_at(self.root, self.path)

@@ -1,1 +1,1 @@
-"""Findings of validate and of every other verb: one module for each form."""
+"""Findings of `validate` and of every other verb: one module for each format."""

@@ -1,4 +1,4 @@
-"""The forms in which findings can be had, by name."""
+"""The formats of findings, by name."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ FORMATS = {
     "sarif": "SARIF 2.1.0 for code scanning",
     "junit": "JUnit XML for test reports",
 }
-"""Each form and whom it is for."""
+"""Each format and its use."""
 
 DOCUMENT_FORMATS = frozenset({"json", "sarif", "junit"})
-"""Forms that are one document, next to which nothing else may be printed."""
+"""Formats that are one document; nothing else may be printed to the same stream."""
 
 
 def render(
@@ -27,14 +27,14 @@ def render(
     *,
     colour: bool = False,
 ) -> str:
-    """The findings in the form of that name.
+    """The findings in the format of that name.
 
     Args:
         name: one of `FORMATS`.
         diagnostics: the findings in their order.
         sources: the texts that they point into, by file name.
-        files: every file that was looked at, with findings or without.
-        colour: whether text may hold colours.
+        files: every file that was checked, with findings or without.
+        colour: whether text is coloured.
     """
     if name == "sarif":
         from r2bspec.report.findings import sarif

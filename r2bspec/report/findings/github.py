@@ -1,7 +1,7 @@
-"""Findings as workflow commands, which GitHub shows beside the lines of a change.
+"""Findings as workflow commands, which GitHub shows at the lines of a change.
 
-GitHub keeps ten annotations of each step and drops the rest silently. Errors therefore come
-first, and a last line tells what is not shown.
+GitHub keeps ten annotations of each step and drops the rest silently. Errors therefore come first,
+and a last line gives the number of findings without an annotation.
 """
 
 from __future__ import annotations
@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from r2bspec.diagnostics import Diagnostic, Severity
+from r2bspec.report.findings.slugs import code_with_slug
 
 MAX_ANNOTATIONS = 10
-"""Annotations that GitHub keeps."""
+"""Annotations of a step that GitHub keeps."""
 
 _COMMANDS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "notice"}
 _ORDER = tuple(_COMMANDS)
@@ -37,9 +38,9 @@ def _command(found: Diagnostic) -> str:
         "endLine": span.end_line,
         "col": span.column,
         "endColumn": span.end_column,
-        "title": found.code,
+        "title": code_with_slug(found.code),
     }
-    if span.end_line != span.line:  # GitHub refuses columns of a span of several lines
+    if span.end_line != span.line:  # GitHub refuses columns for a span of several lines
         del properties["col"], properties["endColumn"]
     shown = ",".join(f"{key}={_property(str(value))}" for key, value in properties.items())
     text = f"{found.message}\n{found.help}" if found.help else found.message

@@ -1,9 +1,10 @@
 """Findings as JSON, for programs.
 
 One object: ``version`` (1), ``errors`` and ``warnings`` (counts) and ``findings``, each with
-``code``, ``severity``, ``certainty``, ``message``, ``help``, ``file``, ``line``, ``column``,
-``end_line``, ``end_column`` (all counted from 1, the end past the last character), ``path`` (keys
-and list indices from the root), ``related`` places and ``edit``, a safe replacement, or null.
+``code``, ``slug``, ``severity``, ``certainty``, ``message``, ``help``, ``file``, ``line``,
+``column``, ``end_line``, ``end_column`` (all counted from 1, the end past the last character),
+``path`` (keys and list indices from the root), ``related`` places and ``edit``, a safe
+replacement, or null.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.report.findings.slugs import slug_of
 
 
 def render(diagnostics: Iterable[Diagnostic], sources: Mapping[str, str]) -> str:
-    """The findings as one JSON document; the texts of `sources` are not needed."""
+    """The findings as one JSON document; `sources` is not used."""
     del sources
     findings = [_finding(found) for found in diagnostics]
     report = {
@@ -31,6 +33,7 @@ def render(diagnostics: Iterable[Diagnostic], sources: Mapping[str, str]) -> str
 def _finding(found: Diagnostic) -> dict[str, Any]:
     return {
         "code": found.code,
+        "slug": slug_of(found.code),
         "severity": found.severity.value,
         "certainty": found.certainty.value,
         "message": found.message,

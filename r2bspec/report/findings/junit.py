@@ -1,8 +1,8 @@
-"""Findings as JUnit XML: a suite for each file, a case for each family of rules.
+"""Findings as JUnit XML: a suite for each file, a case for each family of codes.
 
-A case with errors has a failure that lists them, each as its place and message; warnings are in
-its output and fail nothing, as they do not fail validate. A family without findings is a case
-that passed, or was skipped because the document itself is not right.
+A case with errors has a failure that lists them with place and message. Warnings are in its output
+and do not fail it, as they do not fail `validate`. A family without findings is a case that passed,
+or that was skipped because the document itself has errors.
 """
 
 from __future__ import annotations
@@ -14,19 +14,20 @@ from typing import TYPE_CHECKING
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics.code_pages import FAMILIES
 from r2bspec.diagnostics.quote import printable
+from r2bspec.report.findings.slugs import code_with_slug, slug_of
 
 if TYPE_CHECKING:
     from junitparser import TestCase
 
 
 _DOCUMENT_FAMILIES = frozenset("01")
-"""Families whose errors leave no spec to which the rules of the others could be applied."""
+"""Families whose errors prevent the rules of the other families from being applied."""
 
 
 def render(
     diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], files: Iterable[str] = ()
 ) -> str:
-    """The findings as one XML document; `files` names every file that was looked at."""
+    """The findings as one XML document; `files` are all files that were checked."""
     from junitparser import JUnitXml, TestSuite
 
     del sources
@@ -53,9 +54,9 @@ def _case(name: str, file: str, inside: list[Diagnostic], *, was_checked: bool) 
     case = TestCase(name, printable(file))
     errors = [one for one in inside if _is_error(one)]
     if not was_checked and not inside:
-        case.result = [Skipped("the document itself must be right first")]
+        case.result = [Skipped("not checked: the document itself has errors")]
     if errors:
-        failure = Failure(printable(errors[0].message), errors[0].code)
+        failure = Failure(_message(errors[0]), errors[0].code)
         failure.text = "\n".join(_line(one) for one in errors)
         case.result = [failure]
     others = [_line(one) for one in inside if not _is_error(one)]
@@ -68,8 +69,14 @@ def _is_error(found: Diagnostic) -> bool:
     return found.severity is Severity.ERROR
 
 
+def _message(found: Diagnostic) -> str:
+    slug = slug_of(found.code)
+    return printable(f"{slug}: {found.message}" if slug else found.message)
+
+
 def _line(found: Diagnostic) -> str:
     span = found.span
-    text = f"{span.file}:{span.line}:{span.column}: {found.severity.value}[{found.code}]"
-    line = f"{text}: {found.message}" + (f" ({found.help})" if found.help else "")
+    label = f"{found.severity.value}[{code_with_slug(found.code)}]"
+    text = f"{span.file}:{span.line}:{span.column}: {label}: {found.message}"
+    line = text + (f" ({found.help})" if found.help else "")
     return printable(line)

@@ -1,4 +1,4 @@
-"""Findings on a terminal, for every verb that reads a spec."""
+"""Printing findings on a terminal, for every verb that reads a spec."""
 
 from __future__ import annotations
 
@@ -21,6 +21,6 @@ def show(
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """Whether colour is welcome: on a terminal, unless NO_COLOR or CI say otherwise."""
+    """Whether to use colours: on a terminal, unless NO_COLOR, CI or TERM forbid it."""
     silenced = os.environ.get("NO_COLOR") or os.environ.get("CI") == "true"
     return stream.isatty() and not silenced and os.environ.get("TERM") != "dumb"

@@ -1,9 +1,9 @@
-"""Findings as SARIF 2.1.0, which code-scanning services show beside the lines of a change.
+"""Findings as SARIF 2.1.0, which code-scanning services show at the lines of a change.
 
 Each code that occurs is a rule with its page of `r2bspec explain`. Columns are counted in Unicode
-code points; relative names of files are relative to where validate ran. A result carries a
-fingerprint made of its code, its path in the document and its message, not of its line, so that a
-finding stays the same one while lines move above it.
+code points; relative file names are relative to the working directory of `validate`. The
+fingerprint of a result consists of its code, file, path and message, not of its line, so that it
+does not change when lines are inserted above it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LEVELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: 
 def render(
     diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], files: Iterable[str] = ()
 ) -> str:
-    """The findings as one SARIF log with one run; `files` names every file looked at."""
+    """The findings as one SARIF log with one run; `files` are all files that were checked."""
     del sources
     found = list(diagnostics)
     codes = sorted({one.code for one in found})
@@ -51,16 +51,17 @@ def render(
 
 
 def _rule(code: str) -> dict[str, Any]:
-    from r2bspec.check.pages import all_pages
+    from r2bspec.check.pages import find_page
 
-    page = all_pages().get(code)
+    page = find_page(code)
     if page is None:
         return {"id": code}
     return {
         "id": code,
+        "name": page.slug,
         "shortDescription": {"text": page.title},
         "fullDescription": {"text": page.why},
-        "help": {"text": f"'r2bspec explain {code}' shows an example of each outcome."},
+        "help": {"text": f"'r2bspec explain {code}' shows a failing and a passing example."},
         "defaultConfiguration": {"level": _LEVELS[page.severity]},
     }
 

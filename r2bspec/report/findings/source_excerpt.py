@@ -1,4 +1,4 @@
-"""A piece of a source line with a caret run under it, as wide as a terminal can show."""
+"""A source line with carets under a span, truncated to the width of a terminal."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from r2bspec.diagnostics.quote import printable
 from r2bspec.diagnostics.source_lines import split_lines
 
 MAX_WIDTH = 100
-"""Characters of a source line that are shown at most."""
+"""The most characters of a source line that are shown."""
 
-_CONTEXT_BEFORE = 40  # characters kept before the place in a line that is cut
+_CONTEXT_BEFORE = 40  # characters kept before the span in a truncated line
 
 
 def excerpt(span: Span, text: str) -> tuple[str, str] | None:
-    """The line of a span and the carets under it; None where the text has no such line.
+    """The line of a span and the carets under it; None if the text has no such line.
 
-    A span of several lines is marked to the end of its first.
+    A span of several lines is marked to the end of its first line.
     """
     lines = _lines(text)
     if not 0 < span.line <= len(lines):
@@ -47,7 +47,7 @@ def _window(line: str, start: int, end: int) -> tuple[str, int, int]:
 
 
 def _width(text: str) -> int:
-    """Columns that a terminal needs for the text."""
+    """The columns that the text takes on a terminal."""
     if text.isascii():
         return len(text)
     wide = sum(unicodedata.east_asian_width(char) in "WF" for char in text)

@@ -1,12 +1,12 @@
-"""Findings for people: place, problem, the source line with a caret, and the way out.
+"""Findings as text: place, message, source line with carets, and help.
 
 ::
 
-    specs/a.r2b.yaml:12:5: error[R2B101]: the key 'node' is not known in 'graph'
+    specs/a.r2b.yaml:12:5: error[R2B101 unknown-key]: unknown key 'node' in 'graph'
        |
     12 |     node:
        |     ^^^^
-       = help: did you mean 'nodes'? known are placement, nodes
+       = help: did you mean 'nodes'? known keys: placement, nodes
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.quote import printable
+from r2bspec.report.findings.slugs import code_with_slug
 from r2bspec.report.findings.source_excerpt import excerpt
 
 _COLOURS = {Severity.ERROR: "31;1", Severity.WARNING: "33;1", Severity.INFO: "36;1"}
@@ -25,7 +26,7 @@ _BOLD = "1"
 def render(
     diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], *, colour: bool = False
 ) -> str:
-    """The findings in their order, a block of lines each; `sources` holds texts by file name."""
+    """The findings in their order, a block of lines each; `sources` are texts by file name."""
     return "\n".join(_block(found, sources, colour=colour) for found in diagnostics)
 
 
@@ -44,7 +45,7 @@ def _block(found: Diagnostic, sources: Mapping[str, str], *, colour: bool) -> st
     margin = " " * width
     bar, equals = paint("|", _QUIET), paint("=", _QUIET)
     style = _COLOURS[found.severity]
-    label = paint(f"{found.severity.value}[{found.code}]", style)
+    label = paint(f"{found.severity.value}[{code_with_slug(found.code)}]", style)
     lines = [f"{_place(found.span)}: {label}: {paint(printable(found.message), _BOLD)}"]
     source_line = show(found.span, style)
     if source_line:

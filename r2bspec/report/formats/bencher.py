@@ -10,14 +10,13 @@ import json
 from typing import Any
 
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.measure.distribution_parts import MAIN_PERCENTILES, part_value
 from r2bspec.measure.metrics import RateMetrics
 from r2bspec.measure.units import rate_name
 
 _MEASURES = (
     ("latency", "latency.mean", 1e9),
-    ("latency-p50", "latency.p50", 1e9),
-    ("latency-p90", "latency.p90", 1e9),
-    ("latency-p99", "latency.p99", 1e9),
+    *((f"latency-{part}", f"latency.{part}", 1e9) for part in MAIN_PERCENTILES),
     ("throughput", "throughput.mean", 1.0),
     ("drop-rate", "drop_rate", 1.0),
 )
@@ -47,7 +46,8 @@ def _measures(rate: RateMetrics, monitor: str) -> dict[str, Any]:
         "throughput.mean": seen.throughput_hz,
         "drop_rate": seen.drop_rate,
         **{
-            f"latency.{part}": getattr(seen.latency, part) for part in ("mean", "p50", "p90", "p99")
+            f"latency.{part}": part_value(seen.latency, part)
+            for part in ("mean", *MAIN_PERCENTILES)
         },
     }
     found: dict[str, Any] = {}

@@ -12,6 +12,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.distribution_parts import (
+    MAIN_PERCENTILES,
+    SHORT_PERCENTILES,
+    part_title,
+    part_value,
+)
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.report_wording import (
@@ -19,6 +25,7 @@ from r2bspec.report.report_wording import (
     bounds_text,
     comparison,
     estimate_text,
+    loaded_rmw,
     notes,
     own_pace,
     peak_text,
@@ -29,6 +36,7 @@ from r2bspec.report.report_wording import (
 )
 
 _MAX_ROWS = 60
+_LATENCIES = (*MAIN_PERCENTILES, "max")
 """Rows of a table that are shown at most."""
 
 _ORDER = ("fail", "inconclusive", "pass")
@@ -46,6 +54,9 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     yield ""
     yield escaped(verdict.reason)
     yield ""
+    if rmw := loaded_rmw(result):
+        yield code(rmw)
+        yield ""
     if compared := list(comparison(result)):
         yield from (f"{escaped(each)}  " for each in compared)
         yield ""
@@ -57,11 +68,17 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     yield from folded("Where and with what", _provenance(report_input))
 
 
+def _bounds_heading(verdict: Verdict) -> str:
+    """The heading of the bounds, with their confidence where all have the same."""
+    confidences = {one.confidence for one in verdict.requirements}
+    return f"{show(confidences.pop(), 'share', 4)} bounds" if len(confidences) == 1 else "bounds"
+
+
 def _requirements(verdict: Verdict, pace: str) -> Iterator[str]:
     several = several_monitors(verdict)
     ordered = sorted(verdict.requirements, key=lambda one: _ORDER.index(one.outcome))
     yield from table(
-        ("verdict", "requirement", "at", "estimate", "95 % bounds", "limit"),
+        ("verdict", "requirement", "at", "estimate", _bounds_heading(verdict), "limit"),
         [
             (
                 verdict_word(one),
@@ -93,15 +110,12 @@ def _measured(result: Result) -> Iterator[str]:
         yield f"**{escaped(result.monitor_title(name))}**"
         yield ""
         yield from table(
-            ("offered", "throughput", "p50", "p90", "p99", "max", "sent", "missed"),
+            ("offered", "throughput", *map(part_title, _LATENCIES), "sent", "missed"),
             [
                 (
                     show_rate(rate.offered_hz, rate.pace),
                     show(seen.throughput_hz, "Hz"),
-                    *(
-                        show(getattr(seen.latency, part), "s")
-                        for part in ("p50", "p90", "p99", "max")
-                    ),
+                    *(show(part_value(seen.latency, part), "s") for part in _LATENCIES),
                     show(seen.sent, "count"),
                     show(seen.missed, "count"),
                 )
@@ -121,7 +135,7 @@ def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
         (
             show(rate.offered_hz, "Hz"),
             escaped(f"{hop.source} → {hop.target}"),
-            *(show(getattr(hop.latency, part), "s") for part in ("p50", "p99")),
+            *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
             show(hop.matched, "count"),
             show(hop.missed, "count"),
         )
@@ -131,7 +145,8 @@ def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
     if rows:
         yield f"Hops to **{escaped(monitor)}**"
         yield ""
-        yield from table(("offered", "from → to", "p50", "p99", "matched", "missed"), rows)
+        shown = map(part_title, SHORT_PERCENTILES)
+        yield from table(("offered", "from → to", *shown, "matched", "missed"), rows)
 
 
 def _provenance(report_input: ReportInput) -> Iterator[str]:

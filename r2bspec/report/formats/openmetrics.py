@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.verdict import EXIT_CODES
-from r2bspec.measure.metric_catalogue import quantile
-from r2bspec.measure.metrics import Distribution, RateMetrics
+from r2bspec.measure.distribution_parts import PERCENTILES, Distribution, part_value
+from r2bspec.measure.metrics import RateMetrics
 from r2bspec.measure.units import rate_name
 from r2bspec.report.report_wording import own_pace
 
@@ -189,8 +189,8 @@ def _of_monitors(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Fam
 
 
 def _summary(times: Distribution, labels: Labels) -> Iterator[tuple[str, Labels, float]]:
-    for part in ("p50", "p90", "p95", "p99", "p99_9"):
-        value, q = getattr(times, part), quantile(part)
+    for part, q in PERCENTILES.items():
+        value = part_value(times, part)
         if value is not None:
             yield "", {**labels, "quantile": f"{q:g}"}, value
     yield "_count", labels, times.n

@@ -12,6 +12,14 @@ import msgspec
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.measure.distribution_parts import (
+    MAIN_PERCENTILES,
+    PARTS,
+    SHORT_PERCENTILES,
+    TAIL_PERCENTILE,
+    part_title,
+    part_value,
+)
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.html.canvas import Chart
@@ -22,6 +30,7 @@ from r2bspec.report.report_wording import (
     bounds_text,
     comparison,
     estimate_text,
+    loaded_rmw,
     notes,
     own_pace,
     peak_text,
@@ -111,10 +120,16 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "baseline": report_input.baseline.record if report_input.baseline is not None else None,
         "has_samples": report_input.run is not None,
         "number": Numbers(msgspec.to_builtins(result)),
+        "parts": PARTS,
+        "main_parts": ("mean", *MAIN_PERCENTILES, "max"),
+        "short_parts": (*SHORT_PERCENTILES, "max"),
+        "tail": TAIL_PERCENTILE,
+        "part_title": part_title,
         "show": show,
         "show_rate": show_rate,
         "pace": own_pace(metrics),
         "facts": {key: _plain(value) for key, value in result.machine.items()},
+        "rmw": loaded_rmw(result),
         "dataset": {key: _plain(value) for key, value in result.dataset.items()},
         "palette": PALETTE,
         "style": Markup(files.joinpath("style.css").read_text("utf-8")),  # noqa: S704 - our file
@@ -200,7 +215,7 @@ def _annotations(metrics: RunMetrics) -> dict[str, list[str]]:
     for name in dict.fromkeys(name for rate in rates for name in rate.pooled.monitors):
         told[f"monitor {name}"] = [
             f"{show_rate(rate.offered_hz, rate.pace)}: {show(seen.throughput_hz, 'Hz')}, "
-            f"p99 {show(seen.latency.p99, 's')}"
+            f"{part_title(TAIL_PERCENTILE)} {show(part_value(seen.latency, TAIL_PERCENTILE), 's')}"
             for rate in rates
             if (seen := rate.pooled.monitors[name])
         ]

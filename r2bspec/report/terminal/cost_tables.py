@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rich.console import Group, RenderableType
 
+from r2bspec.measure.distribution_parts import TAIL_PERCENTILE, part_title, part_value
 from r2bspec.measure.metrics import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.measure.units import show, show_rate, significant
 from r2bspec.record.run_record import FloorRecord
@@ -13,7 +14,7 @@ _MEMORY_WIDTH = 9
 _RATE_WIDTH = 17
 """Columns with their gaps, at their widest: ``1,023 MiB`` and ``251 µs (348 µs)``."""
 
-_PLAYED_LABEL, _LATE_LABEL = "played at", "late p99 (max)"
+_PLAYED_LABEL, _LATE_LABEL = "played at", f"late {part_title(TAIL_PERCENTILE)} (max)"
 
 
 def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
@@ -88,4 +89,4 @@ def _memory(uses: list[UseMetrics | None]) -> str:
 
 def _lateness(rate: RateMetrics) -> str:
     late = rate.pooled.playback.lateness
-    return f"{show(late.p99, 's')} ({show(late.max, 's')})"
+    return f"{show(part_value(late, TAIL_PERCENTILE), 's')} ({show(late.max, 's')})"

@@ -12,7 +12,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
-from r2bspec.report.report_wording import PROBE_MARKS, comparison, notes, peak_text
+from r2bspec.report.report_wording import PROBE_MARKS, comparison, loaded_rmw, notes, peak_text
 from r2bspec.report.terminal.style import DIM_STYLE, heading, outcome_text
 
 _STYLES = {True: "green", False: "red", None: "yellow"}
@@ -24,6 +24,7 @@ def header(result: Result) -> RenderableType:
     where = [
         _known(result.machine, "cpu"),
         f"{_known(result.machine, 'cores')} cores" if "cores" in result.machine else "",
+        loaded_rmw(result),
         _known(result.dataset, "source"),
         f"r2bspec {result.versions['r2bspec']}" if "r2bspec" in result.versions else "",
     ]

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from rich.console import Group, RenderableType
 
+from r2bspec.measure.distribution_parts import SHORT_PERCENTILES, part_title, part_value
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show
 from r2bspec.report.terminal.style import heading, table
@@ -17,12 +18,11 @@ def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
         for name, seen in rate.pooled.monitors.items():
             if not seen.hops:
                 continue
-            made = table(["from → to", "p50", "p99", "matched", "missed"])
+            made = table(["from → to", *map(part_title, SHORT_PERCENTILES), "matched", "missed"])
             for hop in seen.hops:
                 made.add_row(
                     f"{hop.source} → {hop.target}",
-                    show(hop.latency.p50, "s"),
-                    show(hop.latency.p99, "s"),
+                    *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
                     show(hop.matched, "count"),
                     show(hop.missed, "count"),
                 )

@@ -9,6 +9,13 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from r2bspec.judge.result import Result
+from r2bspec.measure.distribution_parts import (
+    MAIN_PERCENTILES,
+    SHORT_PERCENTILES,
+    TAIL_PERCENTILE,
+    part_title,
+    part_value,
+)
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.units import show, show_range, show_rate
 from r2bspec.report.terminal.style import DIM_STYLE, heading, table
@@ -25,13 +32,27 @@ class _Column:
     min_width: int = 0
 
 
+def _latency_column(part: str) -> _Column:
+    narrow = part in (*SHORT_PERCENTILES, "max")
+    return _Column(
+        part_title(part),
+        "s",
+        lambda seen: part_value(seen.latency, part),
+        f"latency.{part}",
+        0 if narrow else 100,
+    )
+
+
 _COLUMNS = (
     _Column("throughput", "Hz", lambda seen: seen.throughput_hz, "throughput.mean"),
-    _Column("p50", "s", lambda seen: seen.latency.p50, "latency.p50"),
-    _Column("p90", "s", lambda seen: seen.latency.p90, "latency.p90", 100),
-    _Column("p99", "s", lambda seen: seen.latency.p99, "latency.p99"),
-    _Column("max", "s", lambda seen: seen.latency.max, "latency.max"),
-    _Column("jitter p99", "s", lambda seen: seen.jitter.p99, "jitter.p99", 110),
+    *(_latency_column(part) for part in (*MAIN_PERCENTILES, "max")),
+    _Column(
+        f"jitter {part_title(TAIL_PERCENTILE)}",
+        "s",
+        lambda seen: part_value(seen.jitter, TAIL_PERCENTILE),
+        f"jitter.{TAIL_PERCENTILE}",
+        110,
+    ),
     _Column("sent", "count", lambda seen: seen.sent),
     _Column("missed", "count", lambda seen: seen.missed),
     _Column("received", "count", lambda seen: seen.received),

@@ -26,7 +26,6 @@ from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.digest import hash_files
 from r2bspec.bags.errors import DataError
-from r2bspec.bags.largest_message import measure_largest_by_topic
 from r2bspec.bags.verification import verify
 
 MESSAGES = chatter(12)
@@ -90,7 +89,6 @@ def use(bag: Path) -> list[tuple[str, int, bytes]]:
     assert len(found) == index.message_count
     times = [time_ns for _, time_ns, _ in found]
     assert times == sorted(times)
-    measure_largest_by_topic(bag, list(index.topics))
     hash_files(bag)
     return found
 

@@ -30,7 +30,7 @@ import r2bspec.nodes
         ("ResizeNode", {"scale_height": float("inf")}, "'scale_height' must be a double, above 0"),
         ("ResizeNode", {"interpolation": 5}, "one of 0, 1, 2, 3, 4; it is 5"),
         ("ResizeNode", {"use_scale": "yes"}, "'use_scale' must be a bool, true or false"),
-        ("RelayNode", {"format": "Image"}, "'format': 'Image' is no message type; write it as in"),
+        ("RelayNode", {"format": "Image"}, "'format': 'Image' is not a message type such as"),
         ("RelayNode", {"format": "no_msgs/msg/Image"}, "package no_msgs is not installed"),
         ("RelayNode", {"format": "std_msgs/msg/Strng"}, "std_msgs has no message Strng"),
         ("RelayNode", {"service_time_ms": -1.0}, "'service_time_ms' must be a double, 0 or more"),

@@ -91,7 +91,7 @@ def test_believes_the_storage_about_times_and_says_so(tmp_path: Path) -> None:
     edit_metadata(bag, str(START_NS), str(START_NS - 7))
     index = index_bag(bag)
     assert index.start_ns == START_NS
-    assert "metadata.yaml says" in index.notes[0]
+    assert "metadata.yaml states" in index.notes[0]
 
 
 def test_states_a_foreign_serialization_without_refusing_the_bag(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def test_a_wrong_datasets_folder_is_not_passed_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("R2B_DATASETS", str(tmp_path / "unmounted"))
-    with pytest.raises(DataError, match=r"R2B_DATASETS names .*unmounted"):
+    with pytest.raises(DataError, match=r"R2B_DATASETS is .*unmounted"):
         locate("r2b_storage", tmp_path)
 
 

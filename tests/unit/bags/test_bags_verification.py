@@ -35,7 +35,7 @@ def test_a_changed_message_is_found(copy: Path) -> None:
         ).fetchall()
         database.execute("UPDATE messages SET data = ? WHERE id = ?", (rows[1][1], rows[0][0]))
     (problem,) = verify(copy)
-    assert problem.startswith("the content hashes to ")
+    assert problem.startswith("the content hash is ")
 
 
 def test_a_changed_file_is_found(copy: Path) -> None:
@@ -52,7 +52,7 @@ def test_a_missing_file_is_found(copy: Path) -> None:
 
 def test_a_foreign_record_is_found(copy: Path) -> None:
     (copy / "dataset.json").write_text('{"format": "other"}')
-    assert verify(copy) == ["dataset.json is not what 'r2bspec data make' writes"]
+    assert verify(copy) == ["dataset.json was not written by 'r2bspec data make'"]
 
 
 def test_an_unreadable_bag_is_a_problem_and_no_exception(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def test_a_value_that_a_variable_brought_says_where_it_was_written() -> None:
     )
     (found,) = findings(text)
     assert text.splitlines()[found.span.line - 1][found.span.column - 1 :].startswith("$(var")
-    assert "'topic' gets its value here" in [each.message for each in found.related]
+    assert "'topic' is set here" in [each.message for each in found.related]
 
 
 @pytest.mark.parametrize(

@@ -2,53 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from r2bspec.bags import has_header
 from r2bspec.check import message_types
 from r2bspec.check.message_text import pluralize, quoted_list, suggestion
 from r2bspec.check.parameter_types import parameter_type
-from r2bspec.check.sample_size import DEFAULT_CONFIDENCE, min_sample_size
-
-
-@pytest.mark.parametrize(
-    ("allowed", "needed"), [(0.01, 299), (0.001, 2995), (0.1, 29), (0.5, 5), (0.005, 598)]
-)
-def test_the_messages_that_a_share_needs(allowed: float, needed: int) -> None:
-    assert min_sample_size(allowed) == needed
-
-
-def test_nothing_shows_that_nothing_is_ever_lost() -> None:
-    assert min_sample_size(0) is None
-    assert min_sample_size(1) == 1
-
-
-@given(st.floats(1e-6, 0.999))
-def test_it_is_the_least_number_that_is_enough(allowed: float) -> None:
-    needed = min_sample_size(allowed)
-    assert needed is not None
-
-    def doubt(number: int) -> float:
-        return math.exp(number * math.log1p(-allowed))
-
-    assert doubt(needed) <= (1 - DEFAULT_CONFIDENCE) * (1 + 1e-6)
-    assert needed == 1 or doubt(needed - 1) > (1 - DEFAULT_CONFIDENCE) * (1 - 1e-6)
-
-
-def test_the_statistics_of_verdicts_agree() -> None:
-    from r2bspec.judge.statistics.binomial import upper_bound
-    from r2bspec.judge.verdict import CONFIDENCE as OF_VERDICTS
-
-    assert DEFAULT_CONFIDENCE == OF_VERDICTS
-    for allowed in (0.001, 0.01, 0.05, 0.5):
-        needed = min_sample_size(allowed) or 0
-        assert upper_bound(0, needed, DEFAULT_CONFIDENCE) <= allowed + 1e-12
-        assert upper_bound(0, needed - 1, DEFAULT_CONFIDENCE) > allowed
 
 
 def test_the_frequent_types_are_what_rosbags_says() -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from r2bspec.check import rules
-from r2bspec.check.pages import all_pages
+from r2bspec.check.pages import all_pages, find_page
 from r2bspec.check.rule import Rule
 from r2bspec.check.rule_registry import all_rules
 from r2bspec.diagnostics import Severity
@@ -56,9 +57,26 @@ def test_every_code_in_the_sources_has_a_page() -> None:
     assert used - all_pages().keys() == set()
 
 
+def test_every_code_has_one_slug_of_its_own() -> None:
+    slugs = {code: page.slug for code, page in all_pages().items()}
+    assert len(set(slugs.values())) == len(slugs)
+    for code, slug in slugs.items():
+        assert re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", slug), code
+        assert len(slug) <= 40, code
+        assert find_page(code) == all_pages()[code]
+    assert find_page("R2B999") is None
+
+
+def test_the_slug_of_a_rule_is_the_name_of_its_file() -> None:
+    for path in rules.__path__:
+        for file in Path(path).glob("[!_]*.py"):
+            rule = import_module(f"{rules.__name__}.{file.stem}").RULE
+            assert rule.page.slug == file.stem.replace("_", "-")
+
+
 SAME_ON_THE_REAL_GRAPH = {
     "execute/bringup/spec_mismatches.py",
-    "execute/diagnosis/find_break.py",
+    "execute/diagnosis/find_fault.py",
 }
 """Where a run finds in the real graph what a rule would have found, had it been known before."""
 

@@ -56,7 +56,7 @@ def test_fix_again_changes_nothing(spec: Path, capsys: pytest.CaptureFixture[str
 def test_fix_reports_what_is_left(spec: Path, capsys: pytest.CaptureFixture[str]) -> None:
     spec.write_text(example(benchmark="{rates: [30], iterations: -1}"))
     assert validate("--fix", str(spec)) == 1
-    assert "error[R2B107]" in capsys.readouterr().out
+    assert "error[R2B107 number-out-of-range]" in capsys.readouterr().out
     assert "rates: [30 Hz], iterations: -1" in spec.read_text()
 
 
@@ -108,7 +108,7 @@ def test_a_file_that_cannot_be_written(spec: Path, capsys: pytest.CaptureFixture
         assert validate("--fix", str(spec)) == 2
     finally:
         Path().chmod(0o700)
-    assert "error[R2B601]: a.r2b.yaml cannot be written" in capsys.readouterr().err
+    assert "error[R2B601 wrong-usage]: a.r2b.yaml cannot be written" in capsys.readouterr().err
 
 
 def test_sarif_and_junit_are_whole_documents(

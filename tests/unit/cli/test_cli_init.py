@@ -56,7 +56,7 @@ def test_nothing_is_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["init", "camera"]) == 2
     assert Path("camera.r2b.yaml").read_text() == "mine"
     assert not Path("r2bspec-v1.schema.json").exists()
-    assert "error[R2B601]: camera.r2b.yaml exists already" in capsys.readouterr().err
+    assert "error[R2B601 wrong-usage]: camera.r2b.yaml exists already" in capsys.readouterr().err
     Path("r2bspec-v1.schema.json").write_text("mine, too")
     assert main(["init", "other"]) == 0
     assert Path("r2bspec-v1.schema.json").read_text() == "mine, too"

@@ -14,6 +14,7 @@ import pytest
 from r2bspec._version import __version__
 from r2bspec.cli import main as cli
 from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.report.findings.slugs import code_with_slug
 
 VERBS = list(cli._VERBS)
 
@@ -105,7 +106,7 @@ def test_an_error_is_a_line_a_hint_and_a_status(
     shown = capsys.readouterr().err
     assert "Traceback" not in shown
     if isinstance(error, R2bspecError):
-        assert f"error[{error.code}]: {error}" in shown
+        assert f"error[{code_with_slug(error.code)}]: {error}" in shown
         assert error.hint in shown
 
 
@@ -127,6 +128,7 @@ def test_importing_the_package_imports_no_stage() -> None:
         "r2bspec",
         "r2bspec._version",
         "r2bspec.errors",
+        "r2bspec.exit_status",
     }
 
 
@@ -135,6 +137,15 @@ def test_validate_imports_nothing_heavy() -> None:
     loaded = _modules_after("validate", str(spec))
     assert "r2bspec.check.engine" in loaded
     assert loaded.isdisjoint({"rclpy", "numpy", "scipy", "cv2", "rosbags", "psutil", "rich"})
+    assert loaded.isdisjoint({"r2bspec.language.pages", "r2bspec.check.pages"})
+
+
+def test_a_document_with_an_error_imports_no_rules(tmp_path: Path) -> None:
+    spec = tmp_path / "a.r2b.yaml"
+    spec.write_text("r2bspec: 3\n")
+    loaded = _modules_after("validate", str(spec))
+    assert "r2bspec.language.pages" in loaded
+    assert "r2bspec.check" not in loaded
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -5,17 +5,13 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import sqlite3
+from multiprocessing.synchronize import Barrier
 from pathlib import Path
 
 import pytest
 
 from r2bspec.compare.history import HistoryEntry, HistoryError, HistoryMetric, open_history
-from r2bspec.compare.history.migrations import (
-    APPLICATION_ID,
-    MIGRATIONS,
-    SCHEMA_VERSION,
-    schema_version,
-)
+from r2bspec.compare.history.schema import SCHEMA_VERSION
 
 
 def entry(run_id: str, *, outcome: str = "pass", day: int = 1, plan: str = "plan") -> HistoryEntry:
@@ -86,46 +82,16 @@ def test_forgetting_a_run_forgets_its_metrics(tmp_path: Path) -> None:
         assert connection.execute("SELECT count(*) FROM metrics").fetchone() == (2,)
 
 
-def old_file(path: Path, version: int) -> None:
-    """A history as version `version` of its tables left it, with one run."""
-    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
-        for migration in MIGRATIONS[:version]:
-            for statement in migration:
-                connection.execute(statement)
+@pytest.mark.parametrize("version", [SCHEMA_VERSION - 1, SCHEMA_VERSION + 1])
+def test_another_version_is_refused_and_left_alone(tmp_path: Path, version: int) -> None:
+    path = tmp_path / "h"
+    with open_history(path, create=True) as history:
+        history.add(entry("a"))
+    with contextlib.closing(sqlite3.connect(path)) as connection:
         connection.execute(f"PRAGMA user_version = {version}")
-        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        connection.execute(
-            "INSERT INTO runs (run_id, name, started_at, host, machine, plan, dataset, version, "
-            "outcome) VALUES ('old', 'relay', '2025-01-01', 'host', 'm', 'plan', 'data', '0', "
-            "'pass')"
-        )
-        connection.execute(
-            "INSERT INTO metrics VALUES ('old', 30.0, 'out', 'latency.p50', 's', 0.01)"
-        )
-
-
-@pytest.mark.parametrize("version", range(1, SCHEMA_VERSION + 1))
-def test_every_older_version_is_brought_up_to_date(tmp_path: Path, version: int) -> None:
-    path = tmp_path / "h"
-    old_file(path, version)
-    with open_history(path) as history:
-        history.add(entry("new"))
-        assert [one.run_id for one in history.comparable_runs("host", "plan", "data", 9)] == [
-            "old",
-            "new",
-        ]
-        assert history.metrics("old")[0].value == 0.01
-    with contextlib.closing(sqlite3.connect(path)) as connection:
-        assert schema_version(connection) == SCHEMA_VERSION
-
-
-def test_a_newer_version_is_refused_and_left_alone(tmp_path: Path) -> None:
-    path = tmp_path / "h"
-    old_file(path, SCHEMA_VERSION)
-    with contextlib.closing(sqlite3.connect(path)) as connection:
-        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION + 1}")
     before = path.read_bytes()
-    with pytest.raises(HistoryError, match=f"version {SCHEMA_VERSION + 1}"), open_history(path):
+    refused = rf"has version {version}; this r2bspec reads version {SCHEMA_VERSION}$"
+    with pytest.raises(HistoryError, match=refused), open_history(path):
         pass
     assert path.read_bytes() == before
 
@@ -169,17 +135,44 @@ def test_what_is_not_there_is_said(tmp_path: Path) -> None:
         pass
 
 
-def _write(path: Path, name: str, number: int) -> None:
+def _write(folder: Path, name: str, barrier: Barrier, rounds: int) -> None:
+    for number in range(rounds):
+        barrier.wait(60)
+        with open_history(folder / str(number), create=True) as history:
+            history.add(entry(name))
+            history.runs()
+
+
+def test_many_programs_make_one_history_at_once(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("spawn")
+    names, rounds = [f"w{number:02}" for number in range(16)], 10
+    barrier = context.Barrier(len(names))
+    writers = [
+        context.Process(target=_write, args=(tmp_path, name, barrier, rounds)) for name in names
+    ]
+    for each in writers:
+        each.start()
+    for each in writers:
+        each.join(120)
+    assert [each.exitcode for each in writers] == [0] * len(names)
+    for number in range(rounds):
+        with open_history(tmp_path / str(number)) as history:
+            assert sorted(one.run_id for one in history.runs()) == names
+        with contextlib.closing(sqlite3.connect(tmp_path / str(number))) as connection:
+            assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+
+
+def _append(path: Path, name: str, number: int) -> None:
     for each in range(number):
         with open_history(path, create=True) as history:
             history.add(entry(f"{name}-{each}"))
 
 
 def test_several_programs_write_at_once(tmp_path: Path) -> None:
-    """Each opens the file anew, so that they also race to make its tables."""
+    """Each opens the file anew for every run."""
     path = tmp_path / "h"
     context = multiprocessing.get_context("spawn")
-    writers = [context.Process(target=_write, args=(path, f"w{n}", 10)) for n in range(4)]
+    writers = [context.Process(target=_append, args=(path, f"w{n}", 10)) for n in range(4)]
     for each in writers:
         each.start()
     for each in writers:

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from data_bags import decoded, pixels, stamp_ns
+from ground_truth_files import read_disparity, read_ground_truth
 from r2bspec.bags.recording import SyntheticDataset
-from r2bspec.datasets.ground_truth import read_disparity, read_ground_truth
 from r2bspec.datasets.scene import rig
 from r2bspec.datasets.scene.geometry import BODY_FROM_OPTICAL, Pose, quaternion, transpose
 from r2bspec.datasets.scene.lidar import cloud_dtype

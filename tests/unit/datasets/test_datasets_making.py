@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
+from data_bags import hash_content
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.digest import hash_content
 from r2bspec.bags.errors import DataError
 from r2bspec.bags.recording import SyntheticDataset, Window
 from r2bspec.bags.verification import verify

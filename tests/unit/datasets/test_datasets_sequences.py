@@ -79,7 +79,7 @@ def test_counts_in_a_window_are_those_of_the_whole_inside_it(ends: tuple[int, in
     ("name", "topics", "window", "code", "words"),
     [
         ("r2b_loung", None, None, "R2B307", "did you mean r2b_lounge?"),
-        ("kitchen", None, None, "R2B307", "known are r2b_cafe"),
+        ("kitchen", None, None, "R2B307", "known datasets: r2b_cafe"),
         ("r2b_storage", ["/d455_rgb_image"], None, "R2B308", "did you mean /d455_1_rgb_image?"),
         ("r2b_storage", None, Window(end_ns=DURATION_NS + 1), "R2B309", "between"),
         ("r2b_storage", None, Window(start_ns=5, end_ns=5), "R2B309", "between"),

@@ -27,7 +27,7 @@ FOUND = Diagnostic(
 def test_text() -> None:
     assert text.render([FOUND, FOUND], SOURCES) == (
         """\
-a.yaml:2:7: error[R2B109]: 30 has no unit
+a.yaml:2:7: error[R2B109 missing-unit]: 30 has no unit
   |
 2 | rate: 30
   |       ^^
@@ -43,7 +43,7 @@ a.yaml:2:7: error[R2B109]: 30 has no unit
 
 def test_text_without_the_source() -> None:
     assert text.render([FOUND], {}) == (
-        "a.yaml:2:7: error[R2B109]: 30 has no unit\n  = help: write 30 Hz\n"
+        "a.yaml:2:7: error[R2B109 missing-unit]: 30 has no unit\n  = help: write 30 Hz\n"
         "  = a.yaml:1:1: said here\n"
     )
 
@@ -55,7 +55,7 @@ def test_nothing_found() -> None:
 def test_colour_only_when_asked() -> None:
     assert "\x1b" not in text.render([FOUND], SOURCES)
     coloured = text.render([FOUND], SOURCES, colour=True)
-    assert "\x1b[31;1merror[R2B109]\x1b[0m" in coloured
+    assert "\x1b[31;1merror[R2B109 missing-unit]\x1b[0m" in coloured
 
 
 def test_nothing_reaches_the_terminal_unescaped() -> None:
@@ -106,6 +106,7 @@ def test_json() -> None:
     report = standard_json.loads(json.render([FOUND], SOURCES))
     assert (report["version"], report["errors"], report["warnings"]) == (1, 1, 0)
     (finding,) = report["findings"]
+    assert (finding["code"], finding["slug"]) == ("R2B109", "missing-unit")
     assert finding["path"] == ["rates", 0]
     assert finding["edit"]["text"] == "30 Hz"
     assert finding["certainty"] == "environment"
@@ -121,6 +122,10 @@ def test_github_escapes() -> None:
         "::warning file=a%2Cb%3Ac.yaml,line=1,endLine=1,col=2,endColumn=3,title=R2B1::"
         "100 %25, a: b%0Ac%0Ado it\n"
     )
+
+
+def test_github_shows_the_slug_in_the_title() -> None:
+    assert ",title=R2B109 missing-unit::30 has no unit%0A" in github.render([FOUND], SOURCES)
 
 
 def test_github_keeps_ten_and_errors_first() -> None:

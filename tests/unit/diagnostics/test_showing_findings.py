@@ -26,7 +26,7 @@ def plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_standard_error_by_default(capsys: pytest.CaptureFixture[str]) -> None:
     show([FOUND], {})
     out, err = capsys.readouterr()
-    assert (out, err) == ("", "f:1:1: error[R2B101]: wrong\n")
+    assert (out, err) == ("", "f:1:1: error[R2B101 unknown-key]: wrong\n")
 
 
 def test_colour_on_a_terminal_only() -> None:

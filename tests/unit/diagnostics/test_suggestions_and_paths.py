@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from r2bspec.diagnostics import Span, did_you_mean, format_path
+from r2bspec.diagnostics import did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, quote
 
 
@@ -25,12 +25,6 @@ def test_did_you_mean(wrong: str, known: list[str], meant: str) -> None:
 def test_paths_read_as_they_are_addressed() -> None:
     path = ("data_loader", "topics", "/a/b", 0, "my-key")
     assert format_path(path) == "data_loader.topics['/a/b'][0].my-key"
-
-
-def test_parts_of_a_span() -> None:
-    span = Span("f", 3, 10, 3, 20)
-    assert span.part(2, 3) == Span("f", 3, 12, 3, 15)
-    assert Span("f", 1, 1, 2, 1).part(2) == Span("f", 1, 1, 2, 1)
 
 
 def test_quoting_is_short_and_harmless() -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.doctor.checkup import System
-from r2bspec.doctor.dead_segments import dead_shm_files
+from r2bspec.doctor.dead_shm_files import dead_shm_files
 from r2bspec.doctor.leftovers import check_leftovers, clean, find_leftovers
 from r2bspec.doctor.run_processes import find_runs
 from r2bspec.doctor.scratch_folders import abandoned_scratch, unfinished_datasets

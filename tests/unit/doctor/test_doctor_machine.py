@@ -14,7 +14,7 @@ from r2bspec.doctor.dataset_disk import check_datasets
 from r2bspec.doctor.processor import check_processor
 from r2bspec.doctor.shared_memory import check_shared_memory
 from r2bspec.doctor.socket_buffers import check_sockets
-from r2bspec.execute.processes.environment import SOCKET_BUFFER_BYTES
+from r2bspec.middleware.fast_dds_profile import SOCKET_BUFFER_BYTES
 
 Usage = namedtuple("Usage", "total used free")
 
@@ -54,6 +54,28 @@ def test_socket_buffers_are_compared_with_what_transports_ask_for(
     assert (f"net.core.rmem_max={SOCKET_BUFFER_BYTES}" in check.advice) == (status == "warn")
 
 
+@pytest.mark.parametrize(
+    ("rmw", "limit", "receive", "send"),
+    [
+        ("rmw_cyclonedds_cpp", 212_992, "warn", "ok"),
+        ("rmw_cyclonedds_cpp", 1 << 20, "ok", "ok"),
+        ("rmw_zenoh_cpp", 212_992, "ok", "ok"),
+        ("rmw_fastrtps_dynamic_cpp", 1 << 20, "warn", "warn"),
+    ],
+)
+def test_socket_buffers_are_those_of_the_selected_middleware(
+    tmp_path: Path, rmw: str, limit: int, receive: str, send: str
+) -> None:
+    system = System(
+        proc=tmp_path / "proc", sys=tmp_path / "sys", environ={"RMW_IMPLEMENTATION": rmw}
+    )
+    for name in ("rmem_max", "wmem_max"):
+        tell(system.proc / "sys/net/core" / name, limit)
+    checks = check_sockets(system)
+    found = [only(checks, f"{direction} buffers").status for direction in ("receive", "send")]
+    assert found == [receive, send]
+
+
 def test_a_kernel_that_does_not_tell_its_limits_is_no_problem(system: System) -> None:
     assert {check.status for check in check_sockets(system)} == {"ok"}
 
@@ -81,6 +103,13 @@ def test_a_machine_without_shared_memory_is_told_what_to_do(tmp_path: Path) -> N
     (check,) = check_shared_memory(System(shared_memory=tmp_path / "none"))
     assert check.status == "problem"
     assert "transport: udp" in check.advice
+
+
+@pytest.mark.parametrize("rmw", ["rmw_cyclonedds_cpp", "rmw_zenoh_cpp"])
+def test_shared_memory_does_not_matter_where_no_run_uses_it(tmp_path: Path, rmw: str) -> None:
+    environ = {"RMW_IMPLEMENTATION": rmw}
+    (check,) = check_shared_memory(System(shared_memory=tmp_path / "none", environ=environ))
+    assert (check.status, check.advice) == ("ok", "")
 
 
 def cores(monkeypatch: pytest.MonkeyPatch, count: int) -> None:

@@ -97,6 +97,33 @@ def test_middleware_that_transports_cannot_configure_is_warned_of(
     assert "transport: inherit" in check.advice
 
 
+def test_another_middleware_than_runs_configure_is_warned_of(here: Callable[..., None]) -> None:
+    here(rclpy("rmw_cyclonedds_cpp"))
+    check = by_name(check_ros(System(environ={})))["middleware"]
+    assert "set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in check.advice
+    environ = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+    check = by_name(check_ros(System(environ=environ)))["middleware"]
+    assert "RMW_IMPLEMENTATION=" not in check.advice
+
+
+@pytest.mark.parametrize(
+    ("rmw", "variable", "told"),
+    [
+        ("rmw_cyclonedds_cpp", "CYCLONEDDS_URI", True),
+        ("rmw_zenoh_cpp", "ZENOH_SESSION_CONFIG_URI", True),
+        ("rmw_zenoh_cpp", "CYCLONEDDS_URI", False),
+        ("rmw_fastrtps_cpp", "FASTDDS_DEFAULT_PROFILES_FILE", False),
+    ],
+)
+def test_a_variable_that_can_let_discovery_leave_the_host_is_named(
+    here: Callable[..., None], rmw: str, variable: str, told: bool
+) -> None:
+    here(rclpy(rmw))
+    environ = {"RMW_IMPLEMENTATION": rmw, variable: "x"}
+    check = by_name(check_ros(System(environ=environ)))["middleware"]
+    assert (f"{variable} is set" in check.advice) == told
+
+
 def test_message_packages_that_are_missing_are_named(here: Callable[..., None]) -> None:
     here(rclpy() | {"stereo_msgs.msg": MISSING})
     check = by_name(check_ros(System(environ={})))["messages"]
@@ -138,6 +165,18 @@ def test_a_module_that_prints_or_exits_does_not_spoil_the_answer(tmp_path: Path)
     )
     assert "error" not in found["loud"]
     assert "SystemExit" in found["leaves"]["error"]
+
+
+def test_a_module_that_ends_the_interpreter_is_quoted(tmp_path: Path) -> None:
+    (tmp_path / "dies.py").write_text(
+        "import os, sys\nsys.stderr.write('no such middleware\\n')\n"
+        "sys.stderr.flush()\nos._exit(102)\n"
+    )
+    (tmp_path / "goes.py").write_text("import os\nos._exit(102)\n")
+    path = f"{tmp_path}:{Path(__file__).parents[3]}"
+    system = System(environ={**System().environ, "PYTHONPATH": path})
+    assert probe_imports(system, "dies") == {"dies": {"error": "no such middleware"}}
+    assert probe_imports(system, "goes") == {"goes": {"error": "it ended with status 102"}}
 
 
 def test_the_doctor_itself_imports_no_ros() -> None:

@@ -40,7 +40,7 @@ def test_nothing_asked_for_changes_nothing(sleeper: subprocess.Popen[bytes]) -> 
 
 
 def test_a_processor_that_is_not_there_is_named(sleeper: subprocess.Popen[bytes]) -> None:
-    with pytest.raises(RunError, match="detector cannot run on processors 4095") as caught:
+    with pytest.raises(RunError, match="detector cannot run on CPUs 4095") as caught:
         apply_affinity(plan(cpus=(4095,)), sleeper.pid)
     assert caught.value.code == "R2B636"
 

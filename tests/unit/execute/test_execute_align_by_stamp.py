@@ -73,7 +73,7 @@ def test_one_input_is_played_in_the_order_of_its_stamps() -> None:
 
 
 def test_an_input_that_got_no_message_is_named() -> None:
-    with pytest.raises(RunError, match="no message was buffered for /right") as raised:
+    with pytest.raises(RunError, match="no messages were buffered for /right") as raised:
         align([recorded("/left", 10), recorded("/right")], 0)
     assert raised.value.code == "R2B643"
     assert raised.value.exit_code == 4

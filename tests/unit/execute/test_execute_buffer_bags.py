@@ -158,7 +158,7 @@ def test_the_bag_that_was_pinned_is_taken(tmp_path: Path, bag: Path, prefix: str
 
 
 def test_another_bag_than_the_one_that_was_pinned_is_refused(tmp_path: Path, bag: Path) -> None:
-    with pytest.raises(DatasetMismatchError, match="its hash is") as raised:
+    with pytest.raises(DatasetMismatchError, match="the hash of ./bag is") as raised:
         obtain_dataset(dataset(topic("/left", "/image"), sha256="0" * 64), tmp_path, NullProgress())
     assert hash_files(bag) in str(raised.value)
     assert raised.value.exit_code == 2

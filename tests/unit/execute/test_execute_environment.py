@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
+import os
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from r2bspec.execute.processes.environment import (
-    RunEnvironment,
-    inherited_environment,
-    segment_bytes,
-    transport_profile,
-)
+from r2bspec.execute.processes.environment import RunEnvironment, inherited_environment
+from r2bspec.middleware.fast_dds_profile import transport_profile
 from r2bspec.plan.plan import Plan
 from run_simulation import Simulation
-
-NAMESPACE = {"dds": "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"}
 
 SECRETS = {
     "GITHUB_TOKEN": "t0",
@@ -149,54 +141,83 @@ def test_a_chosen_transport_is_a_profile_in_the_scratch_folder(
         assert profile.read_text() == transport_profile(transport, 1_000_000)
 
 
-def descriptors(profile: str) -> dict[str, ET.Element]:
-    """The transports of a profile by name, each used by its participant."""
-    root = ET.fromstring(profile)  # noqa: S314 - written by the function under test
-    found = {
-        each.findtext("dds:transport_id", "", NAMESPACE): each
-        for each in root.iterfind(".//dds:transport_descriptor", NAMESPACE)
+USERS = {
+    "PATH": "/bin",
+    "ROS_DOMAIN_ID": "42",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+    "ROS_LOCALHOST_ONLY": "0",
+    "ROS_STATIC_PEERS": "robot.local",
+    "CYCLONEDDS_URI": "<Tracing/>",
+    "ZENOH_ROUTER_CHECK_ATTEMPTS": "3",
+    "SECRET": "s",
+}
+"""What a user may have set for other work."""
+
+
+def of_a_node(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    rmw: str,
+    transport: Literal["inherit", "shared_memory", "udp"],
+) -> dict[str, str]:
+    """The whole environment of a node, where a user has set these variables."""
+    selected = {"RMW_IMPLEMENTATION": rmw} if rmw else {}
+    monkeypatch.setattr(os, "environ", USERS | selected)
+    return environment(tmp_path, plan(transport)).for_node({"MODE": "fast"})
+
+
+def expected(tmp_path: Path, **more: str) -> dict[str, str]:
+    """What every process has, with any middleware, and `more`."""
+    return {
+        "PATH": "/bin",
+        "CYCLONEDDS_URI": "<Tracing/>",
+        "ZENOH_ROUTER_CHECK_ATTEMPTS": "3",
+        "R2BSPEC_RUN_ID": "abc",
+        "ROS_DOMAIN_ID": "7",
+        "PYTHONUNBUFFERED": "1",
+        "ROS_LOG_DIR": str(tmp_path / "ros_logs"),
+        "MODE": "fast",
+        **more,
     }
-    used = [
-        each.text for each in root.iterfind(".//dds:userTransports/dds:transport_id", NAMESPACE)
-    ]
-    assert used == list(found)
-    assert root.findtext(".//dds:useBuiltinTransports", "", NAMESPACE) == "false"
-    return found
 
 
-@given(largest=st.integers(0, 2**28))
-def test_shared_memory_holds_several_of_the_largest_message(largest: int) -> None:
-    found = descriptors(transport_profile("shared_memory", largest))
-    assert [each.findtext("dds:type", "", NAMESPACE) for each in found.values()] == ["SHM", "UDPv4"]
-    segment = int(found["shm"].findtext("dds:segment_size", "", NAMESPACE))
-    message = int(found["shm"].findtext("dds:maxMessageSize", "", NAMESPACE))
-    assert segment == segment_bytes(largest)
-    # Two full queues of ten, as far as the 32 bits go that the size is read into.
-    assert segment >= min(20 * largest, 2**32 - 2**20)
-    assert largest < message <= segment
-    assert segment < 2**32
-
-
-def test_processes_announce_themselves_for_as_long_as_they_live() -> None:
-    # Player and monitor are seconds older than the graph, which has to find them at once.
-    root = ET.fromstring(transport_profile("udp", 1_000_000))  # noqa: S314 - as above
-    period_ns = root.findtext(".//dds:leaseAnnouncement/dds:nanosec", "", NAMESPACE)
-    assert 0 < int(period_ns) <= 500_000_000
-    assert root.find(".//dds:leaseAnnouncement/dds:sec", NAMESPACE) is None
-
-
+@pytest.mark.parametrize("rmw", ["", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp"])
 @pytest.mark.parametrize("transport", ["shared_memory", "udp"])
-def test_processes_find_each_other_on_this_host_only(transport: str) -> None:
-    profile = transport_profile(transport, 1_000_000)
-    root = ET.fromstring(profile)  # noqa: S314 - written by the function under test
-    asked = root.findall(".//dds:initialPeersList/dds:locator/dds:udpv4/dds:address", NAMESPACE)
-    assert [each.text for each in asked] == ["127.0.0.1"]
-    # What stands here takes the place of multicast.
-    assert root.find(".//dds:metatrafficUnicastLocatorList/dds:locator", NAMESPACE) is not None
-    used = descriptors(profile)["udp"].findall("dds:interfaceWhiteList/dds:address", NAMESPACE)
-    assert [each.text for each in used] == ["127.0.0.1"]
+def test_with_fast_dds_a_profile_says_everything(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    rmw: str,
+    transport: Literal["shared_memory", "udp"],
+) -> None:
+    profile = str(tmp_path / "transport.xml")
+    assert of_a_node(tmp_path, monkeypatch, rmw, transport) == expected(
+        tmp_path,
+        **({"RMW_IMPLEMENTATION": rmw} if rmw else {}),
+        ROS_STATIC_PEERS="robot.local",
+        ROS_AUTOMATIC_DISCOVERY_RANGE="SYSTEM_DEFAULT",
+        FASTRTPS_DEFAULT_PROFILES_FILE=profile,
+        FASTDDS_DEFAULT_PROFILES_FILE=profile,
+    )
 
 
-def test_udp_uses_no_shared_memory() -> None:
-    found = descriptors(transport_profile("udp", 10_000_000))
-    assert [each.findtext("dds:type", "", NAMESPACE) for each in found.values()] == ["UDPv4"]
+def test_with_fast_dds_an_inherited_transport_is_kept_on_the_host(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert of_a_node(tmp_path, monkeypatch, "", "inherit") == expected(
+        tmp_path, ROS_STATIC_PEERS="robot.local", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"
+    )
+
+
+@pytest.mark.parametrize("rmw", ["rmw_cyclonedds_cpp", "rmw_zenoh_cpp", "rmw_connextdds"])
+@pytest.mark.parametrize("transport", ["inherit", "shared_memory", "udp"])
+def test_with_another_middleware_discovery_is_kept_on_the_host_and_nothing_else_is_set(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    rmw: str,
+    transport: Literal["inherit", "shared_memory", "udp"],
+) -> None:
+    # A run refuses the other transports; `r2bspec interfaces` starts nodes all the same.
+    assert of_a_node(tmp_path, monkeypatch, rmw, transport) == expected(
+        tmp_path, RMW_IMPLEMENTATION=rmw, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"
+    )
+    assert list(tmp_path.iterdir()) == []

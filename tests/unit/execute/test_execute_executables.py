@@ -68,7 +68,7 @@ def test_an_executable_that_the_package_lacks_is_answered_with_those_it_has(pref
     with pytest.raises(NotInstalledError, match="no executable 'speaker'") as raised:
         find_executable("demo_nodes_cpp", "speaker")
     assert raised.value.code == "R2B623"
-    assert raised.value.hint == "It has: listener, talker."
+    assert raised.value.hint == "Its executables: listener, talker."
 
 
 def test_a_file_that_may_not_be_executed_is_no_executable(prefix: Path) -> None:
@@ -99,7 +99,9 @@ def test_a_program_is_looked_up_on_the_path(
 
 
 def test_a_program_that_is_not_there_is_named() -> None:
-    with pytest.raises(NotInstalledError, match="no program 'no-such-program'") as raised:
+    with pytest.raises(
+        NotInstalledError, match="program 'no-such-program' is not on PATH"
+    ) as raised:
         resolve_argv(process("no-such-program"))
     assert raised.value.code == "R2B621"
     assert raised.value.exit_code == 2

@@ -108,7 +108,7 @@ def test_a_process_that_dies_takes_its_parts_along(
     children: ProcessSupervisor, whole: ManagedProcess
 ) -> None:
     whole.parts["monitor"].send(protocol.Stop())
-    with pytest.raises(ProcessDiedError, match="process harness ended with status 3"):
+    with pytest.raises(ProcessDiedError, match="process harness exited with status 3"):
         pump(children)
 
 

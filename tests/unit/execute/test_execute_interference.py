@@ -22,12 +22,12 @@ def write(root: Path, files: dict[str, str]) -> Path:
 
 
 def test_this_machine() -> None:
-    surroundings = InterferenceReader()
-    first = surroundings.read()
+    reader = InterferenceReader()
+    first = reader.read()
     end = time.process_time() + 0.1
     while time.process_time() < end:
         pass
-    second = surroundings.read()
+    second = reader.read()
     assert second.busy_s > first.busy_s
     for before, after in zip(first, second, strict=True):
         assert math.isnan(before) == math.isnan(after)

@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from r2bspec.execute.measurement.iterations import IterationRunner
+from r2bspec.execute.measurement.segments import SegmentHeading
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.judge.verdict import (
     EXIT_CODES,
@@ -35,28 +36,18 @@ class Played:
 
     segments: list[Segment] = field(default_factory=list)
 
-    def play_for(
-        self,
-        kind: Any,
-        name: str,
-        rate_hz: float,
-        duration_ns: int,
-        *,
-        index: int,
-        rerun_of: str,
-        **_: Any,
-    ) -> None:
+    def play_for(self, heading: SegmentHeading, rate_hz: float, duration_ns: int) -> None:
         self.segments.append(
             Segment(
-                id=name,
-                kind=kind,
+                id=heading.id,
+                kind=heading.kind,
                 rate_hz=rate_hz,
-                index=index,
+                index=heading.index,
                 steps=round(rate_hz * duration_ns / 1e9),
                 began_ns=0,
                 ended_ns=1,
                 complete=True,
-                rerun_of=rerun_of,
+                rerun_of=heading.rerun_of,
             )
         )
 
@@ -150,5 +141,8 @@ def test_the_budget_comes_first() -> None:
     played, budget = iterate([hanging], budget_ns=1)
     assert played == FIRST_LOOK
     rerun, look = budget.left_out
-    assert rerun.startswith("No rerun of rate-30Hz-001, which was disturbed: the time budget")
-    assert look.startswith("No more than 2 iterations: the time budget")
+    assert rerun.startswith(
+        "No rerun of rate-30Hz-001, which host interference affected: "
+        "it would exceed the time budget"
+    )
+    assert look.startswith("No more than 2 iterations: it would exceed the time budget")

@@ -47,7 +47,7 @@ def test_the_head_and_the_tail_of_a_long_log_are_kept_and_its_writer_goes_on(
         writer.write(whole)
         kept.truncate_large(now=True)
         writer.write(b"went on\n")
-    head, note, tail = log.read_bytes().partition(b"\n[r2bspec cut out 0.0 MiB of this log here]\n")
+    head, note, tail = log.read_bytes().partition(b"\n[r2bspec removed 0.0 MiB of this log here]\n")
     assert note
     assert head == whole[:HEAD]
     assert tail == whole[-TAIL:] + b"went on\n"
@@ -66,7 +66,7 @@ def test_a_log_is_cut_again_and_again(tmp_path: Path) -> None:
     found = log.read_bytes()
     assert found.startswith(lines(0, 70))
     assert found.endswith(lines(19_900, 20_000))
-    assert found.count(b"[r2bspec cut out 0.1 MiB of this log here]") == 1
+    assert found.count(b"[r2bspec removed 0.1 MiB of this log here]") == 1
 
 
 def test_logs_in_folders_below_are_cut_too_and_others_are_left_alone(tmp_path: Path) -> None:

@@ -86,9 +86,9 @@ def test_a_sample_is_taken_when_it_is_asked_for() -> None:
     sampler.start()
     try:
         soon_ns = time.monotonic_ns() + 30_000_000
-        wait_for(lambda: sampler.surroundings().size >= 1)
+        wait_for(lambda: sampler.interference().size >= 1)
         sampler.sample_at(soon_ns)
-        wait_for(lambda: bool(sampler.surroundings()["time_ns"][-1] >= soon_ns))
+        wait_for(lambda: bool(sampler.interference()["time_ns"][-1] >= soon_ns))
     finally:
         _, around = sampler.stop()
     assert around.dtype == INTERFERENCE_DTYPE
@@ -103,7 +103,7 @@ def test_times_that_were_asked_for_and_are_past_are_one_sample() -> None:
     for _ in range(50):
         sampler.sample_at(0)
     sampler.start()
-    wait_for(lambda: sampler.surroundings().size >= 3)
+    wait_for(lambda: sampler.interference().size >= 3)
     sampler.stop()
     assert not sampler._requested_ns
 

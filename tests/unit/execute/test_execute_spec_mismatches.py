@@ -1,4 +1,4 @@
-"""What a node did not take of the plan, and which of that is why messages do not arrive."""
+"""Differences between nodes and the plan, and which of them keep messages from arriving."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from r2bspec.execute.bringup.spec_mismatches import (
     require_declared_parameters,
     unmatched_remappings,
 )
-from r2bspec.execute.diagnosis.find_break import Fault
+from r2bspec.execute.diagnosis.find_fault import Fault
 from r2bspec.execute.errors import GraphMismatchError
 from r2bspec.ipc.protocol import Ready
 
@@ -48,24 +48,24 @@ def test_a_remapping_that_changed_nothing_ends_no_run_by_itself() -> None:
 
 
 def test_a_remapping_is_the_cause_of_the_topic_that_it_did_not_make() -> None:
-    missing = Fault("unwritten", "/r2b/last", "", "/r2b/last: nobody writes it")
-    other = Fault("unread", "/r2b/in", "/r2b/b", "/r2b/in: nobody reads it")
+    missing = Fault("no publisher", "/r2b/last", "", "no publisher on /r2b/last")
+    other = Fault("no subscription", "/r2b/in", "/r2b/b", "no subscription to /r2b/in")
     found = graph_mismatches([missing, other], unmatched_remappings(READY))
     assert [(each.code, each.harmless) for each in found] == [("R2B204", False), ("R2B208", False)]
 
 
-def test_what_a_node_does_with_its_messages_is_no_difference_but_its_remappings_are_told() -> None:
-    swallowed = Fault("swallowed", "/r2b/out", "/r2b/a", "it publishes nothing")
+def test_a_node_without_output_is_no_difference_but_its_remappings_are_reported() -> None:
+    no_output = Fault("no output", "/r2b/out", "/r2b/a", "it publishes nothing")
     found = list(unmatched_remappings(READY))
-    assert graph_mismatches([swallowed], found) == ()
-    assert "'outptu'" in related_differences([swallowed], found)
-    assert "'x'" not in related_differences([swallowed], found)
+    assert graph_mismatches([no_output], found) == ()
+    assert "'outptu'" in related_differences([no_output], found)
+    assert "'x'" not in related_differences([no_output], found)
 
 
-def test_what_may_still_come_is_no_difference() -> None:
-    missing = Fault("unwritten", "/r2b/slow", "/r2b/program", "/r2b/slow: nobody writes it")
+def test_a_fault_that_may_disappear_is_no_difference() -> None:
+    missing = Fault("no publisher", "/r2b/slow", "/r2b/program", "no publisher on /r2b/slow")
     assert graph_mismatches([missing], [], lambda _: False) == ()
-    # A remapping that the node itself has not taken is one all the same.
-    last = Fault("unwritten", "/r2b/last", "", "/r2b/last: nobody writes it")
+    # A remapping that matches no topic of its node is one nevertheless.
+    last = Fault("no publisher", "/r2b/last", "", "no publisher on /r2b/last")
     (found,) = graph_mismatches([last], unmatched_remappings(READY), lambda _: False)
     assert found.code == "R2B204"

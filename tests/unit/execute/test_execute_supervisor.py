@@ -31,6 +31,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import run_processes
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.schedule import CyclicSchedule
+from r2bspec.middleware.rmw_registry import middleware_of
 
 HANG_S = 60.0
 """Guards against hanging only; nothing that passes takes so long."""
@@ -98,12 +99,9 @@ def open_files() -> int:
 
 def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the waits short that politeness costs."""
-    for constant, seconds in (
-        ("_MAX_SEQUENTIAL_S", 0.1),
-        ("MAX_EXIT_S", 0.4),
-        ("MAX_SIGTERM_S", 0.3),
-    ):
+    for constant, seconds in (("MAX_EXIT_S", 0.4), ("MAX_SIGTERM_S", 0.3)):
         monkeypatch.setattr(shutdown, constant, seconds)
+    monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.1)
     monkeypatch.setattr(supervisor, "MAX_SIGTERM_S", 0.3)
 
 
@@ -155,7 +153,7 @@ def test_what_is_no_answer_is_passed_over(stage: Stage) -> None:
 
 def test_an_answer_that_does_not_come_is_not_waited_for_for_ever(stage: Stage) -> None:
     child = stage.start("ends = channel()\n" + SLEEPS)
-    with pytest.raises(RunError, match=r"process node did not answer within 0\.2 s") as raised:
+    with pytest.raises(RunError, match=r"process node did not respond within 0\.2 s") as raised:
         stage.children.request(child, protocol.CountMatches(), protocol.Matched, 0.2)
     assert raised.value.code == "R2B632"
     assert str(child.log) in raised.value.hint
@@ -169,7 +167,7 @@ def test_a_command_that_a_stopped_child_does_not_take_blocks_nobody(
     child = stage.start(ANSWERS)
     os.kill(child.pid, signal.SIGSTOP)
     large = protocol.Follow(schedule=CyclicSchedule(steps=tuple((n,) for n in range(300_000))))
-    with pytest.raises(RunError, match="did not answer"):
+    with pytest.raises(RunError, match="did not respond"):
         stage.children.request(child, large, protocol.Ready, 0.2)
 
 
@@ -183,7 +181,7 @@ def test_a_death_is_reported_with_the_last_lines_of_the_log(stage: Stage) -> Non
     with pytest.raises(ProcessDiedError) as raised:
         stage.pump_for_ever()
     message = str(raised.value)
-    assert message.startswith("process node ended with status 3; the last it printed:\n")
+    assert message.startswith("process node exited with status 3; its last output:\n")
     assert message.endswith("line 98\nno GPU")
     assert "line 80" not in message
     assert str(stage.folder / "node.log") in raised.value.hint
@@ -193,7 +191,7 @@ def test_a_death_is_reported_with_the_last_lines_of_the_log(stage: Stage) -> Non
 
 def test_a_process_that_died_silently_is_said_to_have_printed_nothing(stage: Stage) -> None:
     stage.start("sys.exit(0)", role="command")
-    with pytest.raises(ProcessDiedError, match="ended with status 0; it printed nothing"):
+    with pytest.raises(ProcessDiedError, match="exited with status 0; it printed nothing"):
         stage.pump_for_ever()
 
 
@@ -207,7 +205,7 @@ def test_of_several_processes_the_one_that_died_is_named(stage: Stage) -> None:
     stage.start(ANSWERS, "player")
     stage.start("ends = channel(); ends.receive(); sys.exit(9)", "relay").send(protocol.Stop())
     stage.start(ANSWERS, "monitor")
-    with pytest.raises(ProcessDiedError, match="process relay ended with status 9"):
+    with pytest.raises(ProcessDiedError, match="process relay exited with status 9"):
         stage.pump_for_ever()
 
 
@@ -260,7 +258,7 @@ def test_a_log_that_grows_without_end_is_cut_while_the_process_runs(
     assert len(said) <= 300_000
     assert said.startswith("the first words\nword 0\n")
     assert said.endswith("the last words\nhere\n")
-    assert "[r2bspec cut out 0." in said
+    assert "[r2bspec removed 0." in said
     assert [each.name for each in stage.children.truncated_logs] == ["node.log"]
 
 
@@ -268,7 +266,7 @@ def test_a_log_that_grows_without_end_is_cut_while_the_process_runs(
 def test_a_death_is_noticed_although_a_forked_child_holds_the_channel(stage: Stage) -> None:
     # A fork without exec, as multiprocessing does it, keeps the socket open.
     stage.start("ends = channel()\nif os.fork() == 0:\n    time.sleep(600)\nsys.exit(5)")
-    with pytest.raises(ProcessDiedError, match="ended with status 5"):
+    with pytest.raises(ProcessDiedError, match="exited with status 5"):
         stage.pump_for_ever()
 
 
@@ -349,6 +347,26 @@ def test_processes_end_one_after_another(stage: Stage) -> None:
         assert float(stage.said(before)) < asked[after]
 
 
+def test_processes_end_together_where_the_middleware_needs_no_turns(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Each ends only when the other has been asked, too.
+    waits = "ends = channel()\nends.send(protocol.Ready())\nends.receive()\nfile = {!r}\n"
+    waits += "pathlib.Path(file[0]).touch()\n"
+    waits += "while not pathlib.Path(file[1]).exists(): time.sleep(0.01)\nsys.exit(0)"
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    names = ("first", "second")
+    files = [str(stage.folder / each) for each in names]
+    started = [
+        stage.start("import pathlib\n" + waits.format(order), name)
+        for name, order in zip(names, (files, files[::-1]), strict=True)
+    ]
+    for child in started:
+        stage.children.answer(child, protocol.Ready, HANG_S)
+    stage.children.end(started)
+    assert [child.process.returncode for child in started] == [0, 0]
+
+
 def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     stage: Stage, impatient: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -357,7 +375,7 @@ def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     for child in hangs:
         stage.children.answer(child, protocol.Ready, HANG_S)
     stage.children.request(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
-    monkeypatch.setattr(shutdown, "_MAX_SEQUENTIAL_S", 0.2)
+    monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.2)
     # What is left to the polite one, on however busy a machine.
     monkeypatch.setattr(shutdown, "MAX_EXIT_S", 10.0)
     stage.children.end([*hangs, polite])
@@ -528,8 +546,8 @@ def test_the_run_is_ended_when_the_controller_is_killed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("status", "words"),
     [
-        (0, "ended with status 0"),
-        (17, "ended with status 17"),
+        (0, "exited with status 0"),
+        (17, "exited with status 17"),
         (-9, "was killed by SIGKILL"),
         (-signal.SIGABRT, "was killed by SIGABRT"),
         (-250, "was killed by signal 250"),

@@ -11,7 +11,7 @@ def test_no_budget_allows_everything() -> None:
     notes: list[str] = []
     budget = TimeBudget(0, notes.append)
     budget.begin()
-    assert budget.allows("no fresh batch", 1e9)
+    assert budget.allows("no confirmation run", 1e9)
     assert (notes, budget.left_out) == ([], [])
 
 
@@ -20,14 +20,14 @@ def test_what_fits_is_played_and_what_does_not_is_told() -> None:
     budget = TimeBudget(HOUR_NS, notes.append)
     budget.begin()
     assert budget.allows("no more iterations", 60.0)
-    assert not budget.allows("no fresh batch", 3601.0)
-    assert notes == ["no fresh batch: the time budget of 3600 s does not allow it"]
-    assert budget.left_out == ["No fresh batch: the time budget of 3600 s does not allow it."]
+    assert not budget.allows("no confirmation run", 3601.0)
+    assert notes == ["no confirmation run: it would exceed the time budget of 3600 s"]
+    assert budget.left_out == ["No confirmation run: it would exceed the time budget of 3600 s."]
 
 
 def test_time_before_it_begins_does_not_count() -> None:
     budget = TimeBudget(HOUR_NS, lambda _: None)
     assert budget.spent_s() == 0.0
-    assert budget.allows("no fresh batch", 3600.0)
+    assert budget.allows("no confirmation run", 3600.0)
     budget.begin()
     assert budget.spent_s() >= 0.0

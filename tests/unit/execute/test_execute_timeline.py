@@ -143,7 +143,7 @@ def test_stamps_that_nothing_recorded_has_are_refused() -> None:
 
 
 def test_an_input_without_messages_is_refused() -> None:
-    with pytest.raises(RunError, match="no message was buffered for /in_raw"):
+    with pytest.raises(RunError, match="no messages were buffered for /in_raw"):
         make_timeline([(played(), index())], [], PLAN)
 
 

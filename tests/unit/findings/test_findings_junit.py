@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.report.findings import junit
+from r2bspec.report.findings.slugs import code_with_slug, slug_of
 
 
 def found(code: str, severity: Severity, message: str = "wrong") -> Diagnostic:
@@ -26,11 +27,11 @@ def test_errors_of_a_family_are_one_failure() -> None:
     one, two = found("R2B204", Severity.ERROR), found("R2B205", Severity.ERROR, "also")
     (suite,) = suites(one, two, files=("a.yaml",))
     (failure,) = suite.iter("failure")
-    assert failure.attrib == {"message": "wrong", "type": "R2B204"}
+    assert failure.attrib == {"message": f"{slug_of('R2B204')}: wrong", "type": "R2B204"}
     assert failure.text is not None
     assert failure.text.splitlines() == [
-        "a.yaml:3:5: error[R2B204]: wrong (put it right)",
-        "a.yaml:3:5: error[R2B205]: also (put it right)",
+        f"a.yaml:3:5: error[{code_with_slug('R2B204')}]: wrong (put it right)",
+        f"a.yaml:3:5: error[{code_with_slug('R2B205')}]: also (put it right)",
     ]
 
 
@@ -38,7 +39,7 @@ def test_warnings_fail_nothing_and_are_seen() -> None:
     (suite,) = suites(found("R2B512", Severity.WARNING))
     assert suite.attrib["failures"] == "0"
     (output,) = suite.iter("system-out")
-    assert "warning[R2B512]" in str(output.text)
+    assert f"warning[{code_with_slug('R2B512')}]" in str(output.text)
 
 
 def test_what_was_not_looked_at_is_skipped() -> None:

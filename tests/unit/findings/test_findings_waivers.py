@@ -6,11 +6,17 @@ import pytest
 
 from r2bspec.check import check
 from r2bspec.check.example_spec import example
+from r2bspec.check.pages import all_pages
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.waivers import apply_waivers, waivers_in
 from r2bspec.language.load_spec import load_spec
 
-CODES = ("R2B204", "R2B207", "R2B302", "R2B101")
+SLUGS = {
+    "R2B204": "remapping-matches-nothing",
+    "R2B207": "topic-without-publisher",
+    "R2B302": "bag-metadata-unreadable",
+    "R2B101": "unknown-key",
+}
 
 
 def finding(line: int, code: str = "R2B204", severity: Severity = Severity.ERROR) -> Diagnostic:
@@ -18,7 +24,7 @@ def finding(line: int, code: str = "R2B204", severity: Severity = Severity.ERROR
 
 
 def left(text: str, *found: Diagnostic, complete: bool = True) -> list[str]:
-    judged = apply_waivers(found, {"f": text}, known=lambda: CODES, complete=complete)
+    judged = apply_waivers(found, {"f": text}, known=lambda: SLUGS, complete=complete)
     return [f"{one.span.line} {one.code}" for one in judged]
 
 
@@ -56,10 +62,35 @@ def test_without_code_or_reason_nothing_is_waived(comment: str) -> None:
 
 def test_an_unknown_code_is_reported_with_the_close_one() -> None:
     (found,) = apply_waivers(
-        [], {"f": "# r2bspec: ignore[R2B2004] x"}, known=lambda: CODES, complete=True
+        [], {"f": "# r2bspec: ignore[R2B2004] x"}, known=lambda: SLUGS, complete=True
     )
     assert (found.code, found.span.column, found.span.end_column) == ("R2B041", 19, 26)
     assert "did you mean R2B204?" in found.help
+
+
+def test_a_slug_waives_what_its_code_does() -> None:
+    text = "a: 1 # r2bspec: ignore[Topic-Without-Publisher, remapping-matches-nothing] because"
+    assert left(text, finding(1, "R2B207"), finding(1, "R2B204"), complete=False) == []
+    assert left(text, finding(1, "R2B207")) == ["1 R2B042"]
+
+
+def test_an_unknown_slug_is_reported_with_the_close_one() -> None:
+    (found,) = apply_waivers(
+        [], {"f": "# r2bspec: ignore[topic-without-publsher] x"}, known=lambda: SLUGS, complete=True
+    )
+    assert (found.code, found.span.column, found.span.end_column) == ("R2B041", 19, 41)
+    assert "'topic-without-publsher'" in found.message
+    assert "did you mean topic-without-publisher?" in found.help
+
+
+def test_a_slug_without_a_reason_waives_nothing() -> None:
+    text = "a: 1 # r2bspec: ignore[topic-without-publisher]"
+    assert left(text, finding(1, "R2B207")) == ["1 R2B207", "1 R2B040"]
+
+
+def test_a_slug_of_what_cannot_be_waived_waives_nothing() -> None:
+    text = "a: 1 # r2bspec: ignore[unknown-key] because"
+    assert left(text, finding(1, "R2B101")) == ["1 R2B101", "1 R2B043"]
 
 
 def test_an_unused_waiver_is_reported_if_all_was_looked_at() -> None:
@@ -103,11 +134,13 @@ def test_in_a_spec() -> None:
     assert [one.code for one in check(load_spec(document))] == ["R2B512"]
     waived = f"{document.rstrip()} # r2bspec: ignore[R2B512] on purpose\n"
     assert check(load_spec(waived)) == []
+    by_slug = waived.replace("R2B512", all_pages()["R2B512"].slug)
+    assert check(load_spec(by_slug)) == []
     assert check(load_spec(waived), offline=True) == []
 
 
 def test_a_waiver_hides_no_other_file() -> None:
     other = Diagnostic("R2B204", Severity.ERROR, "wrong", Span("g", 1, 3, 1, 4))
     text = "a: 1 # r2bspec: ignore[R2B204] because"
-    judged = apply_waivers([other], {"f": text, "g": "a: 1"}, known=lambda: CODES, complete=False)
+    judged = apply_waivers([other], {"f": text, "g": "a: 1"}, known=lambda: SLUGS, complete=False)
     assert judged == [other]

@@ -96,11 +96,11 @@ REPLIES: list[protocol.Reply] = [
     protocol.Matched(counts={"/a": 0, "/b": 2}),
     protocol.Discovered(writers={"/a": (ENDPOINT,)}, readers={"/a": ()}),
     protocol.Surveyed(nodes=("/r2b/relay",), services=()),
-    protocol.Called(response="success: true"),
+    protocol.Called(),
     protocol.Composed(nodes=("/r2b/relay",)),
     protocol.Loaded(published={"/a": 3}, recorded={"/b": 2}),
     protocol.Played(steps=7),
-    protocol.Failed(code="R2B633", message="line one\nline two: \N{SNOWMAN}", hint="h", detail="d"),
+    protocol.Failed(code="R2B633", message="line one\nline two: \N{SNOWMAN}", hint="h"),
 ]
 
 

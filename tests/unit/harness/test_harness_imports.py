@@ -35,4 +35,4 @@ def test_a_harness_program_that_is_started_by_hand_says_so() -> None:
         [sys.executable, "-m", "r2bspec.harness.child"], capture_output=True, text=True, check=False
     )
     assert done.returncode == 2
-    assert done.stderr == "this program is started by r2bspec run, not by hand\n"
+    assert done.stderr == "this program is started by 'r2bspec run' and cannot be run alone\n"

@@ -77,15 +77,15 @@ def test_what_ros_cannot_hold_is_refused_by_name(given: Any) -> None:
 
 
 def test_a_component_that_is_there_is_no_problem() -> None:
-    assert load_error(node(), "/r2b/front", success=True, said="") == ""
+    assert load_error(node(), "/r2b/front", success=True, reason="") == ""
 
 
 def test_a_refusal_names_package_plugin_container_and_what_it_said() -> None:
-    said = load_error(node(), "/r2b/front", success=False, said="Failed to find class")
+    said = load_error(node(), "/r2b/front", success=False, reason="Failed to find class")
     for word in ("image_proc::RectifyNode", "package image_proc", "/r2b/front", "/left/rectify"):
         assert word in said
     assert said.endswith(": Failed to find class")
-    assert "does not say why" in load_error(node(), "/r2b/front", success=False, said="")
+    assert "gave no reason" in load_error(node(), "/r2b/front", success=False, reason="")
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from family_trees import Family, family
-from r2bspec.ipc.process_cleanup import end_run_processes, run_processes
+from r2bspec.ipc.process_cleanup import clean_up, end_run_processes, run_processes
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.middleware import fast_dds_shm_files
 
 
 @pytest.fixture
@@ -120,3 +121,27 @@ def test_one_that_may_not_be_looked_at_is_passed_over(
     monkeypatch.setattr(psutil.Process, "environ", refuse)
     assert run_processes(run_id, []) == []
     assert len(run_processes(run_id, people.sessions)) == 1
+
+
+@pytest.mark.parametrize(
+    ("rmw", "left"),
+    [
+        ("", set()),
+        ("rmw_fastrtps_dynamic_cpp", set()),
+        ("rmw_cyclonedds_cpp", {"fastrtps_0123", "fastrtps_0123_el"}),
+    ],
+)
+def test_what_the_runs_middleware_left_in_shared_memory_is_removed(
+    tmp_path: Path, run_id: str, monkeypatch: pytest.MonkeyPatch, rmw: str, left: set[str]
+) -> None:
+    for name in ("fastrtps_0123", "fastrtps_0123_el"):
+        (tmp_path / name).touch()
+    remove = fast_dds_shm_files.remove_dead_shm_files
+
+    def elsewhere(_memory: Path, proc: Path, since_s: float) -> list[str]:
+        return remove(tmp_path, proc, since_s)
+
+    monkeypatch.setattr(fast_dds_shm_files, "remove_dead_shm_files", elsewhere)
+    monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
+    assert clean_up(run_id, (), grace_s=0.1, since_s=0.0) == []
+    assert {each.name for each in tmp_path.iterdir()} == left

@@ -25,7 +25,7 @@ from r2bspec.judge.statistics.power import (
 )
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.judge.statistics.trend import trend
-from r2bspec.judge.statistics.welch_test import welch_ratio
+from r2bspec.judge.statistics.welch_t import welch_ratio
 from r2bspec.language.requirement_grammar import parse_requirement
 
 BASE = [100.0, 101.5, 98.7, 100.4, 99.1, 102.2]

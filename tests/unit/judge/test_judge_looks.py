@@ -11,7 +11,8 @@ import pytest
 from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
 from r2bspec.judge.interim_looks import InterimLooks, combine_looks, decide_after_look
 from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.verdict import Method, Outcome, RequirementVerdict
+from r2bspec.judge.methods.method_registry import Method
+from r2bspec.judge.verdict import Outcome, RequirementVerdict
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective

@@ -8,6 +8,8 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
@@ -19,49 +21,68 @@ from r2bspec.judge.statistics.binomial import (
 )
 from r2bspec.judge.statistics.effective_sample_size import BadFlags, effective_sample
 from r2bspec.judge.statistics.order_statistics import RankedMessages, percentile_interval
-from r2bspec.judge.statistics.rule_of_three import messages_needed, zero_failure_bound
+from r2bspec.judge.statistics.rule_of_three import min_sample_size, zero_failure_bound
 from r2bspec.judge.statistics.t_interval import iterations_to_settle, mean_interval
+from r2bspec.language.confidence import CONFIDENCE
 
 COUNTS = [(0, 1), (1, 1), (0, 298), (0, 299), (3, 10), (14, 3000), (60, 3000), (2999, 3000)]
 
 
 class TestZeroFailures:
     @pytest.mark.parametrize(
-        ("quantile", "confidence", "needed"),
+        ("allowed", "confidence", "needed"),
         [
-            (0.99, 0.95, 299),
-            (0.99, 0.99, 459),
-            (0.9, 0.99, 44),
-            (0.9, 0.95, 29),
-            (0.95, 0.95, 59),
-            (0.999, 0.95, 2995),
+            (0.01, 0.95, 299),
+            (0.01, 0.99, 459),
+            (0.1, 0.99, 44),
+            (0.1, 0.95, 29),
+            (1 - 0.9, 0.95, 29),
+            (0.05, 0.95, 59),
+            (0.001, 0.95, 2995),
+            (0.005, 0.95, 598),
             (0.5, 0.95, 5),
         ],
     )
-    def test_published_numbers(self, quantile: float, confidence: float, needed: int) -> None:
-        assert messages_needed(quantile, confidence) == needed
+    def test_published_numbers(self, allowed: float, confidence: float, needed: int) -> None:
+        assert min_sample_size(allowed, confidence) == needed
 
-    def test_it_is_the_smallest_number_that_the_binomial_test_passes(self) -> None:
-        for quantile in (0.5, 0.9, 0.99, 0.999):
-            needed = messages_needed(quantile, 0.95)
-            assert quantile**needed <= 0.05 * (1 + 1e-6)
-            assert quantile ** (needed - 1) > 0.05
+    @given(st.floats(1e-6, 0.999), st.sampled_from([0.9, CONFIDENCE, 0.99]))
+    def test_it_is_the_smallest_number_that_is_enough(
+        self, allowed: float, confidence: float
+    ) -> None:
+        needed = min_sample_size(allowed, confidence)
+        assert needed is not None
+
+        def doubt(number: int) -> float:
+            return math.exp(number * math.log1p(-allowed))
+
+        assert doubt(needed) <= (1 - confidence) * (1 + 1e-6)
+        assert needed == 1 or doubt(needed - 1) > (1 - confidence) * (1 - 1e-6)
+
+    @pytest.mark.parametrize("allowed", [0.001, 0.01, 0.05, 0.5])
+    def test_the_binomial_test_passes_with_it_and_not_with_less(self, allowed: float) -> None:
+        needed = min_sample_size(allowed, CONFIDENCE) or 0
+        assert upper_bound(0, needed, CONFIDENCE) <= allowed + 1e-12
+        assert upper_bound(0, needed - 1, CONFIDENCE) > allowed
+
+    def test_no_number_shows_that_nothing_is_ever_lost(self) -> None:
+        assert min_sample_size(0, CONFIDENCE) is None
+        assert min_sample_size(0.01, 1.0) is None
+        assert min_sample_size(1, CONFIDENCE) == 1
 
     def test_the_rule_of_three(self) -> None:
         assert zero_failure_bound(1000, 0.95) == pytest.approx(3 / 1000, rel=0.01)
         assert zero_failure_bound(300, 0.95) == pytest.approx(upper_bound(0, 300, 0.95))
 
-    @pytest.mark.parametrize(("quantile", "confidence"), [(0, 0.95), (1, 0.95), (0.9, 1)])
-    def test_nonsense_is_refused(self, quantile: float, confidence: float) -> None:
-        with pytest.raises(ValueError, match="between"):
-            messages_needed(quantile, confidence)
-        with pytest.raises(ValueError, match="must be"):
-            zero_failure_bound(0, confidence)
+    @pytest.mark.parametrize(("n", "confidence"), [(0, 0.95), (10, 0.0), (10, 1.0)])
+    def test_nonsense_is_refused(self, n: int, confidence: float) -> None:
+        with pytest.raises(ValueError, match="must be positive, and the confidence between"):
+            zero_failure_bound(n, confidence)
 
     def test_no_scipy_is_needed(self) -> None:
         code = (
-            "import sys; from r2bspec.judge.statistics.rule_of_three import messages_needed;"
-            "messages_needed(0.99, 0.95); sys.exit('scipy' in sys.modules)"
+            "import sys; from r2bspec.judge.statistics.rule_of_three import min_sample_size;"
+            "min_sample_size(0.01, 0.95); sys.exit('scipy' in sys.modules)"
         )
         assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 

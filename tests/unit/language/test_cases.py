@@ -74,7 +74,7 @@ def test_a_finding_of_some_cases_names_them() -> None:
     cases = load_cases(HEAD + MATRIX.replace("17 Hz", "17 s") + BODY)
     (found,) = merge_case_findings(cases, [case.diagnostics for case in cases])
     assert [each.message for each in found.related] == [
-        "'rate' gets its value here",
+        "'rate' is set here",
         "in the case odd",
     ]
 
@@ -134,12 +134,12 @@ def test_the_way_of_a_value() -> None:
     assert said["benchmark.rates[0]"] == (
         "benchmark.rates[0] = 17 Hz\n"
         "  some.yaml:13:21: written here, as $(var rate)\n"
-        "  some.yaml:7:23: 'rate' gets its value here\n"
+        "  some.yaml:7:23: 'rate' is set here\n"
         "  some.yaml:7:11: in the case odd of the matrix\n"
     )
     assert said["title"] == "title = other\n  --set title:1:7: given by this option\n"
     assert provenance(loaded, "benchmark.warm_up").text() == (
-        "benchmark.warm_up = 1 s\n  the default: nothing is written\n"
+        "benchmark.warm_up = 1 s\n  the default: the document does not set it\n"
     )
 
 
@@ -149,14 +149,14 @@ def test_the_way_through_files_siblings_and_aliases(monkeypatch: pytest.MonkeyPa
     assert provenance(loaded, "graph.nodes.twin.remappings.input").text() == (
         "graph.nodes.twin.remappings.input = image\n"
         "  parts/base.yaml:8:99: written here\n"
-        "  ok_derived.r2b.yaml:7:21: 'twin' builds on 'relay' here\n"
+        "  ok_derived.r2b.yaml:7:21: 'twin' extends 'relay' here\n"
         "  ok_derived.r2b.yaml:1:10: 'parts/base.yaml' is extended here\n"
     )
     text = HEAD + BODY + "x-a: &a {A: b}\npreprocessors: {p: {command: [a], env: *a}}\n"
     assert provenance(load_spec(text), "preprocessors.p.env.A").text() == (
         "preprocessors.p.env.A = b\n"
         "  <text>:10:13: written here\n"
-        "  <text>:11:35: an alias stands here as the value of 'env'\n"
+        "  <text>:11:35: an alias is the value of 'env' here\n"
     )
 
 
@@ -165,7 +165,7 @@ def test_the_way_through_files_siblings_and_aliases(monkeypatch: pytest.MonkeyPa
     [
         ("benchmark.durration", "'benchmark' has no 'durration'"),
         ("graph.nodes.other.env", "the document has no 'graph.nodes.other'"),
-        ("=", "'=' is no path"),
+        ("=", "'=' is not a path"),
     ],
 )
 def test_paths_that_lead_nowhere(path: str, said: str) -> None:

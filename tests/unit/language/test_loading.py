@@ -23,13 +23,13 @@ def test_the_whole_language() -> None:
     assert spec.data_loader.window.start == Duration(500_000_000)
     assert spec.data_loader.topics == {"/camera/image": "loaded/image", "/imu": "loaded/imu"}
     resize = spec.preprocessors["resize"]
-    assert (resize.kind, resize.parameters["width"], resize.parameters["on"]) == (
+    assert (resize.kind.name, resize.parameters["width"], resize.parameters["on"]) == (
         "executable",
         1280,
         True,
     )
     assert spec.playback.inputs["image"].qos.reliability == "best_effort"
-    assert [node.kind for node in spec.graph.nodes.values()] == ["python", "python", "command"]
+    assert [node.kind.name for node in spec.graph.nodes.values()] == ["python", "python", "command"]
     assert spec.benchmark.search is not None
     assert spec.benchmark.search.max == Rate(200)
     assert spec.benchmark.search.holds == (parse_requirement("drop_rate <= 5 %"),)

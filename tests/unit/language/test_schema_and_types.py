@@ -19,7 +19,11 @@ from r2bspec.language.load_spec import load_spec
 from r2bspec.language.located_tree import to_plain
 from r2bspec.language.quantities import Quantity
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.schema import published_schema, published_schema_text, strict_schema
+from r2bspec.language.schema.derive_strict import (
+    published_schema,
+    published_schema_text,
+    strict_schema,
+)
 from r2bspec.language.schema.document_root import DOCUMENT
 from r2bspec.language.schema.schema_builder import (
     ALLOWED_WORDS,

@@ -135,7 +135,7 @@ def test_var(given: Any, value: object) -> None:
     [
         (["benchmark.rate=1 Hz"], {}, "R2B127", 11, "did you mean 'rates'"),
         (["benchmark.rates[2]=1 Hz"], {}, "R2B127", 17, "2 items"),
-        (["name.x=1"], {}, "R2B127", 6, "only what the document has"),
+        (["name.x=1"], {}, "R2B127", 6, "--set can only replace values that the document has"),
         (["nonsense"], {}, "R2B127", 1, "--set benchmark.iterations=3"),
         (["=1"], {}, "R2B127", 1, "--set benchmark.iterations=3"),
         (["benchmark.rates=[1 Hz"], {}, "R2B012", 17, "']'"),

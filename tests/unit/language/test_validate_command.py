@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.cli.main import main
-from r2bspec.language.schema import published_schema
+from r2bspec.language.schema.derive_strict import published_schema
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "language"
 
@@ -38,7 +38,10 @@ def run(*arguments: str) -> int:
 def test_findings_go_to_standard_output(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("bad.r2b.yaml") == 1
     out, err = capsys.readouterr()
-    assert out.startswith("bad.r2b.yaml:1:10: error[R2B115]: version 3 of the language")
+    assert out.startswith(
+        "bad.r2b.yaml:1:10: error[R2B115 unsupported-language-version]: "
+        "unsupported version 3 of the language"
+    )
     assert "1 | r2bspec: 3\n  |          ^\n" in out
     last = out.splitlines()[-1]
     assert last.startswith("1 file, 1 error, 0 warnings")
@@ -94,7 +97,7 @@ def test_standard_input(
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"r2bspec: 2\n")))
     assert run("-") == 1
-    assert capsys.readouterr().out.startswith("<stdin>:1:1: error[R2B102]")
+    assert capsys.readouterr().out.startswith("<stdin>:1:1: error[R2B102 missing-key]")
 
 
 def test_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -112,14 +115,14 @@ def test_github(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_options_replace_values(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("bad.r2b.yaml", "--set", "r2bspec=1") == 0
     assert run("good.r2b.yaml", "--set", "benchmark.rates=[30]") == 1
-    assert "--set benchmark.rates:1:18: error[R2B109]" in capsys.readouterr().out
+    assert "--set benchmark.rates:1:18: error[R2B109 missing-unit]" in capsys.readouterr().out
 
 
 def test_resolved(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("good.r2b.yaml", "--resolved", "--set", "name=other") == 0
     assert capsys.readouterr().out.startswith("r2bspec: 1\nname: other\n")
     assert run("bad.r2b.yaml", "--resolved") == 1
-    assert "error[R2B115]" in capsys.readouterr().out
+    assert "error[R2B115 unsupported-language-version]" in capsys.readouterr().out
     assert run("good.r2b.yaml", "deep", "--resolved") == 0
     out = capsys.readouterr().out
     assert out.startswith("# good.r2b.yaml\n")
@@ -170,7 +173,7 @@ def test_every_case_is_checked(cases: Path, capsys: pytest.CaptureFixture[str]) 
     capsys.readouterr()
     assert run("cases.r2b.yaml", "--case", "threads=3") == 1
     out = capsys.readouterr().out
-    assert "cases.r2b.yaml:4:1: error[R2B140]: the document has no case 'threads=3'" in out
+    assert "cases.r2b.yaml:4:1: error[R2B140 case-not-selected]: unknown case 'threads=3'" in out
 
 
 def test_every_case_is_resolved(cases: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -197,7 +200,7 @@ def test_plan_explains_where_a_value_came_from(
     assert capsys.readouterr().out == (
         f"{path} = 2\n"
         "  cases.r2b.yaml:5:17: written here, as $(var threads)\n"
-        "  cases.r2b.yaml:4:30: 'threads' gets its value here\n"
+        "  cases.r2b.yaml:4:30: 'threads' is set here\n"
         "  cases.r2b.yaml:4:30: in the case threads=2 of the matrix\n"
     )
     assert main(["plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", "graph.nods"]) == 2

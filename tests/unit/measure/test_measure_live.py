@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.judge_samples import judge
-from r2bspec.measure.compute_metrics import measure_run
+from r2bspec.measure.compute_metrics import summarise
 from r2bspec.measure.expected_steps import match_segment
 from r2bspec.measure.metric_catalogue import METRICS, available_live
 from r2bspec.measure.metric_values import metric_value
@@ -86,7 +86,7 @@ def outcomes(run: Run) -> list[str]:
 
 def test_latency_counts_from_the_stamp_of_the_source(tmp_path: Path) -> None:
     rows = arrived(range(50, 1000, 100), np.arange(1.0, 11.0))
-    (rate,) = measure_run(live_run(tmp_path / "run", rows)).rates
+    (rate,) = summarise(read_samples(live_run(tmp_path / "run", rows))).rates
     seen = rate.pooled.monitors["detections"]
     assert rate.pace == "source"
     assert seen.latency.n == seen.received == 10
@@ -108,7 +108,7 @@ def test_stamps_that_are_no_times_of_this_clock_give_no_latency(tmp_path: Path, 
     required = "latency.p50 < 100 s", "latency.max < 100 s", "latency.mean < 100 s"
     windows = "latency.p50 < 100 s in 50 % of 100 ms windows"
     run = live_run(tmp_path / "run", rows, *required, windows, count=3)
-    (rate,) = measure_run(run).rates
+    (rate,) = summarise(read_samples(run)).rates
     assert rate.pooled.monitors["detections"].latency.p50 is None
     assert outcomes(run) == ["inconclusive"] * 4
     assert match_segment(run, run.record.segments[0], run.plan.monitors[0])[0].size == 0

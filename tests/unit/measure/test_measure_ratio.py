@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.rate_test import Criterion, estimate_probe, judge_final, plan_interim_looks
+from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.measure.compute_metrics import measure_segment
 from r2bspec.measure.latency import latencies
 from r2bspec.measure.matching import NO_MATCH, Ratio, match, ratio_of

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.measure.compute_metrics import measure_run
+from r2bspec.measure.compute_metrics import summarise
 from r2bspec.measure.metric_catalogue import names, resolve
 from r2bspec.measure.metric_values import metric_value
 from r2bspec.measure.metrics import RunMetrics
@@ -28,7 +28,7 @@ def test_each_iteration_is_kept_and_the_pool_adds_them_up(tmp_path: Path) -> Non
             Played(30, [0.5] * 30, complete=False),
         ]
     ).write(tmp_path)
-    metrics = measure_run(run)
+    metrics = summarise(read_samples(run))
 
     assert [rate.offered_hz for rate in metrics.rates] == [10, 30]
     assert metrics.incomplete == ("iteration-005",)
@@ -54,13 +54,13 @@ def test_metrics_survive_json(tmp_path: Path) -> None:
     run = Simulation(
         segments=[Played(10, [NAN] * 5), Played(20, [0.1]), Played(30, [0.1, 0.1])]
     ).write(tmp_path)
-    metrics = measure_run(run)
+    metrics = summarise(read_samples(run))
     assert msgspec.json.decode(msgspec.json.encode(metrics), type=RunMetrics) == metrics
 
 
 def test_a_silent_monitor_has_counts_and_no_times(tmp_path: Path) -> None:
     run = Simulation(segments=[Played(10, [NAN] * 5)]).write(tmp_path)
-    seen = measure_run(run).rates[0].pooled.monitors["detections"]
+    seen = summarise(read_samples(run)).rates[0].pooled.monitors["detections"]
     assert (seen.sent, seen.received, seen.missed, seen.drop_rate) == (5, 0, 5, 1)
     assert (seen.latency.n, seen.latency.p50, seen.throughput_hz) == (0, None, 0)
 
@@ -68,7 +68,7 @@ def test_a_silent_monitor_has_counts_and_no_times(tmp_path: Path) -> None:
 def test_an_interval_still_open_at_the_end_counts(tmp_path: Path) -> None:
     died = Played(10, [0.01] * 10 + [NAN] * 40)
     run = Simulation(segments=[died]).write(tmp_path)
-    seen = measure_run(run).rates[0].pooled.monitors["detections"]
+    seen = summarise(read_samples(run)).rates[0].pooled.monitors["detections"]
     assert seen.interval.max == pytest.approx(4.09)
     assert seen.throughput_hz < 2
 

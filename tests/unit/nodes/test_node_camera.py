@@ -123,8 +123,8 @@ def test_pinhole_distortion_passes(model: str, d: list[float]) -> None:
 @pytest.mark.parametrize(
     ("model", "d", "words"),
     [
-        ("equidistant", [0.1] * 4, "'equidistant' is none of plumb_bob, rational_polynomial"),
-        ("plumb_bob", [0.1] * 6, "6 distortion coefficients, and not one of 0, 4, 5, 8, 12, 14"),
+        ("equidistant", [0.1] * 4, "'equidistant' is not one of plumb_bob, rational_polynomial"),
+        ("plumb_bob", [0.1] * 6, "6 distortion coefficients; expected one of 0, 4, 5, 8, 12, 14"),
     ],
 )
 def test_distortion_that_opencv_would_misread_is_refused(

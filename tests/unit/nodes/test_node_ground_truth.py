@@ -20,9 +20,10 @@ pytest.importorskip("cv2")
 from rosbags.typesys import Stores, get_typestore
 from tag_rendering import angle_deg, rotation_of
 
+from ground_truth_files import read_ground_truth
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import Window
-from r2bspec.datasets.ground_truth import TagSighting, read_ground_truth
+from r2bspec.datasets.ground_truth import TagSighting
 from r2bspec.datasets.synthesis import make
 from r2bspec.nodes import camera, images, tag_poses
 

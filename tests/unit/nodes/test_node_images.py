@@ -81,9 +81,9 @@ def test_the_last_row_needs_no_padding() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"encoding": "yuv422"}, "encoding 'yuv422' is none of mono8, rgb8"),
+        ({"encoding": "yuv422"}, "encoding 'yuv422' is not one of mono8, rgb8"),
         ({"step": 20}, "step of 20 bytes is less than a row of 7 rgb8 pixels, 21 bytes"),
-        ({"height": 6}, "holds 105 bytes; its size and step need 126"),
+        ({"height": 6}, "has 105 bytes; its size and step need 126"),
         ({"width": 0}, "0x5 pixels is empty"),
     ],
 )
@@ -119,7 +119,7 @@ def test_gray_leaves_a_gray_image_as_it_is() -> None:
 
 
 def test_depth_has_no_luminance() -> None:
-    with pytest.raises(ValueError, match="'16UC1' is none of mono8, rgb8"):
+    with pytest.raises(ValueError, match="'16UC1' is not one of mono8, rgb8"):
         images.gray(pixels_of("16UC1"), "16UC1")
 
 

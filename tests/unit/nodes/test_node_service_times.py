@@ -34,5 +34,5 @@ def test_no_time_is_a_time() -> None:
 
 
 def test_an_unknown_jitter_is_refused() -> None:
-    with pytest.raises(ValueError, match="'pareto' is none of none, exponential"):
+    with pytest.raises(ValueError, match="'pareto' is not one of none, exponential"):
         service_times_ns(1.0, "pareto", 0)

@@ -163,7 +163,7 @@ def test_the_orientation_of_opencvs_dictionary_is_found_out(turns: int) -> None:
 
 def test_unknown_names_are_refused_with_the_known_ones() -> None:
     image = np.zeros((9, 9), np.uint8)
-    with pytest.raises(ValueError, match="'36h12' is none of 16h5, 25h9, 36h10, 36h11"):
+    with pytest.raises(ValueError, match="'36h12' is not one of 16h5, 25h9, 36h10, 36h11"):
         tag_poses.detect(image, CAMERA, NO_DISTORTION, "36h12", 1.0)
-    with pytest.raises(ValueError, match="'best' is none of none, subpix, contour, apriltag"):
+    with pytest.raises(ValueError, match="'best' is not one of none, subpix, contour, apriltag"):
         tag_poses.detect(image, CAMERA, NO_DISTORTION, "36h11", 1.0, refinement="best")

@@ -9,6 +9,7 @@ import pytest
 
 from r2bspec.cli.main import main
 from r2bspec.plan.canonical_json import read_plan
+from r2bspec.report.findings.slugs import code_with_slug
 
 RELAY = Path(__file__).parents[3] / "specs" / "relay.r2b.yaml"
 
@@ -70,7 +71,7 @@ def test_an_invalid_spec_is_wrong_usage_and_its_findings_are_shown(
     said = capsys.readouterr()
     assert said.out == ""
     assert f"{broken}:" in said.err
-    assert "error[R2B207]" in said.err
+    assert f"error[{code_with_slug('R2B207')}]" in said.err
     assert "did you mean 'camera_info'?" in said.err
 
 
@@ -78,7 +79,7 @@ def test_a_foreign_file_is_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFix
     foreign = tmp_path / "package.json"
     foreign.write_text('{"name": "x"}', encoding="utf-8")
     assert main(["plan", str(foreign)]) == 2
-    assert "error[R2B611]" in capsys.readouterr().err
+    assert "error[R2B611 unsupported-plan]" in capsys.readouterr().err
 
 
 def test_drawing_and_comparing_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> None:

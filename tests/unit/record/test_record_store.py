@@ -70,7 +70,7 @@ def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
 
 def test_a_place_that_cannot_be_written_is_an_error_with_a_hint(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(RecordError, match="cannot be made") as raised:
+    with pytest.raises(RecordError, match="cannot be created") as raised:
         RunFolder.create(tmp_path / "file" / "run")
     assert raised.value.hint
 
@@ -131,7 +131,7 @@ class TestBrokenFolders:
     def test_a_plan_that_was_edited(self, folder: Path) -> None:
         text = (folder / "plan.json").read_text().replace("60 ms", "600 ms")
         (folder / "plan.json").write_text(text)
-        self.refused(folder, "is not the plan that this run carried out")
+        self.refused(folder, "is not the plan of this run")
 
     def test_samples(self, folder: Path) -> None:
         run = open_run(folder)

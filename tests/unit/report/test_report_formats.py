@@ -20,6 +20,7 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of
 from r2bspec.report.errors import ReportError
 from r2bspec.report.format_registry import FORMATS, renderer
+from r2bspec.report.terminal import to_text
 from report_runs import HOSTILE_RUN, SIMULATIONS, TWO, USUAL
 from run_simulation import Simulation
 
@@ -242,6 +243,21 @@ def test_markdown_shows_hostile_words_as_words(tmp_path: Path) -> None:
         assert len(widths) == 1, table
 
 
+def test_markdown_names_the_confidence_of_its_bounds(tmp_path: Path) -> None:
+    source = reported(USUAL, tmp_path)
+    verdict = source.result.verdict
+    assert len(verdict.requirements) > 1
+    surer = [msgspec.structs.replace(one, confidence=0.99) for one in verdict.requirements]
+    for requirements, heading in (
+        (verdict.requirements, "| 95 % bounds |"),
+        (tuple(surer), "| 99 % bounds |"),
+        ((verdict.requirements[0], *surer[1:]), "| bounds |"),
+    ):
+        other = msgspec.structs.replace(verdict, requirements=requirements)
+        result = msgspec.structs.replace(source.result, verdict=other)
+        assert heading in renderer("markdown")(ReportInput(result=result)).decode()
+
+
 def test_github_commands_stay_on_their_lines(tmp_path: Path) -> None:
     lines = renderer("github")(reported(HOSTILE_RUN, tmp_path)).decode().splitlines()
     assert lines
@@ -277,3 +293,24 @@ def test_a_requirement_that_only_warns_is_told_as_one(tmp_path: Path, name: str)
         assert "✘ FAIL (warning)" in text
     if name == "junit":
         assert 'failures="0"' in text
+
+
+@pytest.mark.parametrize(
+    ("rmw", "shown"), [("rmw_cyclonedds_cpp", True), ("default", False), ("", False)]
+)
+def test_the_head_of_a_report_says_which_middleware_ran(
+    tmp_path: Path, rmw: str, shown: bool
+) -> None:
+    result = reported(USUAL, tmp_path).result
+    versions = result.versions | ({"rmw": rmw} if rmw else {})
+    source = ReportInput(result=msgspec.structs.replace(result, versions=versions))
+    page = renderer("html")(source).decode()
+    heads = {
+        "terminal": to_text(source.result).partition("\n\n")[0],
+        "markdown": renderer("markdown")(source).decode().partition("\n|")[0],
+        "html": page[page.index("<header") : page.index("</header>")],
+    }
+    for name, head in heads.items():
+        assert result.title in head
+        assert ("rmw_cyclonedds_cpp" in head) == shown, name
+        assert "default" not in head

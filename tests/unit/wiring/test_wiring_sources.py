@@ -211,7 +211,7 @@ def test_files_and_values_apply_in_order(tmp_path: Path) -> None:
     [
         ("[1, 2]", "is not a map of nodes"),
         ("a: 1", "has no 'ros__parameters' below 'a'"),
-        ("a: {ros__parameters: 1}", "has something else than a map in 'ros__parameters' of 'a'"),
+        ("a: {ros__parameters: 1}", "has a 'ros__parameters' of 'a' that is not a map"),
         ("a: [", "is not YAML in line 2"),
         ("a: {ros__parameters: {x: !!python/object:os.system {}}}", "is not YAML in line 1"),
     ],
@@ -234,7 +234,7 @@ def test_a_file_that_aliases_blow_up_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "p.yaml"
     body = "\n".join(f"    {line}" for line in lines)
     file.write_text(f"n:\n  ros__parameters:\n{body}\n", encoding="utf-8")
-    assert read_parameter_file(file).problem == "stands for more than 10,000 values"
+    assert read_parameter_file(file).problem == "expands to more than 10,000 values"
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:

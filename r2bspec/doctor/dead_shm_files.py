@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from r2bspec.doctor.checkup import System
-from r2bspec.middleware import shm_files
+from r2bspec.middleware.rmw_registry import known_middlewares
 
 
 @dataclass(frozen=True)
@@ -18,11 +18,21 @@ class DeadShmFile:
 
 
 def dead_shm_files(system: System) -> list[DeadShmFile]:
-    """This user's segments that nobody uses; nothing is changed."""
+    """This user's segments that no process uses, of any middleware; nothing is changed."""
     memory = system.shared_memory
     return [
         DeadShmFile(name, _bytes(memory / name))
-        for name in shm_files.dead_shm_files(memory, system.proc)
+        for each in known_middlewares()
+        for name in each.dead_shm_files(memory, system.proc)
+    ]
+
+
+def remove_dead_shm_files(system: System) -> list[str]:
+    """Remove them; returns their names."""
+    return [
+        name
+        for each in known_middlewares()
+        for name in each.remove_dead_shm_files(system.shared_memory, system.proc)
     ]
 
 

@@ -1,11 +1,11 @@
-"""The first break on the way of the messages, decided on facts that a test writes down."""
+"""The first fault on the path of the messages, for given facts."""
 
 from __future__ import annotations
 
 import msgspec
 import pytest
 
-from r2bspec.execute.diagnosis.find_break import (
+from r2bspec.execute.diagnosis.find_fault import (
     Fault,
     find_input_fault,
     first_fault,
@@ -27,23 +27,23 @@ def end(node: str, kind: str = IMAGE) -> Endpoint:
 
 def topic(
     name: str,
-    writers: str = "",
-    readers: str = "",
+    publishers: str = "",
+    subscriptions: str = "",
     *,
     planned: tuple[str, str] | None = None,
     passed: int | None = 10,
     kinds: tuple[str, str] = (IMAGE, IMAGE),
     qos_mismatches: tuple[QosMismatch, ...] = (),
 ) -> TopicFacts:
-    """A topic with these real ends; planned are the same ones, unless it is said otherwise."""
-    of_writers, of_readers = planned or (writers, readers)
+    """A topic with these endpoints; by default, the same ones are planned."""
+    planned_publishers, planned_subscribers = planned or (publishers, subscriptions)
     return TopicFacts(
         name=name,
         type=IMAGE,
-        planned_publishers=tuple(of_writers.split()),
-        planned_subscribers=tuple(of_readers.split()),
-        writers=tuple(end(node, kinds[0]) for node in writers.split()),
-        readers=tuple(end(node, kinds[1]) for node in readers.split()),
+        planned_publishers=tuple(planned_publishers.split()),
+        planned_subscribers=tuple(planned_subscribers.split()),
+        publishers=tuple(end(node, kinds[0]) for node in publishers.split()),
+        subscriptions=tuple(end(node, kinds[1]) for node in subscriptions.split()),
         qos_mismatches=qos_mismatches,
         passed=passed,
     )
@@ -71,48 +71,60 @@ def found(*topics: TopicFacts, silent: str = "/out", played: int | None = 10) ->
 
 def test_a_node_that_publishes_nothing_although_messages_reach_it() -> None:
     one = found(IN, MID, OUT)
-    assert (one.kind, one.topic, one.owner, one.code) == ("swallowed", "/out", "/b", "R2B641")
-    assert one.sentence == "/mid: 10 messages passed, and /b reads it; /b publishes nothing on /out"
+    assert (one.kind, one.topic, one.owner, one.code) == ("no output", "/out", "/b", "R2B641")
+    assert one.sentence == (
+        "/b publishes nothing on /out, although it subscribes to /mid (10 messages)"
+    )
 
 
-def test_the_first_of_several_silent_topics_decides() -> None:
+def test_the_first_of_several_topics_without_messages_decides() -> None:
     one = found(IN, topic("/mid", "/a", "/b", passed=0), OUT)
-    assert (
-        one.sentence
-        == "/in: 10 messages were played, and /a reads it; /a publishes nothing on /mid"
+    assert one.sentence == (
+        "/a publishes nothing on /mid, although it subscribes to /in (10 messages)"
     )
 
 
-def test_an_input_that_nobody_writes_is_named_with_the_node_that_waits_for_it() -> None:
+def test_several_inputs_and_publishers_are_all_named() -> None:
+    mask = topic("/mask", "/a", "/b", passed=1)
+    both = topic("/out", "/b /c", "monitor", passed=0)
+    assert found(IN, MID, mask, both).sentence == (
+        "/b and /c publish nothing on /out, although they subscribe to /mask (1 message) and "
+        "/mid (10 messages)"
+    )
+
+
+def test_an_input_without_publisher_is_named_with_its_subscriber() -> None:
     mask = topic("/mask", "", "/b", passed=None)
-    # It may be an option of the node, so it is no break by itself.
+    # It may be an optional input of the node, so it is no fault by itself.
     assert found(IN, MID, OUT, mask).sentence == (
-        "/mid: 10 messages passed, and /b reads it; /b publishes nothing on /out; "
-        "it also reads /mask, which nobody writes"
+        "/b publishes nothing on /out, although it subscribes to /mid (10 messages); "
+        "it also subscribes to /mask, which has no publisher"
     )
 
 
-def test_messages_that_are_played_and_reach_nobody() -> None:
+def test_played_messages_that_do_not_arrive() -> None:
     one = found(topic("/in", "player", "/a", passed=0), MID, OUT)
-    assert one.sentence == "/in: 10 messages were played, but none of them arrived"
+    assert one.sentence == "10 messages were played on /in, but none arrived"
 
 
-def test_a_topic_that_nobody_writes_and_the_name_that_was_meant() -> None:
+def test_a_topic_without_publisher_and_the_closest_name() -> None:
     wrong = topic("/middle", "/a", "", planned=("", ""))
     one = found(IN, topic("/mid", "", "/b", planned=("/a", "/b"), passed=None), OUT, wrong)
-    assert (one.kind, one.code) == ("unwritten", "R2B207")
-    assert one.sentence == "/mid: nobody writes it; the nearest name is /middle, which /a writes"
+    assert (one.kind, one.code) == ("no publisher", "R2B207")
+    assert one.sentence == (
+        "no publisher on /mid, to which /b subscribes; the closest name is /middle, published by /a"
+    )
 
 
 @pytest.mark.parametrize(
     ("elsewhere", "nodes", "words"),
     [
-        (topic("/x", "/a", "", planned=("", "")), {"/a"}, "/a, which should, writes /x"),
-        (topic("/x", "/c", "", planned=("", "")), {"/c"}, "/a, which should, is not there"),
-        (topic("/x", "/c", "", planned=("", "")), {"/a"}, "/a, which should, writes nothing"),
+        (topic("/x", "/a", "", planned=("", "")), {"/a"}, "/a publishes on /x"),
+        (topic("/x", "/c", "", planned=("", "")), {"/c"}, "/a is not running"),
+        (topic("/x", "/c", "", planned=("", "")), {"/a"}, "/a publishes nothing"),
     ],
 )
-def test_a_topic_that_nobody_writes_and_nothing_is_called_alike(
+def test_a_topic_without_publisher_and_without_a_close_name(
     elsewhere: TopicFacts, nodes: set[str], words: str
 ) -> None:
     missing = topic("/mid", "", "/b", planned=("/a", "/b"), passed=None)
@@ -120,75 +132,85 @@ def test_a_topic_that_nobody_writes_and_nothing_is_called_alike(
     facts = GraphFacts(facts.topics, facts.inputs, facts.played, frozenset(nodes))
     one = first_fault(facts, "/out")
     assert one is not None
-    assert one.sentence == f"/mid: nobody writes it; {words}"
+    assert one.sentence == (
+        f"no publisher on /mid, to which /b subscribes; its planned publisher {words}"
+    )
 
 
-def test_a_topic_of_an_unknown_writer_and_what_is_written_in_vain() -> None:
+def test_a_topic_of_an_unknown_publisher_and_a_topic_without_subscription() -> None:
     one = found(
         IN,
         topic("/x", "/a", "", planned=("", "")),
         topic("/out", "", "monitor", passed=None),
         played=None,
     )
-    assert one.sentence == "/out: nobody writes it; nobody reads /x, which /a writes"
-
-
-def test_a_topic_that_nobody_reads_and_the_name_that_was_meant() -> None:
-    wrong = topic("/mdi", "", "/b", planned=("", ""), passed=None)
-    one = found(IN, topic("/mid", "/a", "", planned=("/a", "/b")), OUT, wrong)
-    assert (one.kind, one.owner, one.code) == ("unread", "/b", "R2B208")
     assert one.sentence == (
-        "/mid: 10 messages passed, but nobody reads it; the nearest name is /mdi, which /b reads"
+        "no publisher on /out, to which monitor subscribes; /x, published by /a, "
+        "has no subscription"
     )
 
 
-def test_types_that_differ_never_connect() -> None:
+def test_a_topic_without_subscription_and_the_closest_name() -> None:
+    wrong = topic("/mdi", "", "/b", planned=("", ""), passed=None)
+    one = found(IN, topic("/mid", "/a", "", planned=("/a", "/b")), OUT, wrong)
+    assert (one.kind, one.owner, one.code) == ("no subscription", "/b", "R2B208")
+    assert one.sentence == (
+        "no subscription to /mid, on which 10 messages were published; "
+        "the closest name is /mdi, to which /b subscribes"
+    )
+
+
+def test_types_that_differ_never_match() -> None:
     one = found(IN, topic("/mid", "/a", "/b", kinds=(TEXT, IMAGE)), OUT)
     assert (one.kind, one.owner, one.code) == ("types", "/b", "R2B210")
-    assert one.sentence.startswith(f"/mid: /a writes {TEXT}, but /b reads {IMAGE}")
+    assert one.sentence.startswith(
+        f"/b subscribes to /mid as {IMAGE}, but /a publishes /mid as {TEXT}"
+    )
 
 
-def test_a_monitor_that_waits_for_a_writer_of_its_type() -> None:
+def test_a_monitor_that_waits_for_a_publisher_of_its_type() -> None:
     one = found(IN, MID, topic("/out", "/b", "", planned=("/b", "monitor"), kinds=(TEXT, IMAGE)))
-    assert one.sentence == f"/out: /b writes {TEXT}, where the spec says {IMAGE}"
+    assert one.sentence == f"/b publishes /out as {TEXT}, but its type in the spec is {IMAGE}"
 
 
 def test_qos_that_never_matches() -> None:
     pair = QosMismatch("/a", "/b", "/mid", "best effort publisher and reliable subscription")
     one = found(IN, topic("/mid", "/a", "/b", qos_mismatches=(pair,)), OUT)
     assert (one.kind, one.code) == ("qos", "R2B216")
-    assert "what /a offers is less than /b asks for (best effort publisher" in one.sentence
+    assert one.sentence.startswith(
+        "/b requests a QoS on /mid that /a does not offer (best effort publisher"
+    )
 
 
-def test_a_pair_that_never_matches_off_the_way_is_no_break() -> None:
+def test_a_pair_that_never_matches_off_the_path_is_no_fault() -> None:
     pair = QosMismatch("/a", "/c", "/mid", "best effort publisher and reliable subscription")
     one = found(IN, topic("/mid", "/a", "/b /c", qos_mismatches=(pair,)), OUT)
-    assert one.kind == "swallowed"
+    assert one.kind == "no output"
 
 
-def test_where_everything_passes_there_is_no_break() -> None:
+def test_a_path_with_messages_on_every_topic_has_no_fault() -> None:
     assert first_fault(graph(IN, MID, topic("/out", "/b", "monitor")), "/out") is None
 
 
-def test_without_playing_silence_is_no_break() -> None:
-    unheard = (
+def test_a_topic_without_messages_is_no_fault_if_nothing_is_played() -> None:
+    unobserved = (
         topic("/in", "player", "/a", passed=None),
         topic("/out", "/a", "monitor", passed=None),
     )
-    assert first_fault(graph(*unheard, played=None), "/out") is None
+    assert first_fault(graph(*unobserved, played=None), "/out") is None
 
 
-def test_a_silent_topic_that_is_neither_planned_nor_seen() -> None:
-    assert found(IN, silent="/nowhere").sentence == "/nowhere: nobody writes it"
+def test_a_topic_that_is_neither_planned_nor_discovered() -> None:
+    assert found(IN, silent="/nowhere").sentence == "no publisher on /nowhere"
 
 
-def test_a_loop_is_walked_once() -> None:
+def test_a_loop_is_followed_once() -> None:
     back = topic("/back", "/b", "/a")
     facts = graph(topic("/in", "player", "/a"), MID, back, OUT)
     assert path_to(facts, "/out") == ("/in", "/mid", "/back", "/out")
 
 
-def test_the_way_of_a_graph_that_joins() -> None:
+def test_the_path_of_a_graph_that_joins() -> None:
     facts = graph(
         topic("/left", "player", "/a"),
         topic("/right", "player", "/c"),
@@ -200,39 +222,41 @@ def test_the_way_of_a_graph_that_joins() -> None:
     assert path_to(facts, "/out") == ("/left", "/right", "/l", "/r", "/out")
     one = first_fault(facts, "/out")
     assert one is not None
-    assert (
-        one.sentence
-        == "/right: 10 messages were played, and /c reads it; /c publishes nothing on /r"
+    assert one.sentence == (
+        "/c publishes nothing on /r, although it subscribes to /right (10 messages)"
     )
 
 
-def test_where_no_way_is_known_all_that_is_reached_is_shown() -> None:
+def test_without_a_known_path_all_topics_that_inputs_reach_are_shown() -> None:
     facts = graph(IN, topic("/x", "/a", ""), topic("/out", "", "monitor"))
     assert path_to(facts, "/out") == ("/out",)
     assert full_path(facts, "/out") == ("/in", "/x", "/out")
 
 
-def test_an_input_that_nobody_reads() -> None:
+def test_an_input_without_subscription() -> None:
     facts = graph(
         topic("/inptu", "player", "", passed=None), topic("/input", "", "/a", passed=None)
     )
     one = find_input_fault(facts, "/inptu")
     assert one is not None
-    assert one.sentence == "/inptu: nobody reads it; the nearest name is /input, which /a reads"
+    assert one.sentence == (
+        "no subscription to /inptu, which is played; "
+        "the closest name is /input, to which /a subscribes"
+    )
     assert find_input_fault(graph(IN), "/in") is None
 
 
-def test_the_way_in_lines() -> None:
+def test_the_path_as_lines() -> None:
     soft = Endpoint(node="/b", type=TEXT, reliability="best_effort", durability="transient_local")
-    facts = graph(TopicFacts("/out", IMAGE, writers=(soft,), passed=3))
-    writer = f"/b ({TEXT}, best_effort, transient_local)"
+    facts = graph(TopicFacts("/out", IMAGE, publishers=(soft,), passed=3))
+    publisher = f"/b ({TEXT}, best_effort, transient_local)"
     assert path_lines(facts, ["/out", "/gone"]) == [
-        f"  /out ({IMAGE}): writers: {writer}; readers: none; 3 passed",
-        "  /gone (type unknown): writers: none; readers: none",
+        f"  /out ({IMAGE}): publishers: {publisher}; subscriptions: none; 3 messages",
+        "  /gone (type unknown): publishers: none; subscriptions: none",
     ]
 
 
-def test_the_harness_is_called_as_plans_call_it_and_whoever_only_looks_is_left_out() -> None:
+def test_the_harness_has_its_names_in_plans_and_its_tracing_subscriptions_are_left_out() -> None:
     planned = TopicPlan(
         name="/in", type=IMAGE, phase="measure", writers=("player",), readers=("/a",)
     )
@@ -243,8 +267,8 @@ def test_the_harness_is_called_as_plans_call_it_and_whoever_only_looks_is_left_o
         passed={"/in": 4},
         played=10,
     )
-    seen = facts.topics["/in"]
+    topic_facts = facts.topics["/in"]
     assert facts.inputs == ("/in",)
-    assert [each.node for each in seen.writers] == ["player"]
-    assert [each.node for each in seen.readers] == ["/a"]
-    assert seen.passed == 4
+    assert [each.node for each in topic_facts.publishers] == ["player"]
+    assert [each.node for each in topic_facts.subscriptions] == ["/a"]
+    assert topic_facts.passed == 4

@@ -35,18 +35,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.statistics.trend import trend
+from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.probe_length import (
+    FIRST_LOOK_S,
+    LOOKS_RATIO,
+    MAX_NO_OUTPUT_S,
+    MIN_LOOK_MESSAGES,
+)
 from r2bspec.measure.completion_rate import DeliveryEstimate, delivery
 from r2bspec.measure.matching import Matching
 from r2bspec.record.sample_arrays import Rows
-
-_FIRST_INTERIM_S = 1.0
-_INTERIM_RATIO = 1.5
-_MIN_MESSAGES = 20
-"""Before that nothing is judged, unless the probe is over."""
-
-_MAX_NO_OUTPUT_S = 2.0
-"""A graph that has answered nothing for so long will not have kept up when it does: it answered
-during the warm-up. To wait for the end of the probe would only make a search for nothing long."""
 
 _TRANSIENT_DIVISOR = 3
 """One of so many steps is left out at the start."""
@@ -72,7 +70,7 @@ class Criterion:
 
     precision: float
     loss: float = 0.0
-    confidence: float = 0.95
+    confidence: float = CONFIDENCE
 
 
 @dataclass(frozen=True)
@@ -118,11 +116,11 @@ class ProbeEstimate:
 def plan_interim_looks(limit_s: float) -> tuple[InterimLook, ...]:
     """When a probe that lasts at most `limit_s` seconds is judged; the last time is its end."""
     times: list[float] = []
-    at_s = _FIRST_INTERIM_S
+    at_s = FIRST_LOOK_S
     # Two looks that are closer to one another than that show the same.
-    while at_s * math.sqrt(_INTERIM_RATIO) < limit_s:
+    while at_s * math.sqrt(LOOKS_RATIO) < limit_s:
         times.append(at_s)
-        at_s *= _INTERIM_RATIO
+        at_s *= LOOKS_RATIO
     times.append(limit_s)
     return tuple(InterimLook(each, each / sum(times)) for each in times)
 
@@ -166,12 +164,12 @@ def judge_interim(
     """Judge a probe that is still being played, from what it has shown so far."""
     overall = estimate.overall
     if (
-        look.at_s >= _MAX_NO_OUTPUT_S
-        and overall.published >= _MIN_MESSAGES
+        look.at_s >= MAX_NO_OUTPUT_S
+        and overall.published >= MIN_LOOK_MESSAGES
         and not overall.answered
     ):
         return ProbeJudgement(False, _shortfall(overall))
-    if overall.answered < _MIN_MESSAGES or estimate.steady.batches < _MIN_BATCHES:
+    if overall.answered < MIN_LOOK_MESSAGES or estimate.steady.batches < _MIN_BATCHES:
         return ProbeJudgement(None, "too early to tell")
     return _judge(estimate, criterion, look)
 

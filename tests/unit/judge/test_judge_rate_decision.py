@@ -7,7 +7,12 @@ from __future__ import annotations
 
 import pytest
 
-from r2bspec.judge.rate_test import Criterion, ProbeJudgement, plan_interim_looks, worst_judgement
+from r2bspec.judge.rate_decision import (
+    Criterion,
+    ProbeJudgement,
+    plan_interim_looks,
+    worst_judgement,
+)
 from simulated_queues import DEEP, SHALLOW, Server, probe
 
 DEPTHS = pytest.mark.parametrize("depth", [DEEP, SHALLOW, 1], ids=["deep", "shallow", "one"])

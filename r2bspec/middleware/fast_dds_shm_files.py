@@ -1,7 +1,7 @@
-"""Shared-memory segments of the middleware: which of them nobody uses, and their removal.
+"""Segments of Fast DDS in shared memory: which of them no process uses, and their removal.
 
-Fast DDS holds a lock on ``NAME_el`` as long as a participant uses the segment NAME; a lock that can
-be taken therefore belongs to nobody. A segment that has lost its lock file is dead if no process
+Fast DDS holds a lock on ``NAME_el`` as long as a participant uses the segment NAME; if the lock can
+be taken, no participant does. A segment that has lost its lock file is dead if no process
 maps it. Segments of the living, and those of other users, are never touched.
 """
 
@@ -13,19 +13,19 @@ import os
 import re
 from pathlib import Path
 
-SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the place is fixed by POSIX shared memory
-_PROC = Path("/proc")
-_LOCK_SUFFIXES = ("_el", "_sl")
-_FILE_PATTERNS = ("fastrtps_*", "fastdds_*", "sem.fastrtps_*", "sem.fastdds_*")
+from r2bspec.middleware.middleware import PROC, SHARED_MEMORY
+
+_LOCKS = ("_el", "_sl")
+_FILES = ("fastrtps_*", "fastdds_*", "sem.fastrtps_*", "sem.fastdds_*")
 
 
 def shm_files(memory: Path = SHARED_MEMORY) -> list[str]:
     """The names of the middleware's files in shared memory, whoever owns them."""
-    return sorted(each.name for pattern in _FILE_PATTERNS for each in memory.glob(pattern))
+    return sorted(each.name for pattern in _FILES for each in memory.glob(pattern))
 
 
 def dead_shm_files(
-    memory: Path = SHARED_MEMORY, proc: Path = _PROC, since_s: float = 0.0
+    memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
 ) -> list[str]:
     """The names of this user's segments that nobody uses; nothing is changed.
 
@@ -38,13 +38,13 @@ def dead_shm_files(
     names = {each.name.removesuffix("_el") for each in memory.glob("fast*")}
     mapped: set[str] | None = None
     dead = []
-    for name in sorted(each for each in names if not each.endswith(_LOCK_SUFFIXES)):
+    for name in sorted(each for each in names if not each.endswith(_LOCKS)):
         lock = _lock(memory, name)
         with contextlib.suppress(OSError):
             if lock.exists():
-                free = _is_ours(lock, since_s) and _is_free(lock)
-            elif _is_ours(memory / name, since_s):
-                mapped = _mapped_names(memory, proc) if mapped is None else mapped
+                free = _ours(lock, since_s) and _is_free(lock)
+            elif _ours(memory / name, since_s):
+                mapped = _mapped(memory, proc) if mapped is None else mapped
                 free = name not in mapped
             else:
                 free = False
@@ -54,7 +54,7 @@ def dead_shm_files(
 
 
 def remove_dead_shm_files(
-    memory: Path = SHARED_MEMORY, proc: Path = _PROC, since_s: float = 0.0
+    memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
 ) -> list[str]:
     """Remove the segments that `dead_shm_files` finds; returns their names."""
     removed = []
@@ -74,7 +74,7 @@ def _lock(memory: Path, name: str) -> Path:
     return memory / f"{name}_el"
 
 
-def _is_ours(file: Path, since_s: float) -> bool:
+def _ours(file: Path, since_s: float) -> bool:
     status = file.stat()
     return status.st_uid == os.getuid() and status.st_mtime >= since_s
 
@@ -89,7 +89,7 @@ def _is_free(lock: Path) -> bool:
     return True
 
 
-def _mapped_names(memory: Path, proc: Path) -> set[str]:
+def _mapped(memory: Path, proc: Path) -> set[str]:
     """The names of segments that some process maps."""
     found: set[str] = set()
     # A line that goes on with "(deleted)" is about an earlier segment of that name.

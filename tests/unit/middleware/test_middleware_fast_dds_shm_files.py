@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.middleware.shm_files import dead_shm_files, remove_dead_shm_files, shm_files
+from r2bspec.middleware.fast_dds_shm_files import dead_shm_files, remove_dead_shm_files, shm_files
 
 
 @pytest.fixture

@@ -1,0 +1,59 @@
+"""A transport that cannot be configured with the middleware (RMW) that is selected."""
+
+from __future__ import annotations
+
+import os
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
+from r2bspec.middleware.rmw_registry import RMW_VARIABLE, refuse_transport, selected_rmw
+
+
+def _find(context: Context) -> Findings:
+    transport = context.spec.transport
+    refusal = refuse_transport(transport, selected_rmw(os.environ))
+    if refusal is not None:
+        default = "the default " if context.value_at(("transport",)) is None else ""
+        yield Finding(
+            message=f"{default}{refusal.message}, which {RMW_VARIABLE} selects here",
+            path=("transport",),
+            help=refusal.help,
+            machine_dependent=True,
+        )
+    for _, node in context.nodes:
+        refusal = refuse_transport(transport, selected_rmw(node.node.env))
+        if refusal is not None:
+            yield Finding(
+                message=f"{refusal.message}, which this node loads",
+                path=(*node.path, "env", RMW_VARIABLE),
+                help=refusal.help,
+            )
+
+
+RULE = Rule(
+    code="R2B666",
+    title="transport cannot be configured with the selected middleware",
+    severity="error",
+    why="'shared_memory' and 'udp' are settings of one middleware. Another one would ignore them, "
+    "and messages would be sent in another way than the spec says.",
+    failing=example(
+        transport="udp",
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: image}
+                env: {RMW_IMPLEMENTATION: rmw_cyclonedds_cpp}
+        """,
+    ),
+    passing=example(
+        transport="inherit",
+        graph="""
+            nodes:
+              relay:
+                python: r2bspec.nodes.RelayNode
+                remappings: {input: image}
+                env: {RMW_IMPLEMENTATION: rmw_cyclonedds_cpp}
+        """,
+    ),
+    find=_find,
+)

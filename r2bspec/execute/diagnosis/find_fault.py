@@ -1,0 +1,316 @@
+"""The first fault on the path of the messages, from observed facts alone.
+
+The path to a topic without messages consists of all topics from which messages can reach it,
+planned or observed, starting at the inputs. On each topic the faults are checked in this order: it
+has no publisher; publisher and subscription differ in type or in QoS; it has no messages; no
+subscription leads further along the path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from r2bspec.diagnostics import did_you_mean
+from r2bspec.execute.diagnosis.graph_facts import HARNESS, GraphFacts, TopicFacts
+from r2bspec.ipc.protocol import Endpoint
+
+FaultKind = Literal["no publisher", "types", "qos", "no output", "no subscription"]
+
+FAULT_CODES: dict[FaultKind, str] = {
+    "no publisher": "R2B207",
+    "no subscription": "R2B208",
+    "types": "R2B210",
+    "qos": "R2B216",
+    "no output": "R2B641",
+}
+"""The code of the rule of `validate` that finds the same error, if there is one."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong on which topic, and with whose endpoint.
+
+    `owner` is a node or a part of the harness; empty if unknown.
+    """
+
+    kind: FaultKind
+    topic: str
+    owner: str
+    sentence: str
+
+    @property
+    def code(self) -> str:
+        """The code of the error."""
+        return FAULT_CODES[self.kind]
+
+
+def path_to(facts: GraphFacts, silent: str) -> tuple[str, ...]:
+    """The topics from the inputs to one without messages, in the order of the message flow."""
+    upstream = {silent}
+    pending = [silent]
+    for topic in pending:
+        known = facts.topics.get(topic)
+        for node in sorted(known.all_publishers - {*HARNESS}) if known else ():
+            for name in facts.topics_subscribed_by(node):
+                if name not in upstream:
+                    upstream.add(name)
+                    pending.append(name)
+    reached = [name for name in _reachable_topics(facts) if name in upstream]
+    rest = sorted(upstream - {*reached, silent})
+    return tuple(dict.fromkeys((*reached, *rest, silent)))
+
+
+def full_path(facts: GraphFacts, silent: str) -> tuple[str, ...]:
+    """The path to a topic without messages; if unknown, also all topics that inputs reach."""
+    path = path_to(facts, silent)
+    if {*path} & {*facts.inputs}:
+        return path
+    return tuple(dict.fromkeys((*_reachable_topics(facts), *path)))
+
+
+def _reachable_topics(facts: GraphFacts) -> list[str]:
+    """The topics that messages can reach, in the order of the message flow."""
+    reached = sorted(facts.inputs)
+    for topic in reached:
+        nodes = facts.topics[topic].all_subscribers - {*HARNESS}
+        reached += sorted(
+            name
+            for name, each in facts.topics.items()
+            if name not in reached and nodes & each.all_publishers
+        )
+    return reached
+
+
+def first_fault(facts: GraphFacts, silent: str) -> Fault | None:
+    """The first fault on the path to a topic without messages; None if none is observed."""
+    path = path_to(facts, silent)
+    on_path = {*path}
+    for name in path:
+        topic = facts.topics.get(name, TopicFacts(name))
+        found = _fault_at(facts, topic, silent=silent, on_path=on_path)
+        if found is not None:
+            return found
+    return None
+
+
+def find_input_fault(facts: GraphFacts, name: str) -> Fault | None:
+    """The fault of the subscriptions of an input; None if none is observed."""
+    topic = facts.topics.get(name, TopicFacts(name))
+    wanted = sorted(topic.all_subscribers)
+    return (
+        _type_mismatch(topic, wanted)
+        or _qos_mismatch(topic, wanted)
+        or _no_subscription(facts, topic, wanted)
+    )
+
+
+def _fault_at(
+    facts: GraphFacts, topic: TopicFacts, *, silent: str, on_path: set[str]
+) -> Fault | None:
+    if not topic.publishers:
+        return _no_publisher(facts, topic)
+    wanted = sorted(_downstream_nodes(facts, topic, silent, on_path))
+    found = _type_mismatch(topic, wanted) or _qos_mismatch(topic, wanted)
+    if found is None and topic.passed == 0 and facts.played:
+        found = _no_output(facts, topic)
+    return found or _no_subscription(facts, topic, wanted)
+
+
+def _downstream_nodes(
+    facts: GraphFacts, topic: TopicFacts, silent: str, on_path: set[str]
+) -> Iterator[str]:
+    """The nodes that must subscribe to a topic for messages to continue along the path."""
+    for node in topic.all_subscribers:
+        if node in HARNESS:
+            if topic.name == silent:
+                yield node
+        elif any(
+            node in facts.topics[name].all_publishers
+            for name in on_path - {topic.name}
+            if name in facts.topics
+        ):
+            yield node
+
+
+def _no_publisher(facts: GraphFacts, topic: TopicFacts) -> Fault:
+    owner = next(iter(topic.planned_publishers), "")
+    instead = facts.topics_published_by(owner) if owner else ()
+    unused = [
+        name
+        for name, each in facts.topics.items()
+        if each.publishers and not each.subscriptions and not each.planned_publishers
+    ]
+    close = _closest_name(topic.name, instead) or _closest_name(topic.name, unused)
+    sentence = f"no publisher on {topic.name}"
+    if topic.all_subscribers:
+        subscribers = sorted(topic.all_subscribers)
+        sentence += f", to which {_names(subscribers)} {_verb('subscribe', subscribers)}"
+    if close:
+        by = _names(each.node for each in facts.topics[close].publishers)
+        sentence += f"; the closest name is {close}, published by {by}"
+    elif instead:
+        sentence += f"; its planned publisher {owner} publishes on {_names(instead)}"
+    elif owner and facts.nodes and owner not in facts.nodes and owner not in HARNESS:
+        sentence += f"; its planned publisher {owner} is not running"
+    elif owner:
+        sentence += f"; its planned publisher {owner} publishes nothing"
+    elif unused:
+        by = _names(each.node for each in facts.topics[unused[0]].publishers)
+        sentence += f"; {unused[0]}, published by {by}, has no subscription"
+    return Fault("no publisher", topic.name, owner, sentence)
+
+
+def _type_mismatch(topic: TopicFacts, wanted: Iterable[str]) -> Fault | None:
+    for publisher in topic.publishers:
+        for subscription in topic.subscriptions:
+            if subscription.node in wanted and subscription.type != publisher.type:
+                return Fault(
+                    "types",
+                    topic.name,
+                    subscription.node,
+                    f"{subscription.node} subscribes to {topic.name} as {subscription.type}, but "
+                    f"{publisher.node} publishes {topic.name} as {publisher.type}; ROS does not "
+                    "match them",
+                )
+        # A monitor subscribes only after it has discovered a publisher of its type.
+        if topic.type and publisher.type != topic.type and not _has_subscription(topic, wanted):
+            return Fault(
+                "types",
+                topic.name,
+                publisher.node,
+                f"{publisher.node} publishes {topic.name} as {publisher.type}, but its type in the "
+                f"spec is {topic.type}",
+            )
+    return None
+
+
+def _qos_mismatch(topic: TopicFacts, wanted: Iterable[str]) -> Fault | None:
+    for pair in topic.qos_mismatches:
+        if pair.reader in wanted:
+            return Fault(
+                "qos",
+                topic.name,
+                pair.reader,
+                f"{pair.reader} requests a QoS on {topic.name} that {pair.writer} does not offer "
+                f"({pair.why}); ROS does not match them",
+            )
+    return None
+
+
+def _no_output(facts: GraphFacts, topic: TopicFacts) -> Fault:
+    publishers = sorted({each.node for each in topic.publishers})
+    owner = publishers[0]
+    if topic.name in facts.inputs:
+        sentence = f"{_messages(facts.played)} were played on {topic.name}, but none arrived"
+        return Fault("no output", topic.name, owner, sentence)
+    subscribed = [
+        facts.topics[name] for node in publishers for name in facts.topics_subscribed_by(node)
+    ]
+    supplied = [each for each in subscribed if each.passed]
+    starved = [each for each in subscribed if not each.passed and each.name != topic.name]
+    subscribes = _verb("subscribe", publishers)
+    it = "it" if len(publishers) == 1 else "they"
+    sentence = f"{_names(publishers)} {_verb('publish', publishers)} nothing on {topic.name}"
+    if supplied:
+        counts = " and ".join(f"{each.name} ({_messages(each.passed)})" for each in supplied)
+        sentence += f", although {it} {subscribes} to {counts}"
+    for each in starved[:1]:
+        state = "no messages" if each.publishers else "no publisher"
+        sentence += f"; {it} also {subscribes} to {each.name}, which has {state}"
+    return Fault("no output", topic.name, owner, sentence)
+
+
+def _no_subscription(facts: GraphFacts, topic: TopicFacts, wanted: list[str]) -> Fault | None:
+    missing = [each for each in wanted if not _has_subscription(topic, [each])]
+    if not missing and (wanted or _has_any_subscription(topic)):
+        return None
+    owner = missing[0] if missing else ""
+    others = [
+        name
+        for name, each in facts.topics.items()
+        if name != topic.name
+        and any(not owner or owner in HARNESS or end.node == owner for end in each.subscriptions)
+    ]
+    sentence = (
+        f"{owner} does not subscribe to {topic.name}"
+        if owner and _has_any_subscription(topic)
+        else f"no subscription to {topic.name}"
+    )
+    if topic.passed:
+        verb = "were played" if topic.name in facts.inputs else "were published"
+        sentence += f", on which {_messages(topic.passed)} {verb}"
+    elif topic.name in facts.inputs:
+        sentence += ", which is played"
+    close = _closest_name(
+        topic.name, [name for name in others if not facts.topics[name].publishers]
+    ) or _closest_name(topic.name, others)
+    if close:
+        by = [each.node for each in facts.topics[close].subscriptions]
+        sentence += f"; the closest name is {close}, to which {_names(by)} {_verb('subscribe', by)}"
+    elif owner and owner not in HARNESS:
+        subscribed = [
+            name
+            for name in others
+            if any(end.node == owner for end in facts.topics[name].subscriptions)
+        ]
+        sentence += f"; its planned subscriber {owner} " + (
+            f"subscribes to {_names(subscribed)}" if subscribed else "has no subscriptions"
+        )
+    return Fault("no subscription", topic.name, owner, sentence)
+
+
+def _closest_name(wrong: str, names: Iterable[str]) -> str:
+    """The closest name, compared without the namespaces, which most topics share."""
+    by_end = {name.rpartition("/")[2]: name for name in sorted(names, reverse=True)}
+    close = did_you_mean(wrong.rpartition("/")[2], by_end)
+    return by_end[close] if close else ""
+
+
+def _has_subscription(topic: TopicFacts, nodes: Iterable[str]) -> bool:
+    subscribers = {each.node for each in topic.subscriptions}
+    return any(each in subscribers for each in nodes)
+
+
+def _has_any_subscription(topic: TopicFacts) -> bool:
+    return any(each.node not in HARNESS for each in topic.subscriptions)
+
+
+def _names(names: Iterable[str]) -> str:
+    return " and ".join(dict.fromkeys(names))
+
+
+def _verb(verb: str, subjects: Iterable[str]) -> str:
+    """The form of a verb, such as "publish", for one or several subjects."""
+    if len({*subjects}) > 1:
+        return verb
+    return f"{verb}es" if verb.endswith("sh") else f"{verb}s"
+
+
+def _messages(count: int | None) -> str:
+    return f"{count} message" if count == 1 else f"{count} messages"
+
+
+def path_lines(facts: GraphFacts, path: Iterable[str]) -> list[str]:
+    """The path as lines: publishers, subscriptions, types, QoS and message count of each topic."""
+    lines = []
+    for name in path:
+        topic = facts.topics.get(name, TopicFacts(name))
+        passed = "" if topic.passed is None else f"; {_messages(topic.passed)}"
+        lines.append(
+            f"  {name} ({topic.type or 'type unknown'}): "
+            f"publishers: {_endpoint_texts(topic.publishers, topic.type)}; "
+            f"subscriptions: {_endpoint_texts(topic.subscriptions, topic.type)}{passed}"
+        )
+    return lines
+
+
+def _endpoint_texts(ends: tuple[Endpoint, ...], planned_type: str) -> str:
+    def one(end: Endpoint) -> str:
+        words = [end.type] if end.type != planned_type else []
+        words += [end.reliability]
+        words += [end.durability] if end.durability != "volatile" else []
+        return f"{end.node} ({', '.join(words)})"
+
+    return ", ".join(one(end) for end in ends) or "none"

@@ -1,0 +1,280 @@
+"""The kinds of node: the keys that say each, and what the rest of the program has to know of it.
+
+Another kind is an entry of `NODE_KINDS`, its keys as fields of `r2bspec.language.spec.Node`, and
+its command line in `r2bspec.plan.command_lines`. A kind that runs inside a process of the harness
+has also a case in `r2bspec.harness.node_host`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+from r2bspec.language.schema import name_patterns
+from r2bspec.language.schema.schema_builder import (
+    Schema,
+    array,
+    boolean,
+    deferrable,
+    name_map,
+    record,
+    scalar,
+    text,
+)
+
+NodeKindName = Literal["python", "plugin", "executable", "command", "launch", "external"]
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a kind of node cannot have a key, and what to do; empty to remove the key."""
+
+    why: str
+    help: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NodeKind:
+    """One kind of node.
+
+    Attributes:
+        keys: the keys that together say that a node is of this kind, and their schemas. Kinds
+            that share their first key exclude each other by the others.
+        role: of the process that it runs in, ``host`` for Python nodes, ``container`` for C++
+            components, ``command`` for a process that the node makes itself; None if r2bspec
+            starts nothing.
+        refuses: keys that mean nothing for it.
+        by_others: whether its nodes are made by something other than r2bspec: they cannot be
+            started alone, and may leave the namespace of the benchmark.
+        names_own_nodes: whether its nodes have names that the spec does not know.
+        any_program: whether it may be any program, which need be no ROS process and may hold
+            several nodes: it gets ROS arguments only where the spec states something of ROS, and
+            parameter files as they are.
+        listed_by: the ROS command that lists what there is of it in a package.
+        snippet: what editors offer, a label and a body; empty for nothing.
+        suggested: its place among the snippets, the most frequent first.
+    """
+
+    name: NodeKindName
+    keys: Mapping[str, Schema]
+    role: Literal["host", "container", "command"] | None = "command"
+    refuses: Mapping[str, Refusal] = field(default_factory=dict)
+    by_others: bool = False
+    names_own_nodes: bool = False
+    any_program: bool = False
+    listed_by: str = ""
+    snippet: Mapping[str, Any] = field(default_factory=dict)
+    suggested: int = 0
+
+    @property
+    def group(self) -> str:
+        """The key that it shares with kinds that are written alike, or its only one."""
+        return next(iter(self.keys))
+
+    @property
+    def marker(self) -> str:
+        """The key that tells it from the kinds that are written alike."""
+        return list(self.keys)[-1]
+
+    @property
+    def shares_process(self) -> bool:
+        """Whether several nodes of this kind can run in one process."""
+        return self.role in {"host", "container"}
+
+
+def _no_arguments(help_text: str = "") -> dict[str, Refusal]:
+    return {"arguments": Refusal("only an executable or a command has arguments", help_text)}
+
+
+_NO_CONTAINER = {"container": Refusal("only Python nodes and plugins run in a container")}
+
+PROCESS_KEYS: Final = ("cpus", "nice", "prefix", "memory_limit")
+"""Keys of a node that are about its process."""
+
+_NO_PROCESS = dict.fromkeys(PROCESS_KEYS, Refusal("r2bspec does not start its processes"))
+
+_PACKAGE = text(
+    "The ROS package of the plugin or the executable.",
+    form=name_patterns.PACKAGE,
+    examples=["image_proc"],
+)
+
+_LAUNCH = record(
+    "A launch file: 'package' and 'file', or 'path'. The remappings and the namespace of the node "
+    "apply to everything that it starts.",
+    {
+        "package": text(
+            "The ROS package of the launch file.",
+            form=name_patterns.PACKAGE,
+            examples=["image_proc"],
+        ),
+        "file": text(
+            "The launch file, relative to the share folder of the package.",
+            form=name_patterns.SOME_TEXT,
+            examples=["launch/image_proc.launch.py"],
+        ),
+        "path": text(
+            "The launch file, relative to this file.",
+            form=name_patterns.NOT_EMPTY,
+            examples=["./detector.launch.py"],
+            path=True,
+        ),
+        "arguments": name_map(
+            "The arguments of the launch file.",
+            name_patterns.PARAMETER,
+            deferrable(scalar("The value of the argument.", examples=["false"])),
+            examples=[{"use_sim_time": "false"}],
+        ),
+    },
+    examples=[{"package": "image_proc", "file": "launch/image_proc.launch.py"}],
+)
+
+PYTHON: Final = NodeKind(
+    name="python",
+    keys={
+        "python": text(
+            "A Python node, as module.Class, or ./file.py:Class relative to this file: a subclass "
+            "of rclpy's Node whose constructor passes **kwargs to Node, or a function that returns "
+            "one.",
+            form=name_patterns.PYTHON_NODE,
+            examples=["r2bspec.nodes.ResizeNode", "./my_nodes.py:Detector"],
+            path=True,
+        )
+    },
+    role="host",
+    refuses=_no_arguments("use 'parameters' for a Python node"),
+    snippet={
+        "label": "Python node",
+        "body": {"python": "${1:module.Class}", "remappings": {"${2:topic}": "${3:topic}"}},
+    },
+    suggested=1,
+)
+
+PLUGIN: Final = NodeKind(
+    name="plugin",
+    keys={
+        "package": _PACKAGE,
+        "plugin": text(
+            "The C++ class of a composable node in the package.",
+            form=name_patterns.PLUGIN,
+            examples=["image_proc::ResizeNode"],
+        ),
+    },
+    role="container",
+    refuses=_no_arguments("use 'parameters' for a plugin"),
+    listed_by="ros2 component types",
+    snippet={
+        "label": "composable C++ node",
+        "body": {"package": "$1", "plugin": "$2", "remappings": {"$3": "$4"}},
+    },
+    suggested=3,
+)
+
+EXECUTABLE: Final = NodeKind(
+    name="executable",
+    keys={
+        "package": _PACKAGE,
+        "executable": text(
+            "The executable of the package, as for 'ros2 run'.",
+            form=name_patterns.FILE_NAME,
+            examples=["rectify_node"],
+        ),
+    },
+    refuses=_NO_CONTAINER,
+    listed_by="ros2 pkg executables",
+    snippet={
+        "label": "executable of a package",
+        "body": {"package": "$1", "executable": "$2", "remappings": {"$3": "$4"}},
+    },
+    suggested=2,
+)
+
+COMMAND: Final = NodeKind(
+    name="command",
+    keys={
+        "command": array(
+            "Any program with its arguments, one item each, run without a shell. Remappings, "
+            "parameters and the namespace are appended after --ros-args.",
+            deferrable(text("An argument.", examples=["./build/detector"])),
+            at_least=1,
+            examples=[["./build/detector", "--fast"]],
+        )
+    },
+    refuses=_NO_CONTAINER,
+    any_program=True,
+    snippet={"label": "any command", "body": {"command": ["$1"]}},
+    suggested=4,
+)
+
+LAUNCH: Final = NodeKind(
+    name="launch",
+    keys={"launch": _LAUNCH},
+    refuses=_no_arguments("put them under 'launch.arguments'") | _NO_CONTAINER | _NO_PROCESS,
+    by_others=True,
+    names_own_nodes=True,
+    snippet={"label": "launch file", "body": {"launch": {"package": "$1", "file": "$2"}}},
+    suggested=5,
+)
+
+EXTERNAL: Final = NodeKind(
+    name="external",
+    keys={
+        "external": boolean(
+            "Whether the node is already running, started by other means. The run waits for it "
+            "and does not stop it.",
+            default=False,
+        )
+    },
+    role=None,
+    refuses={
+        **_no_arguments(),
+        **_NO_CONTAINER,
+        "env": Refusal("an external node already has its environment"),
+        "parameters": Refusal("an external node already has its parameters"),
+        **_NO_PROCESS,
+    },
+    by_others=True,
+)
+
+NODE_KINDS: Final = (PYTHON, PLUGIN, EXECUTABLE, COMMAND, LAUNCH, EXTERNAL)
+"""Every kind, in the order in which messages and pages list them."""
+
+NODE_KIND_KEYS: Final[dict[str, Schema]] = {
+    key: schema for kind in NODE_KINDS for key, schema in kind.keys.items()
+}
+"""The keys that say what kind a node is, each with its schema."""
+
+
+def kind_of(values: object) -> NodeKind:
+    """The kind of a node whose keys are attributes; of nothing that says any, a command."""
+    return next(
+        (kind for kind in NODE_KINDS if all(getattr(values, key) for key in kind.keys)), COMMAND
+    )
+
+
+def kinds_text() -> str:
+    """The kinds by their keys, such as ``'a', 'b' with 'c', or 'd'``."""
+    return _one_of([" with ".join(f"'{key}'" for key in kind.keys) for kind in NODE_KINDS])
+
+
+def kinds_help() -> str:
+    """The same as a way out: kinds that are written alike together, and truth values written."""
+    groups = {group: members(group) for group in dict.fromkeys(each.group for each in NODE_KINDS)}
+    return _one_of([_written(group, kinds) for group, kinds in groups.items()])
+
+
+def members(group: str) -> tuple[NodeKind, ...]:
+    """The kinds that have the same first key."""
+    return tuple(each for each in NODE_KINDS if each.group == group)
+
+
+def _written(group: str, kinds: tuple[NodeKind, ...]) -> str:
+    if len(kinds) > 1:
+        markers = " or ".join(f"'{each.marker}'" for each in kinds)
+        return f"'{group}' with {markers}"
+    return f"'{group}: true'" if kinds[0].keys[group]["type"] == "boolean" else f"'{group}'"
+
+
+def _one_of(words: list[str]) -> str:
+    return f"{', '.join(words[:-1])}, or {words[-1]}"

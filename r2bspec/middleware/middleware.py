@@ -1,0 +1,137 @@
+"""What a run, its clean-up and the doctor ask of a ROS middleware (RMW).
+
+The answers given here are right for an RMW of which nothing is known: it is not configured, it
+needs no workaround, and discovery is kept on this host by the variable that ROS 2 has for that. A
+module for one RMW overrides what differs (`r2bspec.middleware.rmw_registry`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+TransportKind = Literal["inherit", "shared_memory", "udp"]
+
+SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the place is fixed by POSIX shared memory
+PROC = Path("/proc")
+
+HOST_ONLY = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+"""How ROS 2 itself, from Iron on, says that nodes discover those of this host only."""
+
+
+@dataclass(frozen=True)
+class Transport:
+    """How the messages of a run are to travel.
+
+    Attributes:
+        kind: as the spec says it.
+        largest_message_bytes: what shared memory is sized by.
+        segment_bytes: the size of a segment of shared memory that the spec asks for; 0 leaves it to
+            the largest message.
+    """
+
+    kind: TransportKind
+    largest_message_bytes: int
+    segment_bytes: int = 0
+
+
+@dataclass(frozen=True)
+class SocketBuffers:
+    """How many bytes each UDP socket asks the kernel for; 0 where it takes the default."""
+
+    receive: int = 0
+    send: int = 0
+
+
+class Middleware:
+    """One RMW.
+
+    Attributes:
+        name: what users read.
+        implementations: the values of RMW_IMPLEMENTATION that select it.
+        transports: the values of the spec's ``transport`` that it can be configured for.
+        variables: patterns of the environment variables that configure it, which processes of a
+            run inherit.
+        override_variables: those of them that can let discovery leave the host, where the user
+            sets them: what they say has priority over what a run sets.
+        removed_variables: variables of ROS 2 that processes of a run do not inherit: they would
+            override the discovery range, or name other hosts.
+        distributions: the Python distributions whose versions a run records.
+        socket_buffers: what its sockets ask for.
+        exit_in_turn_s: for how long at most the processes of a run are ended one by one, each
+            after the one before it has ended; then the rest are asked to end at once.
+        may_hang_on_exit: whether a process of the harness may hang while it leaves the RMW, and
+            needs a timer that ends it all the same.
+        uses_shared_memory: whether its processes have files in `SHARED_MEMORY`.
+    """
+
+    name: str
+    implementations: tuple[str, ...] = ()
+    transports: tuple[TransportKind, ...] = ("inherit",)
+    variables: tuple[str, ...] = ()
+    override_variables: tuple[str, ...] = ()
+    removed_variables: tuple[str, ...] = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS")
+    distributions: tuple[str, ...] = ()
+    socket_buffers = SocketBuffers()
+    exit_in_turn_s: float = 0.0
+    may_hang_on_exit: bool = False
+    uses_shared_memory: bool = False
+
+    def configure(self, transport: Transport, folder: Path) -> Mapping[str, str]:
+        """Configure a transport, if it is one of `transports`; another one is left to the RMW.
+
+        Args:
+            transport: how messages are to travel.
+            folder: where files go that the variables name; it is kept as long as the run.
+
+        Returns:
+            What the environment of each process has in addition.
+        """
+        del transport, folder
+        return HOST_ONLY
+
+    def segment_bytes(self, transport: Transport) -> int:
+        """The shared memory that each process takes when it starts; 0 if the RMW decides that."""
+        del transport
+        return 0
+
+    def required_shm_bytes(self, processes: int, segment_bytes: int) -> int:
+        """How much shared memory processes take when they start, each with such a segment."""
+        return processes * segment_bytes
+
+    def dead_shm_files(
+        self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
+    ) -> list[str]:
+        """The names of what dead processes of this user left in shared memory; changes nothing.
+
+        Args:
+            memory: the folder of shared memory.
+            proc: the folder of processes.
+            since_s: only what was made after this time counts (seconds since the epoch).
+        """
+        del memory, proc, since_s
+        return []
+
+    def remove_dead_shm_files(
+        self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
+    ) -> list[str]:
+        """Remove what `dead_shm_files` finds; returns the names."""
+        del memory, proc, since_s
+        return []
+
+
+class UnknownMiddleware(Middleware):
+    """An RMW that has no module here, such as that for Zenoh or Connext.
+
+    Zenoh does not read what ROS 2 says of discovery: its sessions find each other through a router
+    that the user starts, by default one on this host.
+    """
+
+    variables = ("ZENOH_*",)
+    override_variables = ("ZENOH_SESSION_CONFIG_URI", "ZENOH_CONFIG_OVERRIDE")
+
+    def __init__(self, rmw: str) -> None:
+        self.name = rmw
+        self.implementations = (rmw,)

@@ -1,0 +1,164 @@
+"""Whether a run is refused whose middleware cannot be configured for the transport of its plan."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from r2bspec import api
+from r2bspec.check.example_spec import example
+from r2bspec.check.rules.transport_unsupported_by_middleware import RULE
+from r2bspec.compare.interleaved_comparison import prepare_comparison
+from r2bspec.compare.interleaved_runs import ComparisonSide
+from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.errors import MiddlewareError
+from r2bspec.execute.host.machine import describe_versions
+from r2bspec.execute.processes.environment import RunEnvironment
+from r2bspec.execute.processes.middleware_check import check_middleware
+from r2bspec.ipc import protocol
+from r2bspec.plan.canonical_json import canonical_json
+from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.record.run_folder import open_run
+from run_simulation import Simulation
+
+CYCLONE = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+FAST = {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
+
+
+def plan(transport: Any, env: dict[str, str] | None = None) -> Plan:
+    """A plan with one node, in whose environment `env` is."""
+    process = ProcessPlan(name="relay", role="host", phase="measure", argv=("x",), env=env or {})
+    return msgspec.structs.replace(Simulation().plan(), transport=transport, processes=(process,))
+
+
+@pytest.mark.parametrize("transport", ["shared_memory", "udp"])
+def test_a_transport_of_another_middleware_is_refused_with_the_code_of_the_rule(
+    transport: str,
+) -> None:
+    with pytest.raises(MiddlewareError) as caught:
+        check_middleware(plan(transport), CYCLONE)
+    error = caught.value
+    assert (error.code, error.exit_code) == (RULE.code, 2)
+    assert str(error) == (
+        f"'transport: {transport}' cannot be configured with rmw_cyclonedds_cpp, which "
+        "RMW_IMPLEMENTATION selects"
+    )
+    assert error.hint.startswith("Write 'transport: inherit'")
+
+
+def test_a_node_that_selects_its_own_is_named() -> None:
+    with pytest.raises(MiddlewareError, match="which RMW_IMPLEMENTATION of relay selects"):
+        check_middleware(plan("udp", CYCLONE), FAST)
+
+
+@pytest.mark.parametrize(
+    ("transport", "environ", "env"),
+    [
+        ("inherit", CYCLONE, {}),
+        ("inherit", {}, CYCLONE),
+        ("shared_memory", {}, {}),
+        ("udp", FAST, FAST),
+        ("udp", {"RMW_IMPLEMENTATION": ""}, {"RMW_IMPLEMENTATION": ""}),
+    ],
+)
+def test_what_can_be_configured_is_not_refused(
+    transport: str, environ: dict[str, str], env: dict[str, str]
+) -> None:
+    check_middleware(plan(transport, env), environ)
+
+
+def test_a_plan_file_is_refused_before_anything_is_started(tmp_path: Path) -> None:
+    spec = tmp_path / "relay.r2b.yaml"
+    spec.write_text(example())
+    (tmp_path / "plan.json").write_bytes(canonical_json(api.compile_plan(spec)))
+    done = subprocess.run(
+        [sys.executable, "-m", "r2bspec", "run", "plan.json", "--output", "run"],
+        cwd=tmp_path,
+        env=os.environ | CYCLONE,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert f"{RULE.code}" in done.stderr
+    assert "cannot be configured with rmw_cyclonedds_cpp" in done.stderr
+    record = open_run(tmp_path / "run").record
+    assert record.processes == ()
+    assert record.versions["rmw"] == "rmw_cyclonedds_cpp"
+
+
+def test_a_comparison_is_refused_before_its_first_run(tmp_path: Path) -> None:
+    head = ComparisonSide(plan("shared_memory"), tmp_path, "")
+    base = ComparisonSide(plan("shared_memory"), tmp_path, "", CYCLONE)
+    with pytest.raises(MiddlewareError, match="rmw_cyclonedds_cpp"):
+        prepare_comparison(base, head, against="env:")
+    inherits = [
+        ComparisonSide(plan("inherit"), tmp_path, "", each.environment) for each in (base, head)
+    ]
+    assert prepare_comparison(inherits[0], inherits[1], against="env:").base.environment == CYCLONE
+
+
+class _Answers:
+    """Stands for processes: each that is asked says which middleware it has loaded, or nothing."""
+
+    def __init__(self, *rmw: str) -> None:
+        self._rmw = iter(rmw)
+
+    def request(self, *_: object) -> protocol.Ready:
+        return protocol.Ready(rmw=next(self._rmw))
+
+
+def launcher(tmp_path: Path, transport: str, *loaded: str) -> Launcher:
+    environment = RunEnvironment(
+        plan(transport), run_id="r", domain=1, scratch=tmp_path, largest_message_bytes=1
+    )
+    answers: Any = _Answers(*loaded)
+    folder: Any = None
+    return Launcher(answers, environment, folder, tmp_path)
+
+
+def test_an_installation_that_loads_another_one_than_ros_usually_does_is_refused(
+    tmp_path: Path,
+) -> None:
+    child: Any = None
+    refused = launcher(tmp_path, "udp", "rmw_cyclonedds_cpp")
+    with pytest.raises(
+        MiddlewareError, match="rmw_cyclonedds_cpp, which this installation selects"
+    ):
+        refused.configure(child, None)
+    left = launcher(tmp_path, "inherit", "rmw_cyclonedds_cpp")
+    left.configure(child, None)
+    assert left.rmw == "rmw_cyclonedds_cpp"
+
+
+def test_processes_that_do_not_say_it_change_nothing(tmp_path: Path) -> None:
+    child: Any = None
+    made = launcher(tmp_path, "udp", "", "rmw_fastrtps_cpp", "")
+    found = []
+    for _ in range(3):
+        made.configure(child, None)
+        found.append(made.rmw)
+    assert found == ["", "rmw_fastrtps_cpp", "rmw_fastrtps_cpp"]
+
+
+@pytest.mark.parametrize(
+    ("rmw", "expected", "absent"),
+    [
+        ("", "rmw_fastrtps_cpp", "rmw-cyclonedds-cpp"),
+        ("rmw_cyclonedds_cpp", "rmw_cyclonedds_cpp", "fastrtps"),
+        ("rmw_zenoh_cpp", "rmw_zenoh_cpp", "fastrtps"),
+    ],
+)
+def test_a_run_records_the_selected_middleware(
+    monkeypatch: pytest.MonkeyPatch, rmw: str, expected: str, absent: str
+) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
+    versions = describe_versions()
+    assert versions["rmw"] == expected
+    assert absent not in versions

@@ -1,0 +1,143 @@
+"""Which middleware an environment selects, and what can be asked of it."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import pytest
+
+import r2bspec.middleware
+from r2bspec.middleware.middleware import Middleware, Transport, TransportKind
+from r2bspec.middleware.rmw_registry import (
+    inherited_variables,
+    known_middlewares,
+    middleware_named,
+    middleware_of,
+    refuse_transport,
+    selected_rmw,
+)
+
+PAGE = Path(__file__).parents[3] / "docs" / "middleware.md"
+KINDS: tuple[TransportKind, ...] = ("inherit", "shared_memory", "udp")
+EVERY_ONE = pytest.mark.parametrize(
+    "middleware",
+    [*known_middlewares(), middleware_named("rmw_zenoh_cpp")],
+    ids=lambda middleware: middleware.name,
+)
+
+
+@pytest.mark.parametrize(
+    ("rmw", "name"),
+    [
+        ("rmw_fastrtps_cpp", "Fast DDS"),
+        ("rmw_fastrtps_dynamic_cpp", "Fast DDS"),
+        ("rmw_cyclonedds_cpp", "Cyclone DDS"),
+        ("rmw_zenoh_cpp", "rmw_zenoh_cpp"),
+        ("rmw_fastrtps_of_the_future_cpp", "rmw_fastrtps_of_the_future_cpp"),
+    ],
+)
+def test_the_variable_selects_a_middleware(rmw: str, name: str) -> None:
+    environ = {"RMW_IMPLEMENTATION": rmw}
+    assert selected_rmw(environ) == rmw
+    assert middleware_of(environ).name == name
+    assert rmw in middleware_of(environ).implementations
+
+
+@pytest.mark.parametrize("environ", [{}, {"RMW_IMPLEMENTATION": ""}])
+def test_where_none_is_selected_ros_loads_fast_dds(environ: dict[str, str]) -> None:
+    assert selected_rmw(environ) == "rmw_fastrtps_cpp"
+    assert middleware_of(environ).name == "Fast DDS"
+
+
+def test_no_implementation_belongs_to_two() -> None:
+    found = [rmw for each in known_middlewares() for rmw in each.implementations]
+    assert len(found) == len(set(found))
+
+
+@pytest.fixture
+def other_dds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Middleware]:
+    """The middleware of the page's example, as one more file of the package."""
+    (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    (tmp_path / "other_dds.py").write_text(example)
+    caches = (known_middlewares, middleware_named)
+    with monkeypatch.context() as patch:
+        patch.setattr(r2bspec.middleware, "__path__", [*r2bspec.middleware.__path__, str(tmp_path)])
+        for each in caches:
+            each.cache_clear()
+        yield middleware_named("rmw_other_cpp")
+    for each in caches:
+        each.cache_clear()
+    del sys.modules["r2bspec.middleware.other_dds"]
+
+
+def test_one_file_is_all_that_another_one_takes(other_dds: Middleware) -> None:
+    assert other_dds.name == "Other DDS"
+    assert set(other_dds.variables) <= set(inherited_variables())
+    assert refuse_transport("inherit", "rmw_other_cpp") is None
+    assert refuse_transport("udp", "rmw_other_cpp") is not None
+    other_dds.transports = ("inherit", "udp")
+    assert refuse_transport("udp", "rmw_other_cpp") is None
+    refusal = refuse_transport("udp", "rmw_cyclonedds_cpp")
+    assert refusal is not None
+    assert refusal.help.endswith("set it to rmw_fastrtps_cpp or rmw_other_cpp")
+
+
+@pytest.mark.parametrize("middleware", known_middlewares(), ids=lambda each: each.name)
+def test_the_page_names_what_is_known_of_each(middleware: Middleware) -> None:
+    page = PAGE.read_text()
+    variables = [each.replace("*", r"\*") for each in middleware.variables]
+    named = (*middleware.implementations, *variables, *middleware.override_variables)
+    for each in (middleware.name, *named, *middleware.removed_variables):
+        assert each in page
+
+
+@EVERY_ONE
+def test_what_it_does_not_configure_is_refused_with_a_way_out(middleware: Middleware) -> None:
+    for rmw in middleware.implementations:
+        refused = {kind for kind in KINDS if refuse_transport(kind, rmw) is not None}
+        assert refused == set(KINDS) - set(middleware.transports)
+        for kind in refused:
+            refusal = refuse_transport(kind, rmw)
+            assert refusal is not None
+            assert kind in refusal.message
+            assert rmw in refusal.message
+            assert "'transport: inherit'" in refusal.help
+            assert "unset RMW_IMPLEMENTATION, or set it to rmw_fastrtps_cpp" in refusal.help
+
+
+@EVERY_ONE
+@pytest.mark.parametrize("kind", KINDS)
+def test_discovery_is_kept_on_the_host_whatever_the_transport(
+    middleware: Middleware, kind: TransportKind, tmp_path: Path
+) -> None:
+    changes = middleware.configure(Transport(kind, 1_000_000), tmp_path)
+    found = changes["ROS_AUTOMATIC_DISCOVERY_RANGE"]
+    if kind != "inherit" and kind in middleware.transports:
+        # A file says it instead: only Fast DDS has one, see the tests of its profile.
+        assert (middleware.name, found) == ("Fast DDS", "SYSTEM_DEFAULT")
+        assert "127.0.0.1" in Path(changes["FASTDDS_DEFAULT_PROFILES_FILE"]).read_text()
+    else:
+        assert changes == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        assert list(tmp_path.iterdir()) == []
+
+
+@EVERY_ONE
+def test_only_fast_dds_takes_shared_memory(middleware: Middleware, tmp_path: Path) -> None:
+    (tmp_path / "fastrtps_0123").touch()
+    (tmp_path / "fastrtps_0123_el").touch()
+    fast = middleware.name == "Fast DDS"
+    assert middleware.uses_shared_memory == fast
+    assert bool(middleware.segment_bytes(Transport("shared_memory", 1_000_000))) == fast
+    assert middleware.dead_shm_files(tmp_path) == (["fastrtps_0123"] if fast else [])
+    assert middleware.remove_dead_shm_files(tmp_path) == (["fastrtps_0123"] if fast else [])
+    assert len(list(tmp_path.iterdir())) == (0 if fast else 2)
+
+
+@EVERY_ONE
+def test_what_can_override_discovery_is_inherited(middleware: Middleware) -> None:
+    for name in middleware.override_variables:
+        assert any(fnmatchcase(name, pattern) for pattern in inherited_variables())
