@@ -4,7 +4,17 @@ The names below are all there is to import; each loads its stage when it is firs
 ``import r2bspec`` costs nothing and needs no ROS.
 """
 
-from __future__ import annotations
+import sys
+
+# `python -m r2bspec` puts the current folder in front of everything that is imported: a json.py in
+# a folder that a stranger wrote would be executed. It is taken out before the first import that
+# could find one there. See r2bspec/__main__.py for what this cannot prevent.
+if (
+    not sys.flags.safe_path
+    and sys.argv[:1] == ["-m"]  # while Python looks for the module that it is to execute
+    and any(each.removeprefix("-m").split(".")[0] == "r2bspec" for each in sys.orig_argv)
+):
+    del sys.path[0]
 
 from typing import TYPE_CHECKING, Any
 

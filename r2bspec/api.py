@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from r2bspec.judge.result import Result
     from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.language.spec import Spec
+    from r2bspec.language.untrusted_environment import UntrustedSpecs
     from r2bspec.plan.plan import Plan
     from r2bspec.record.baseline_file import BaselineRecord
     from r2bspec.record.run_folder import Run, RunFolder
@@ -63,6 +65,19 @@ class InvalidSpecError(R2bspecError):
         super().__init__(f"{loaded.file} is not valid: {errors} {noun}")
         self.loaded = loaded
         self.diagnostics = tuple(diagnostics)
+
+
+class UntrustedPlanError(R2bspecError):
+    """A stranger's plan that reads environment variables."""
+
+    code = "R2B143"
+    exit_code = ExitStatus.USAGE
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__(
+            f"an untrusted plan cannot read {', '.join(map(clip, names[:12]))}",
+            hint="Run the spec that it was compiled from; its base version can be looked up.",
+        )
 
 
 @dataclass(frozen=True)
@@ -121,6 +136,7 @@ def prepare(
     variables: Variables | None = None,
     case: str = "",
     allow_paths: Iterable[Path] = (),
+    untrusted: UntrustedSpecs | None = None,
 ) -> PreparedBenchmark:
     """Check a spec and compile its plan, or read a plan from a ``.json`` file.
 
@@ -130,26 +146,36 @@ def prepare(
         variables: values for declared variables.
         case: the case of its matrix, where the spec has several.
         allow_paths: folders from which files may be extended, besides that of the spec.
+        untrusted: given where the spec is a stranger's; it then reads fewer variables.
 
     Raises:
         InvalidSpecError: the spec has errors.
         PlanError: the file is not a valid plan.
+        UntrustedPlanError: a stranger's plan reads environment variables.
         DataError: the bag does not exist or is not readable.
     """
     path = Path(path)
     if path.suffix == ".json":
         from r2bspec.plan.canonical_json import read_plan
 
-        return PreparedBenchmark(
-            plan=read_plan(path), base_dir=path.parent.absolute(), spec_text=""
-        )
+        stored = read_plan(path)
+        if untrusted is not None and stored.environment:
+            raise UntrustedPlanError(stored.environment)
+        return PreparedBenchmark(plan=stored, base_dir=path.parent.absolute(), spec_text="")
     import msgspec
 
     from r2bspec.check.engine import check_in_context, context_of
     from r2bspec.language.load_spec import load_spec
     from r2bspec.plan.compile_plan import compile_plan
 
-    loaded = load_spec(path, sets=sets, variables=variables, case=case, allow_paths=allow_paths)
+    loaded = load_spec(
+        path,
+        sets=sets,
+        variables=variables,
+        case=case,
+        allow_paths=allow_paths,
+        untrusted=untrusted,
+    )
     context = context_of(loaded)
     diagnostics = check_in_context(loaded, context)
     if context is None or any(each.severity == "error" for each in diagnostics):

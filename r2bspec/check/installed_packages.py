@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import os
+import sys
 from collections.abc import Iterator
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
@@ -17,7 +18,7 @@ def find_module(name: str) -> ModuleSpec | None:
     """Find a module by its dotted name, without importing its parent packages."""
     top, *below = name.split(".")
     try:
-        found = importlib.util.find_spec(top)
+        found = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
     except (ImportError, ValueError):
         found = None
     path = top
@@ -27,6 +28,14 @@ def find_module(name: str) -> ModuleSpec | None:
         path = f"{path}.{part}"
         found = PathFinder.find_spec(path, list(found.submodule_search_locations))
     return found
+
+
+def _unseen_folders() -> list[str]:
+    """The folders of PYTHONPATH, where this interpreter ignores it (``-I``): processes do not."""
+    if not sys.flags.ignore_environment:
+        return []
+    entries = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    return [str(Path(each).absolute()) for each in entries if each]
 
 
 def top_level_names(source: Path) -> frozenset[str] | None:

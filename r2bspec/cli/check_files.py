@@ -13,11 +13,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.waivers import may_contain_waiver
 from r2bspec.language.case_findings import merge_case_findings
 from r2bspec.language.load_spec import LoadedSpec, load_cases
+
+if TYPE_CHECKING:
+    from r2bspec.language.untrusted_environment import UntrustedSpecs
 
 MIN_PARALLEL_FILES = 100
 """From this number of files on several processes are faster than one. Starting them takes about as
@@ -34,6 +38,7 @@ class CheckOptions:
     variables: Mapping[str, str] | None = None
     case: str = ""
     allow_paths: tuple[Path, ...] = ()
+    untrusted: UntrustedSpecs | None = None
     offline: bool = False
     resolved: bool = False
 
@@ -104,6 +109,7 @@ def _load(source: Path | str, file: str, options: CheckOptions) -> tuple[LoadedS
         variables=options.variables,
         case=options.case,
         allow_paths=options.allow_paths,
+        untrusted=options.untrusted,
     )
 
 

@@ -72,7 +72,7 @@ def command(
     if other is not None:
         from r2bspec.plan.plan_diff import diff_plans
 
-        other_values = SpecValues(allow_paths=values.allow_paths)
+        other_values = SpecValues(allow_paths=values.allow_paths, untrusted=values.untrusted)
         other_plan = prepare_and_report(SpecSelection(other, *other_values)).plan
         differences = diff_plans(other_plan, plan)
         _write("".join(f"{each}\n" for each in differences).encode(), output)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 if TYPE_CHECKING:
+    from r2bspec.language.untrusted_environment import UntrustedSpecs
     from r2bspec.report.write_reports import ReportRequest
 
 sets_option = click.option(
@@ -45,6 +46,37 @@ _allow_path_option = click.option(
 )
 
 
+_untrusted_option = click.option(
+    "--untrusted",
+    is_flag=True,
+    help="SPEC is a stranger's: it may read no environment variable that --base-ref does not list.",
+)
+
+_base_ref_option = click.option(
+    "--base-ref",
+    default="",
+    metavar="REF",
+    help="With --untrusted: the commit that the change is based on, such as origin/main.",
+)
+
+
+def _untrusted_specs(*, untrusted: bool, base_ref: str) -> UntrustedSpecs | None:
+    """What ``--untrusted`` and ``--base-ref`` say; None without the former.
+
+    Raises:
+        click.UsageError: there is a base, and nothing is compared with it.
+        BaseVersionError: the base cannot be read.
+    """
+    if not untrusted:
+        if base_ref:
+            raise click.UsageError("--base-ref needs --untrusted")
+        return None
+    from r2bspec.language.base_version import base_version
+    from r2bspec.language.untrusted_environment import UntrustedSpecs
+
+    return UntrustedSpecs(base_version(base_ref, Path.cwd()) if base_ref else None)
+
+
 def parse_variables(options: Iterable[str]) -> dict[str, str]:
     """Split ``NAME=VALUE`` options.
 
@@ -67,6 +99,7 @@ class SpecValues(NamedTuple):
     variables: Mapping[str, str] = {}
     case: str = ""
     allow_paths: tuple[Path, ...] = ()
+    untrusted: UntrustedSpecs | None = None
 
 
 def spec_options(command: Callable[..., int]) -> Callable[..., int]:
@@ -76,15 +109,20 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
     @variables_option
     @_case_option
     @_allow_path_option
+    @_untrusted_option
+    @_base_ref_option
     @functools.wraps(command)
     def with_values(
         sets: tuple[str, ...],
         variables: tuple[str, ...],
         case: str,
         allow_paths: tuple[Path, ...],
+        untrusted: bool,
+        base_ref: str,
         **others: Any,
     ) -> int:
-        values = SpecValues(sets, parse_variables(variables), case, allow_paths)
+        stranger = _untrusted_specs(untrusted=untrusted, base_ref=base_ref)
+        values = SpecValues(sets, parse_variables(variables), case, allow_paths, stranger)
         return command(values=values, **others)
 
     return with_values

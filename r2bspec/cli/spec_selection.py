@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
     from r2bspec.compare.base_reference import BaseReference
+    from r2bspec.language.untrusted_environment import UntrustedSpecs
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class SpecSelection:
     variables: Mapping[str, str]
     case: str
     allow_paths: tuple[Path, ...]
+    untrusted: UntrustedSpecs | None = None
 
 
 def prepare_and_report(selection: SpecSelection) -> PreparedBenchmark:
@@ -41,6 +43,7 @@ def prepare_and_report(selection: SpecSelection) -> PreparedBenchmark:
             variables=selection.variables,
             case=selection.case,
             allow_paths=selection.allow_paths,
+            untrusted=selection.untrusted,
         )
     except api.InvalidSpecError as error:
         show(error.diagnostics, error.loaded.texts)

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from r2bspec.errors import UsageError
+from r2bspec.language.secret_variables import shown_value
 
 _HINT = (
     "Give a spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup file, an installed "
@@ -35,7 +36,7 @@ class BaseReference:
     """The base of a comparison, as given on the command line.
 
     Attributes:
-        text: the arguments, joined.
+        text: the arguments, joined, without the values of secrets.
         spec: another spec or plan; None for that of the head.
         variables: values of variables that differ from the head's.
         sets: values that differ from the head's, each as ``path=value``.
@@ -84,12 +85,18 @@ def parse_base_reference(texts: Sequence[str]) -> BaseReference:
             hint="Compare with each of them in a run of its own.",
         )
     return BaseReference(
-        text=", ".join(texts),
+        text=", ".join(map(_shown, texts)),
         spec=specs[0] if specs else None,
         variables=variables,
         sets=tuple(sets),
         environments=tuple(environments),
     )
+
+
+def _shown(text: str) -> str:
+    """A reference as it may be shown: one that sets a secret, without its value."""
+    name, equals, value = text.removeprefix("env:").partition("=")
+    return f"env:{name}={shown_value(name, value)}" if text.startswith("env:") and equals else text
 
 
 def _existing_spec(text: str) -> Path:

@@ -25,6 +25,7 @@ from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.pair_comparison import interference_text, why_unusable
 from r2bspec.judge.statistics.paired_ratio import abba
 from r2bspec.judge.verdict import Verdict
+from r2bspec.language.secret_variables import shown_value
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan
@@ -247,7 +248,10 @@ class _PairRunner:
             reason=reason,
             pairs=tuple(self._pairs),
             differences=comparison.differences,
-            environment=dict(comparison.base.environment),
+            environment={
+                name: shown_value(name, value)
+                for name, value in comparison.base.environment.items()
+            },
             notes=tuple(self._notes),
         )
         self._folder.write_pairs(record)

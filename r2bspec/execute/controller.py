@@ -40,6 +40,7 @@ from r2bspec.execute.processes.executables import resolve_argv
 from r2bspec.execute.processes.middleware_check import check_middleware
 from r2bspec.execute.processes.redaction import make_redactor
 from r2bspec.execute.processes.ros_domain import reserved_domain
+from r2bspec.execute.processes.secret_references import SecretReferences
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.progress import Progress
@@ -179,6 +180,7 @@ class _Controller:
     def _execute(self) -> None:
         self._check_supported()
         check_middleware(self._plan, os.environ)
+        SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
         self._resources.start()
         with self._domain() as domain:
             self._set_up(domain)

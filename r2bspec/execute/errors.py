@@ -93,6 +93,13 @@ class MiddlewareError(UnsupportedError):
     """The plan asks for something that the selected middleware (RMW) cannot be configured for."""
 
 
+class SecretNotSetError(RunError):
+    """The plan refers to a secret that is not in the environment."""
+
+    code = "R2B122"
+    exit_code = ExitStatus.USAGE
+
+
 class SharedMemoryError(RunError):
     """There is less shared memory than the transport needs."""
 

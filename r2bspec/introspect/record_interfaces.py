@@ -7,6 +7,7 @@ code. It receives the parameters of the spec, because its topics may depend on t
 from __future__ import annotations
 
 import json
+import os
 import secrets
 import tempfile
 from collections.abc import Callable, Iterator
@@ -20,11 +21,13 @@ from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import NotReadyError
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
+from r2bspec.execute.processes.redaction import make_redactor
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc import protocol
+from r2bspec.language.secret_variables import quoted_secret_references
 from r2bspec.language.spec import Spec
 from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
 from r2bspec.plan.compile_plan import compile_plan
@@ -113,7 +116,8 @@ def _inspect(
 ) -> dict[str, Any]:
     """Run one node and an inspector, and end both."""
     run_id = secrets.token_hex(8)
-    supervisor = ProcessSupervisor(run_id, scratch, check)
+    redact = make_redactor(plan.environment, os.environ)
+    supervisor = ProcessSupervisor(run_id, scratch, check, redact=redact)
     try:
         with reserved_domain() as domain:
             environment = RunEnvironment(
@@ -124,13 +128,14 @@ def _inspect(
             running = supervisor.start(
                 process.name,
                 process.role,
-                resolve_argv(process),
+                environment.secrets.in_words(resolve_argv(process)),
                 environment.for_node(process.env),
                 cwd=base_dir,
                 log=scratch / "node.log",
             )
             if host:
-                _create_nodes(supervisor, running, process, base_dir)
+                nodes = environment.secrets.in_nodes(process.nodes)
+                _create_nodes(supervisor, running, nodes, base_dir)
             target = scratch / "interface.json"
             argv = ("$(python)", "-P", "-m", "r2bspec.harness.inspect_nodes")
             inspector = supervisor.start(
@@ -145,7 +150,8 @@ def _inspect(
                 log=scratch / "inspector.log",
             )
             supervisor.answer(inspector, protocol.Ready, timeout_s + _REPLY_SLACK_S)
-            found: dict[str, Any] = json.loads(target.read_text(encoding="utf-8"))
+            # A default value may come from the environment.
+            found: dict[str, Any] = _redacted(json.loads(target.read_text("utf-8")), redact)
             if not found["nodes"]:
                 raise NotReadyError(
                     f"{node.key} did not appear within {timeout_s:g} s",
@@ -157,10 +163,22 @@ def _inspect(
         supervisor.close()
 
 
+def _redacted(value: Any, redact: Callable[[str], str]) -> Any:
+    """A value as JSON has it, with its texts redacted."""
+    if isinstance(value, str):
+        return redact(value)
+    if isinstance(value, dict):
+        return {key: _redacted(each, redact) for key, each in value.items()}
+    return [_redacted(each, redact) for each in value] if isinstance(value, list) else value
+
+
 def _create_nodes(
-    supervisor: ProcessSupervisor, child: ManagedProcess, process: ProcessPlan, base_dir: Path
+    supervisor: ProcessSupervisor,
+    child: ManagedProcess,
+    nodes: tuple[NodePlan, ...],
+    base_dir: Path,
 ) -> None:
-    child.send(protocol.ConfigureHost(nodes=process.nodes, base_dir=str(base_dir)))
+    child.send(protocol.ConfigureHost(nodes=nodes, base_dir=str(base_dir)))
     supervisor.answer(child, protocol.Ready, _CREATE_TIMEOUT_S)
 
 
@@ -201,7 +219,7 @@ def _standalone(wired: NodeWiring) -> tuple[str, ...]:
     words = ["ros2", "component", "standalone", node.package, node.plugin]
     words += ["--node-name", _INSPECTED_NAME, "--node-namespace", NAMESPACE]
     for name, value in wired.parameters.items():
-        words += ["-p", f"{name}:={json.dumps(value)}"]
+        words += ["-p", f"{name}:={quoted_secret_references(json.dumps(value))}"]
     return tuple(words)
 
 

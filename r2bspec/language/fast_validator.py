@@ -14,6 +14,7 @@ from typing import Any
 
 from r2bspec.language.schema.schema_builder import (
     ALLOWED_WORDS,
+    DEFERRABLE,
     KIND,
     LOADER_ONLY,
     NOUN,
@@ -48,6 +49,7 @@ _IGNORED_KEYWORDS = frozenset(
         NOUN,
         PATH,
         POSITIVE,
+        DEFERRABLE,
         TOPIC_KEYS,
         UNLESS_LIVE,
     }

@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -42,6 +42,9 @@ from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
 from r2bspec.language.value_codec import decode
 from r2bspec.language.value_origins import ValueOrigins
+
+if TYPE_CHECKING:
+    from r2bspec.language.untrusted_environment import UntrustedSpecs
 
 _MISSING_VALUE_CODES = ("R2B102", "R2B113")
 _MISSING_FILE_CODES = (
@@ -135,6 +138,7 @@ def load_spec(
     environ: Mapping[str, str] | None = None,
     case: str = "",
     allow_paths: Iterable[FilePath] = (),
+    untrusted: UntrustedSpecs | None = None,
 ) -> LoadedSpec:
     """Load one spec. Never raises because of the content: all problems are in `diagnostics`.
 
@@ -148,14 +152,19 @@ def load_spec(
         environ: the environment for ``$(env X)``; that of this process by default.
         case: the case to load, as ``threads=2`` or as ``name[threads=2]``.
         allow_paths: further folders, besides that of the file, with files that may be extended.
+        untrusted: for a spec of a stranger's change: the variables that it may read.
     """
     with gc_paused():
-        return _load_one(
-            open_document(source, file, sets, variables or {}, allow_paths), case, environ
-        )
+        document = open_document(source, file, sets, variables or {}, allow_paths)
+        return _load_one(document, case, environ, untrusted)
 
 
-def _load_one(document: ParsedDocument, case: str, environ: Mapping[str, str] | None) -> LoadedSpec:
+def _load_one(
+    document: ParsedDocument,
+    case: str,
+    environ: Mapping[str, str] | None,
+    untrusted: UntrustedSpecs | None,
+) -> LoadedSpec:
     matrix = matrix_of(document.tree) if document.tree is not None else None
     matrix_cases = _select_cases(document, matrix, case)
     if len(matrix_cases) > 1 and matrix is not None:
@@ -166,7 +175,7 @@ def _load_one(document: ParsedDocument, case: str, environ: Mapping[str, str] | 
             Diagnostic("R2B140", Severity.ERROR, message, matrix.span, help=help_text)
         )
         matrix_cases = ()
-    return _load_case(document, matrix_cases[0] if matrix_cases else None, environ)
+    return _load_case(document, matrix_cases[0] if matrix_cases else None, environ, untrusted)
 
 
 def load_cases(
@@ -178,6 +187,7 @@ def load_cases(
     environ: Mapping[str, str] | None = None,
     case: str = "",
     allow_paths: Iterable[FilePath] = (),
+    untrusted: UntrustedSpecs | None = None,
 ) -> tuple[LoadedSpec, ...]:
     """Load every case of a spec, or the one that `case` names; without a matrix, the spec itself.
 
@@ -188,7 +198,9 @@ def load_cases(
         document = open_document(source, file, sets, variables or {}, allow_paths)
         matrix = matrix_of(document.tree) if document.tree is not None else None
         matrix_cases = _select_cases(document, matrix, case)
-        return tuple(_load_case(document, each, environ) for each in matrix_cases or (None,))
+        return tuple(
+            _load_case(document, each, environ, untrusted) for each in matrix_cases or (None,)
+        )
 
 
 def _select_cases(
@@ -221,7 +233,10 @@ def _select_cases(
 
 
 def _load_case(
-    document: ParsedDocument, matrix_case: MatrixCase | None, environ: Mapping[str, str] | None
+    document: ParsedDocument,
+    matrix_case: MatrixCase | None,
+    environ: Mapping[str, str] | None,
+    untrusted: UntrustedSpecs | None,
 ) -> LoadedSpec:
     """Substitute, validate and convert one case of a document."""
     found, tree = list(document.diagnostics), document.tree
@@ -232,7 +247,11 @@ def _load_case(
         tree = with_case_values(tree, matrix_case)
     if isinstance(tree, MapNode):
         environment = os.environ if environ is None else environ
-        substituted = substitute(tree, schema(), document.sources, environment)
+        refused = untrusted.refused_variables(document.file, tree) if untrusted is not None else {}
+        found += refused.values()
+        substituted = substitute(
+            tree, schema(), document.sources, environment, refused=frozenset(refused)
+        )
         found += substituted.diagnostics
         tree = substituted.tree
         used = substituted.used | _condition_variables(tree)

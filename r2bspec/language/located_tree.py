@@ -30,6 +30,7 @@ class ScalarNode:
     span: Span
     style: str = ""
     origin: Related | None = None
+    secret: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from r2bspec.language.schema.schema_builder import (
     Schema,
     array,
     boolean,
+    deferrable,
     name_map,
     record,
     scalar,
@@ -122,7 +123,7 @@ _LAUNCH = record(
         "arguments": name_map(
             "The arguments of the launch file.",
             name_patterns.PARAMETER,
-            scalar("The value of the argument.", examples=["false"]),
+            deferrable(scalar("The value of the argument.", examples=["false"])),
             examples=[{"use_sim_time": "false"}],
         ),
     },
@@ -195,7 +196,7 @@ COMMAND: Final = NodeKind(
         "command": array(
             "Any program with its arguments, one item each, run without a shell. Remappings, "
             "parameters and the namespace are appended after --ros-args.",
-            text("An argument.", examples=["./build/detector"]),
+            deferrable(text("An argument.", examples=["./build/detector"])),
             at_least=1,
             examples=[["./build/detector", "--fast"]],
         )

@@ -12,6 +12,8 @@ The rules:
   expanded once per instance.
 - ``$(env X)`` reads only variables that `environment:` lists, so that the file shows what it
   depends on. The text is read as an unquoted value, as with ``--var``.
+- ``$(env X)`` is not replaced if X is a secret (`r2bspec.language.secret_variables`). Such a
+  reference is allowed only where nothing but a process needs the value.
 """
 
 from __future__ import annotations
@@ -34,10 +36,17 @@ from r2bspec.language.located_tree import (
     child,
 )
 from r2bspec.language.repeat import parse_repeat
-from r2bspec.language.schema.schema_builder import TOPIC_KEYS
+from r2bspec.language.schema.schema_builder import DEFERRABLE, TOPIC_KEYS
+from r2bspec.language.secret_variables import is_secret_variable, secret_reference
 from r2bspec.language.source_columns import inner_span
 from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source
-from r2bspec.language.variable_declarations import check_declaration, declared_value, with_value
+from r2bspec.language.variable_declarations import (
+    check_declaration,
+    declared_value,
+    listed_environment,
+    restricts_value,
+    with_value,
+)
 from r2bspec.language.variable_references import OPENING, MalformedReference, Reference, references
 from r2bspec.language.yaml_composer import MAX_EXPANDED_VALUES
 from r2bspec.language.yaml_scalars import ScalarError, ScalarValue, resolve
@@ -64,10 +73,14 @@ def substitute(
     schema: dict[str, Any],
     sources: Mapping[str, Source],
     environ: Mapping[str, str],
+    refused: frozenset[str] = frozenset(),
 ) -> SubstitutionResult:
-    """Replace every reference in a document; `schema` defines the known keys."""
+    """Replace every reference in a document; `schema` defines the known keys.
+
+    Variables in `refused` have been reported, and have unknown values.
+    """
     known = schema["properties"]
-    work = _Substitution(root, sources, environ, _sections(known))
+    work = _Substitution(root, sources, environ, _sections(known), refused)
     entries = dict(root.entries)
     if work.variables is not None:
         entries["variables"] = replace(entries["variables"], value=work.variables)
@@ -96,13 +109,15 @@ class _Substitution:
         sources: Mapping[str, Source],
         environ: Mapping[str, str],
         sections: Mapping[int, TreePath],
+        refused: frozenset[str],
     ) -> None:
         self.problems = DiagnosticCollector()
         self.used: set[str] = set()
         self.variables: MapNode | None = None
         self._sources = sources
         self._environ = environ
-        self._allowed = _allowed_environment(root)
+        self._refused = refused
+        self._allowed = {name: item.span for name, item in listed_environment(root).items()}
         self.origins: dict[TreePath, tuple[Related, ...]] = {}
         self._sections = sections
         self._local: Mapping[str, TreeNode] = {}
@@ -128,8 +143,11 @@ class _Substitution:
     def _declared(self, name: str, entry: Entry) -> TreeNode:
         node = entry.value
         value = declared_value(node)
-        if isinstance(value, ScalarNode):
-            node = with_value(node, self._scalar(value)) if OPENING in value.text else node
+        if isinstance(value, ScalarNode) and OPENING in value.text:
+            found = self._scalar(value)
+            if isinstance(node, MapNode) and restricts_value(node):
+                found = self._without_secret(found)
+            node = with_value(node, found)
         if isinstance(node, MapNode):
             sound = check_declaration(name, node, entry.key_span, self.problems)
             if value is not None and not sound:  # reported here, and not again where it is used
@@ -142,6 +160,8 @@ class _Substitution:
             return node
         if isinstance(node, ScalarNode):
             found = self._scalar(node)
+            if DEFERRABLE not in rule:
+                found = self._without_secret(found)
             if found is not node and rule.get("type") == "string":
                 return _as_text(found)
             return found
@@ -220,7 +240,7 @@ class _Substitution:
                 "$(var ...) and $(env ...) are supported in values, and in keys that are topics",
             )
             return key, False
-        found = self._scalar(ScalarNode(key, key, span))
+        found = self._without_secret(self._scalar(ScalarNode(key, key, span)))
         return (found.text, True) if isinstance(found, ScalarNode) else (key, False)
 
     def _report_clash(self, key: str, span: Span, first: Span) -> None:
@@ -241,6 +261,7 @@ class _Substitution:
         at = 0
         failed = False
         origin: Related | None = None
+        secret = ""
         for found in references(text):
             value = self._value(found, node)
             if value is None:
@@ -250,6 +271,8 @@ class _Substitution:
                 return replace(value, span=node.span)
             parts += [text[at : found.start], value.text]
             at = found.end
+            if value.secret and not secret:
+                secret, origin = value.secret, value.origin
             origin = origin or value.origin
             self._inserted += len(value.text)
             if self._inserted > MAX_DOCUMENT_BYTES:
@@ -260,7 +283,21 @@ class _Substitution:
             return UnknownNode(node.span)
         parts.append(text[at:])
         joined = "".join(parts)
-        return ScalarNode(joined, joined, node.span, '"', origin)
+        return ScalarNode(joined, joined, node.span, '"', origin, secret)
+
+    def _without_secret(self, node: ScalarNode | UnknownNode) -> ScalarNode | UnknownNode:
+        """The node, or UnknownNode where it refers to a secret, which has no place here."""
+        if not isinstance(node, ScalarNode) or not node.secret:
+            return node
+        self.problems.error(
+            "R2B142",
+            f"the value of {node.secret} is a secret, and cannot be used here",
+            node.span,
+            "secrets are allowed in 'env', 'parameters', 'arguments', commands and requests, which "
+            "are read by processes only; rename the variable if it holds no secret",
+            related=(node.origin,) if node.origin else (),
+        )
+        return UnknownNode(node.span)
 
     def _too_long(self, span: Span) -> None:
         if not self._size_exceeded:
@@ -327,6 +364,8 @@ class _Substitution:
                 f"did you mean {close}?" if close else f"add {name} to 'environment:'",
             )
             return None
+        if name in self._refused:
+            return None
         text = self._environ.get(name)
         if text is None:
             span = self._inner(node, found.name_start, len(name))
@@ -339,6 +378,12 @@ class _Substitution:
                 certainty=Certainty.ENVIRONMENT,
             )
             return None
+        # A value that has a reference in it would be one wherever it is inserted.
+        if is_secret_variable(name, text) or OPENING in text:
+            said = f"{name} is listed here; a process reads its value when it starts"
+            origin = Related(said, self._allowed[name])
+            reference = secret_reference(name)
+            return ScalarNode(reference, reference, node.span, origin=origin, secret=name)
         origin = Related(f"{name} is {quote(text)} in the environment", self._allowed[name])
         return ScalarNode(parse_unquoted(text), text, node.span, origin=origin)
 
@@ -362,17 +407,6 @@ def parse_unquoted(text: str) -> ScalarValue:
         return resolve(text)
     except ScalarError:
         return text
-
-
-def _allowed_environment(root: MapNode) -> dict[str, Span]:
-    """The names under `environment:` and the place of each."""
-    listed = child(root, "environment")
-    items = listed.items if isinstance(listed, ListNode) else ()
-    return {
-        item.value: item.span
-        for item in items
-        if isinstance(item, ScalarNode) and isinstance(item.value, str)
-    }
 
 
 def _declared_at(name: str, declared: Mapping[str, Entry]) -> tuple[Related, ...]:

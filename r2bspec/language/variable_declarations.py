@@ -37,6 +37,17 @@ _PLAIN_TYPES: dict[str, tuple[str, tuple[type, ...]]] = {
 }
 
 
+def listed_environment(root: TreeNode) -> dict[str, ScalarNode]:
+    """The environment variables that a document lists under `environment`, by name."""
+    listed = child(root, "environment")
+    items = listed.items if isinstance(listed, ListNode) else ()
+    return {
+        item.value: item
+        for item in items
+        if isinstance(item, ScalarNode) and isinstance(item.value, str)
+    }
+
+
 def declared_value(declared: TreeNode) -> TreeNode | None:
     """The value of a variable, declared as a map or not; None if it has none."""
     if not isinstance(declared, MapNode):
@@ -67,6 +78,13 @@ def is_declared_text(declared: TreeNode) -> bool:
     """Whether a variable is declared as a string, so that a value such as 010 is a string."""
     kind = child(declared, "type")
     return isinstance(kind, ScalarNode) and kind.value == "string"
+
+
+def restricts_value(declared: MapNode) -> bool:
+    """Whether a declaration says more of the value than that it is text."""
+    return "choices" in declared.entries or (
+        "type" in declared.entries and not is_declared_text(declared)
+    )
 
 
 def check_declaration(

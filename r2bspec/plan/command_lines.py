@@ -19,6 +19,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from r2bspec.language.node_kinds import NodeKindName
+from r2bspec.language.secret_variables import quoted_secret_references
 from r2bspec.language.spec import Container, Launch, ParameterValue
 from r2bspec.wiring.wiring import NodeWiring
 
@@ -95,7 +96,7 @@ def _launch_argv(wired: NodeWiring) -> tuple[str, ...]:
         *place,
         f"namespace:={wired.namespace}",
         f"remappings:={json.dumps(node.remappings, ensure_ascii=False)}",
-        f"arguments:={json.dumps(arguments, ensure_ascii=False)}",
+        f"arguments:={quoted_secret_references(json.dumps(arguments, ensure_ascii=False))}",
     )
 
 
@@ -134,4 +135,4 @@ def parameter_text(value: ParameterValue) -> str:
         return f"[{', '.join(parameter_text(each) for each in value)}]"
     if isinstance(value, float) and not math.isfinite(value):
         return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
-    return json.dumps(value, ensure_ascii=False)
+    return quoted_secret_references(json.dumps(value, ensure_ascii=False))

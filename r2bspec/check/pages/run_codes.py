@@ -208,6 +208,13 @@ RUN_PAGES = (
         "the run folder under logs/.",
     ),
     error_page(
+        "base-version-unreadable",
+        "R2B667",
+        "base version cannot be read",
+        "--untrusted compares a spec with its version in a commit. There must be a git repository "
+        "that has this commit; a shallow clone has to fetch it first.",
+    ),
+    error_page(
         "run-interrupted",
         "R2B670",
         "run was interrupted",

@@ -6,12 +6,8 @@ import re
 
 from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
+from r2bspec.language.secret_variables import is_secret_key
 
-_SECRET_NAME = re.compile(
-    r"(?:^|[_.\-])(?:passw(?:or)?d|passphrase|secret|token|api_?key|access_?key|private_?key"
-    r"|credentials?)$",
-    re.IGNORECASE,
-)
 _SECTIONS = frozenset({"env", "parameters", "arguments", "variables", "request", "labels"})
 _PLACEHOLDERS = frozenset({"", "none", "null", "true", "false", "changeme", "xxx", "***"})
 
@@ -29,7 +25,7 @@ def _secrets_below(node: TreeNode, path: Path) -> Findings:
         return
     for key, entry in node.entries.items():
         entry_path = (*path, key)
-        if _SECTIONS.isdisjoint(path) or not _SECRET_NAME.search(key):
+        if _SECTIONS.isdisjoint(path) or not is_secret_key(key):
             yield from _secrets_below(entry.value, entry_path)
         elif _is_secret(entry.value):
             name = re.sub(r"\W", "_", key).upper()

@@ -42,7 +42,7 @@ def run_setup_step(
         child = supervisor.start(
             f"setup.{plan.name}",
             "command",
-            resolve_command(plan.argv, f"setup step {plan.name}"),
+            environment.secrets.in_words(resolve_command(plan.argv, f"setup step {plan.name}")),
             environment.for_node(plan.env),
             cwd=base_dir / plan.directory,
             log=folder.log_path(f"setup.{plan.name}"),

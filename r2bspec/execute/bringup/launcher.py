@@ -94,7 +94,7 @@ class Launcher:
         child = self._supervisor.start(
             plan.name,
             plan.role,
-            resolve_argv(plan),
+            environment.secrets.in_words(resolve_argv(plan)),
             environment.for_harness(plan.env) if harness else environment.for_node(plan.env),
             cwd=self._base_dir,
             log=self._folder.log_path(plan.name),
@@ -137,7 +137,7 @@ class Launcher:
         for child, plan in hosts:
             child.send(
                 protocol.ConfigureHost(
-                    nodes=plan.nodes,
+                    nodes=self._environment.secrets.in_nodes(plan.nodes),
                     base_dir=str(self._base_dir),
                     executor=plan.executor,
                     threads=plan.threads,
@@ -189,7 +189,10 @@ class Launcher:
             RunError: a container exits, does not respond in time, or rejects a component.
         """
         containers = tuple(
-            protocol.ContainerComponents(container=container_node_name(each.argv), nodes=each.nodes)
+            protocol.ContainerComponents(
+                container=container_node_name(each.argv),
+                nodes=self._environment.secrets.in_nodes(each.nodes),
+            )
             for each in plans
         )
         if not containers:
@@ -226,7 +229,8 @@ class Launcher:
         timeout_s = step.timeout_ns / 1e9
         log = self._folder.log_path(name)
         if step.argv:
-            argv, env = resolve_command(step.argv, name), self._environment.for_node({})
+            argv = self._environment.secrets.in_words(resolve_command(step.argv, name))
+            env = self._environment.for_node({})
             child = self._supervisor.start(name, "command", argv, env, cwd=self._base_dir, log=log)
             wait_for_exit(child, self._supervisor, timeout_s)
             return
@@ -236,7 +240,7 @@ class Launcher:
             protocol.ConfigureCaller(
                 service=step.service,
                 type=step.service_type,
-                request=step.request,
+                request=self._environment.secrets.in_value(step.request),
                 timeout_ns=step.timeout_ns,
             ),
         )

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
+from r2bspec.execute.processes.secret_references import SecretReferences
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.middleware.middleware import Transport
 from r2bspec.middleware.rmw_registry import inherited_variables, middleware_of
@@ -53,6 +54,7 @@ class RunEnvironment:
     """The environments of one run's processes.
 
     Attributes:
+        secrets: the values that commands, variables and parameters of the plan refer to.
         middleware: which one the processes load.
         transport: how their messages travel.
         segment_bytes: the shared memory that each process takes when it starts; 0 where that is
@@ -69,10 +71,13 @@ class RunEnvironment:
         largest_message_bytes: int,
         ros_logs: Path | None = None,
     ) -> None:
+        self.secrets = SecretReferences(plan.environment, os.environ)
         self._common = inherited_environment(os.environ, plan.environment)
         if path := self._common.get("PYTHONPATH"):
             # Processes run in the folder of the spec; the user means where they are themselves.
-            folders = map(os.path.abspath, path.split(os.pathsep))
+            # An empty entry, which a colon too many makes, would be the current folder to Python:
+            # what lies there, a stranger's checkout perhaps, must not shadow modules.
+            folders = (str(Path(each).absolute()) for each in path.split(os.pathsep) if each)
             self._common["PYTHONPATH"] = os.pathsep.join(folders)
         self._common |= {
             RUN_ID_VARIABLE: run_id,
@@ -90,8 +95,8 @@ class RunEnvironment:
 
     def for_harness(self, changes: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
         """The environment of loader, player and monitor, with that of nodes beside them."""
-        return self._common | _HARNESS_ALLOCATOR | dict(changes)
+        return self._common | _HARNESS_ALLOCATOR | self.secrets.in_environment(changes)
 
     def for_node(self, changes: Mapping[str, str]) -> dict[str, str]:
         """The environment of a process that runs nodes: nothing but what the plan states."""
-        return self._common | dict(changes)
+        return self._common | self.secrets.in_environment(changes)

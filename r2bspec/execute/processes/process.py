@@ -19,6 +19,8 @@ from r2bspec.ipc import protocol
 _SEND_TIMEOUT_S = 10.0
 _LOG_TAIL_LINES = 12
 _LOG_TAIL_BYTES = 8192
+_LONGEST_SECRET_BYTES = 1 << 17
+"""The kernel allows no longer variable."""
 
 
 class ManagedProcess:
@@ -112,15 +114,19 @@ class ManagedProcess:
             os.killpg(self.pid, which)
 
     def log_tail(self) -> str:
-        """The last lines of its output, with secrets redacted."""
+        """The last lines of its output, with secrets redacted.
+
+        More is read than is returned: a secret is complete, and is replaced, before the text is
+        cut.
+        """
         try:
             with self.log.open("rb") as file:
                 file.seek(0, 2)
-                file.seek(max(0, file.tell() - _LOG_TAIL_BYTES))
+                file.seek(max(0, file.tell() - _LOG_TAIL_BYTES - _LONGEST_SECRET_BYTES))
                 text = file.read().decode(errors="replace")
         except OSError:
             return ""
-        return self._redact("\n".join(text.splitlines()[-_LOG_TAIL_LINES:]))
+        return "\n".join(self._redact(text)[-_LOG_TAIL_BYTES:].splitlines()[-_LOG_TAIL_LINES:])
 
 
 def describe_exit(status: int) -> str:

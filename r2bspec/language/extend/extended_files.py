@@ -81,7 +81,7 @@ class _FileMerger:
         self._read = 0
 
     def merge(self, root: MapNode, place: _FileContext) -> MapNode:
-        named = list(_extended_names(root))
+        named = list(extended_names(root))
         if not named:  # of a wrong type, reported by the schema
             return root
         own = without(root, KEY)
@@ -190,7 +190,7 @@ class _FileMerger:
                 self._problems.diagnostics.append(one)
 
 
-def _extended_names(root: MapNode) -> Iterator[ScalarNode]:
+def extended_names(root: MapNode) -> Iterator[ScalarNode]:
     """The file names; none if one of them is of a wrong type."""
     value = root.entries[KEY].value
     items = value.items if isinstance(value, ListNode) else (value,)

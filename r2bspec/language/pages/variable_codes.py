@@ -1,4 +1,4 @@
-"""R2B120 to R2B129: references, and the options --set and --var."""
+"""R2B120 to R2B129, R2B142, R2B143: references, secrets, and the options --set and --var."""
 
 from __future__ import annotations
 
@@ -94,6 +94,26 @@ VARIABLE_PAGES = (
         "a document that is too large after substitution",
         "Long values that are inserted often, and 'repeat' with many instances, can fill the "
         "memory.",
+        "",
+        "",
+    ),
+    _page(
+        "secret-not-usable",
+        "R2B142",
+        "a secret where its value is needed",
+        "A variable whose name or value looks like a secret is read only when a process starts, so "
+        "that no message, plan or report can show it. A bag, a duration or a topic is needed "
+        "before. Use another variable, or another name for one that holds no secret.",
+        "environment: [HOME_TOKEN]\nname: $(env HOME_TOKEN)\n",
+        "environment: [HOME_TOKEN]\ntitle: $(env HOME_TOKEN)\n",
+    ),
+    _page(
+        "environment-not-in-base",
+        "R2B143",
+        "an environment variable of an untrusted spec",
+        "With --untrusted, a spec may read the environment variables that its version in the base "
+        "(--base-ref) lists, and no other: otherwise a stranger's change could read the secrets of "
+        "the machine that tests it. The error cannot be waived.",
         "",
         "",
     ),

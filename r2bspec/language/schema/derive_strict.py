@@ -15,6 +15,7 @@ from typing import Any
 from r2bspec.language.schema.document_root import DOCUMENT
 from r2bspec.language.schema.schema_builder import (
     ALLOWED_WORDS,
+    DEFERRABLE,
     KIND,
     LOADER_ONLY,
     NOUN,
@@ -38,6 +39,7 @@ _PRIVATE_KEYWORDS = (
     NOUN,
     PATH,
     POSITIVE,
+    DEFERRABLE,
     TOPIC_KEYS,
     UNLESS_LIVE,
     ALLOWED_WORDS,

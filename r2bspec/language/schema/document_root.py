@@ -11,7 +11,15 @@ from r2bspec.language.schema.node import nodes
 from r2bspec.language.schema.playback import PLAYBACK
 from r2bspec.language.schema.process_keys import CONTAINERS
 from r2bspec.language.schema.reuse import EXTENDS, MATRIX, VARIABLES
-from r2bspec.language.schema.schema_builder import Schema, array, name_map, record, scalar, text
+from r2bspec.language.schema.schema_builder import (
+    Schema,
+    array,
+    deferrable,
+    name_map,
+    record,
+    scalar,
+    text,
+)
 from r2bspec.language.schema.steps import AFTER_READY, READY, SETUP
 
 _VERSION: Schema = {
@@ -30,17 +38,20 @@ DOCUMENT: Schema = record(
             form=name_patterns.NAME,
             examples=["apriltag_node"],
         ),
-        "title": text(
-            "A title of one line, shown in reports.", examples=["AprilTag detection, 720p colour"]
+        "title": deferrable(
+            text(
+                "A title of one line, shown in reports.",
+                examples=["AprilTag detection, 720p colour"],
+            )
         ),
-        "description": text(
-            "What is measured, and why.", examples=["Detection on a colour camera at 720p."]
+        "description": deferrable(
+            text("What is measured, and why.", examples=["Detection on a colour camera at 720p."])
         ),
         "extends": EXTENDS,
         "labels": name_map(
             "Labels that reports show.",
             name_patterns.LABEL_KEY,
-            scalar("The value of the label.", examples=["720p"]),
+            deferrable(scalar("The value of the label.", examples=["720p"])),
             examples=[{"resolution": "720p", "robot": "carter"}],
         ),
         "environment": array(

@@ -16,6 +16,7 @@ from r2bspec.language.schema.reuse import repeat, sibling
 from r2bspec.language.schema.schema_builder import (
     Schema,
     array,
+    deferrable,
     name_map,
     record,
     text,
@@ -41,7 +42,7 @@ NODE: Schema = record(
         ),
         "arguments": array(
             "Arguments of an executable or a command.",
-            text("An argument.", examples=["--fast"]),
+            deferrable(text("An argument.", examples=["--fast"])),
             examples=[["--fast"]],
         ),
         "namespace": text(

@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from r2bspec.language.schema import name_patterns
-from r2bspec.language.schema.schema_builder import PATH, SCALAR_TYPES, Schema, name_map, scalar
+from r2bspec.language.schema.schema_builder import (
+    DEFERRABLE,
+    PATH,
+    SCALAR_TYPES,
+    Schema,
+    deferrable,
+    name_map,
+    scalar,
+)
 
 
 def values(description: str) -> Schema:
@@ -14,7 +22,8 @@ def values(description: str) -> Schema:
         {
             "type": [*SCALAR_TYPES, "array"],
             "description": "A string, a number, a boolean, or a list of one of these.",
-            "items": scalar("An item of the list.", examples=[0.5, "left"]),
+            "items": deferrable(scalar("An item of the list.", examples=[0.5, "left"])),
+            DEFERRABLE: True,
             "examples": [1280, "36h11", [0.1, 0.2]],
         },
         examples=[{"width": 1280, "height": 720}],

@@ -9,6 +9,7 @@ from r2bspec.language.schema.schema_builder import (
     Schema,
     array,
     choice,
+    deferrable,
     integer,
     name_map,
     quantity,
@@ -19,14 +20,14 @@ from r2bspec.language.schema.schema_builder import (
 ENV: Schema = name_map(
     "Environment variables of the process.",
     name_patterns.ENVIRONMENT,
-    text("The value of the variable.", examples=["4"]),
+    deferrable(text("The value of the variable.", examples=["4"])),
     examples=[{"OMP_NUM_THREADS": "4"}],
 )
 
 
 def words(description: str, *, at_least: int = 0, examples: list[list[str]]) -> Schema:
     """A command line, or a part of one."""
-    word = text("An argument.", examples=[examples[0][0]])
+    word = deferrable(text("An argument.", examples=[examples[0][0]]))
     return array(description, word, at_least=at_least, examples=examples)
 
 

@@ -12,7 +12,9 @@ removes from the published schema:
 - ``r2b-path``: the string is a path, relative to the file in which it is written,
 - ``r2b-loader``: the loader evaluates the key; the typed `Spec` does not have it,
 - ``r2b-unless-live``: keys that are required unless the benchmark is live,
-- ``r2b-alone``: a string instead of the list is its only item.
+- ``r2b-alone``: a string instead of the list is its only item,
+- ``r2b-deferrable``: the value is only shown, or given to a process, so that it may refer to a
+  secret.
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ PATH = "r2b-path"
 LOADER_ONLY = "r2b-loader"
 UNLESS_LIVE = "r2b-unless-live"
 SINGLE_ITEM = "r2b-alone"
+DEFERRABLE = "r2b-deferrable"
 SCALAR_TYPES = ["string", "number", "boolean"]
 
 QUANTITIES: dict[str, type[Quantity]] = {kind.kind: kind for kind in (Duration, Rate, Size, Share)}
@@ -223,6 +226,11 @@ def or_words(schema: Schema, words: Sequence[str], examples: Sequence[object]) -
 def loader_key(schema: Schema) -> Schema:
     """The same, for a key that the loader evaluates."""
     return schema | {LOADER_ONLY: True}
+
+
+def deferrable(schema: Schema) -> Schema:
+    """The same, as a value that may refer to a secret."""
+    return schema | {DEFERRABLE: True}
 
 
 def _pattern(form: NamePattern) -> Schema:

@@ -5,7 +5,14 @@ from __future__ import annotations
 from r2bspec.language.quantities import Duration
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.process_keys import ENV, words
-from r2bspec.language.schema.schema_builder import Schema, name_map, quantity, record, text
+from r2bspec.language.schema.schema_builder import (
+    DEFERRABLE,
+    Schema,
+    name_map,
+    quantity,
+    record,
+    text,
+)
 
 
 def _timeout(what: str, default: str) -> Schema:
@@ -118,6 +125,7 @@ _CALL = record(
             {
                 "description": "The value of the field: a scalar, a list or a map.",
                 "examples": [True, 1.5],
+                DEFERRABLE: True,
             },
             examples=[{"data": True}],
         ),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -49,6 +51,24 @@ def test_modules_are_found_below_packages_that_are_not_imported(workspace: Path)
     assert find_module("r2b_test_nodes.detector.deeper") is None
     assert find_module("r2b_test_no_such") is None
     assert "r2b_test_nodes" not in sys.modules
+
+
+def test_an_interpreter_that_ignores_its_environment_finds_what_processes_will_find(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "my_package_of_nodes.py").write_text("")
+    code = (
+        "from r2bspec.check.installed_packages import find_module\n"
+        "print(find_module('my_package_of_nodes').origin, find_module('json').name)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", code],
+        env={**os.environ, "PYTHONPATH": f":{tmp_path}:"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == [str(tmp_path / "my_package_of_nodes.py"), "json"]
 
 
 @pytest.mark.parametrize(

@@ -73,6 +73,22 @@ def test_references_add_up(tmp_path: Path) -> None:
         parse_base_reference([str(spec), str(spec)])
 
 
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("env:API_TOKEN=abc=d", "env:API_TOKEN=***"),
+        ("env:MIRROR=https://user:abcd@mirror", "env:MIRROR=***"),
+        ("env:OMP_NUM_THREADS=4", "env:OMP_NUM_THREADS=4"),
+        ("env:/opt/KEY/setup.bash", "env:/opt/KEY/setup.bash"),
+        ("var:token=abc", "var:token=abc"),
+    ],
+)
+def test_a_reference_is_shown_without_secrets_of_the_environment(text: str, shown: str) -> None:
+    found = parse_base_reference([text, "set:a.b=1"])
+    assert found.text == f"{shown}, set:a.b=1"
+    assert "".join(found.environments) in text
+
+
 def test_the_base_has_what_the_head_was_given(tmp_path: Path) -> None:
     head = SpecSelection(Path("a"), ("x=1",), {"v": "1", "w": "1"}, "threads=2", ())
     base = base_selection(head, parse_base_reference(["var:v=2", "set:y=2"]))

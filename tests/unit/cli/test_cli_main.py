@@ -30,6 +30,38 @@ def test_the_module_is_the_command() -> None:
     assert done.stdout == f"r2bspec {__version__}\n"
 
 
+def folder_of_a_stranger(folder: Path, names: set[str]) -> None:
+    """A folder with a module of each of these names, and of all that r2bspec depends on."""
+    packages = {"click", "yaml", "numpy", "msgspec", "rich", "platformdirs", "sitecustomize"}
+    for name in names | packages:
+        (folder / f"{name}.py").write_text("raise SystemExit('the module of a stranger')\n")
+
+
+def test_the_module_imports_nothing_from_the_current_folder(tmp_path: Path) -> None:
+    # What Python itself imports for -m, before any line of r2bspec is executed, is not for
+    # r2bspec to decide; nor is what it takes for r2bspec.
+    folder_of_a_stranger(tmp_path, set(sys.stdlib_module_names) - {"contextlib", "importlib"})
+    asked = [sys.executable, "-m", "r2bspec", "explain", "R2B101"]
+    done = subprocess.run(asked, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [[str(Path(sys.executable).with_name("r2bspec"))], [sys.executable, "-P", "-m", "r2bspec"]],
+    ids=["script", "-P"],
+)
+def test_the_command_does_not_look_into_the_current_folder(
+    command: list[str], tmp_path: Path
+) -> None:
+    folder_of_a_stranger(tmp_path, set(sys.stdlib_module_names) | {"r2bspec"})
+    for asked in (["--version"], ["explain", "R2B101"]):
+        done = subprocess.run(
+            [*command, *asked], capture_output=True, text=True, check=False, cwd=tmp_path
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_has_help(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main([verb, "--help"]) == 0

@@ -99,6 +99,14 @@ def test_modules_are_found_although_processes_run_in_the_folder_of_the_spec(
     assert made.for_node({})["PYTHONPATH"] == f"/opt/lib:{tmp_path}/src"
 
 
+@pytest.mark.parametrize("path", [":/opt/lib", "/opt/lib:", "/opt/lib::", "::/opt/lib"])
+def test_an_empty_entry_does_not_mean_the_folder_of_the_spec(
+    path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", path)
+    assert environment(tmp_path, plan()).for_node({})["PYTHONPATH"] == "/opt/lib"
+
+
 def test_a_node_gets_the_changes_of_the_spec_and_nothing_of_the_harness(tmp_path: Path) -> None:
     made = environment(tmp_path, plan())
     node = made.for_node({"MODE": "fast", "PATH": "/opt/bin"})

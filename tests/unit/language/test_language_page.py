@@ -15,7 +15,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "language.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^```yaml\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
 ROWS = re.findall(r"^\| [^|]+ \| ([\d–]+) \| [^|]+ \| `(.+)` \|$", TEXT, re.MULTILINE)
-ENVIRON = {"HOME": "/home/someone"}
+ENVIRON = {"HOME": "/home/someone", "CAMERA_PASSWORD": "very-secret"}
 
 
 def test_the_tables_are_those_of_the_schema() -> None:

@@ -12,7 +12,7 @@ from r2bspec.language.load_spec import load_spec
 from r2bspec.language.pages import PAGES
 
 SPEC = Path(__file__).parents[3] / "r2bspec" / "language"
-ENVIRON = {"HOME": "/home/someone"}
+ENVIRON = {"HOME": "/home/someone", "HOME_TOKEN": "0123456789"}
 
 WITH_EXAMPLES = [page for page in PAGES.values() if page.failing]
 

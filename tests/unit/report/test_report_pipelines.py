@@ -1,100 +1,115 @@
-"""The GitHub action and the GitLab template: their scripts, run as a pipeline would."""
+"""The GitHub action and the GitLab template: their scripts, run as a pipeline would.
+
+Promise: a pipeline believes its own run alone, whatever a stranger put into the repository.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
-import yaml
 
-ROOT = Path(__file__).parents[3]
+from pipelines import JOB, STEPS, Ended, Workplace, read_outputs
+from r2bspec.cli.main import main
 
 FAKE = """#!/bin/bash
-# Stands for the real command: keeps its arguments and writes the reports that were asked for.
+# Stands for Python with r2bspec: keeps the arguments and writes the reports that were asked for.
+[ "$1 $2 $3" = "-I -m r2bspec" ] || exit 99
+shift 3
+[ "$1" = --version ] && exit "${BROKEN:-0}"
 printf '%s\\n' "$@" > arguments.txt
-mkdir -p reports r2bspec-reports
 while [ $# -gt 0 ]; do
   case "$2" in
-    json=*) printf '{"verdict": {"outcome": "%s"}}' "$OUTCOME" > "${2#json=}" ;;
+    json=*) [ -n "$NO_RESULT" ] || echo "{}" > "${2#json=}" ;;
     markdown=*) echo "### summary" > "${2#markdown=}" ;;
-    github=-) echo "::error file=a.r2b.yaml,line=9::too slow" ;;
+    junit=*) echo "<testsuites/>" > "${2#junit=}" ;;
+    github=*) echo "::error file=a.r2b.yaml,line=9::too slow" > "${2#github=}" ;;
   esac
   shift
 done
+echo "::error::what a node printed"
 exit "$STATUS"
 """
 
-ACTION: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text())
-STEPS: dict[str, Any] = {step["name"]: step for step in ACTION["runs"]["steps"]}
+
+@pytest.fixture(name="place")
+def workplace(tmp_path: Path) -> Workplace:
+    made = Workplace(tmp_path / "check out", tmp_path / "runner temp")
+    made.checkout.mkdir()
+    made.runner.mkdir()
+    return made
 
 
-@pytest.fixture(name="folder")
-def workplace(tmp_path: Path) -> Path:
-    program = tmp_path / "bin" / "r2bspec"
-    program.parent.mkdir()
+@pytest.fixture(name="fake")
+def fake_python(tmp_path: Path) -> str:
+    program = tmp_path / "fake python"
     program.write_text(FAKE)
     program.chmod(0o755)
-    return tmp_path
+    return str(program)
 
 
-def bash(folder: Path, script: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    """As a runner does: fail on the first error, and on errors in pipes."""
-    environment = {**os.environ, "PATH": f"{folder / 'bin'}:{os.environ['PATH']}", **variables}
-    return subprocess.run(
-        [shutil.which("bash") or "bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", script],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def run_step(folder: Path, status: int, outcome: str, arguments: str = "") -> str:
-    done = bash(
-        folder,
-        STEPS["Run the benchmark"]["run"],
-        R2BSPEC_SPEC="specs/a b.r2b.yaml",
-        R2BSPEC_OUTPUT="run",
-        R2BSPEC_REPORTS="reports",
-        R2BSPEC_ARGUMENTS=arguments,
-        GITHUB_OUTPUT=str(folder / "output"),
-        GITHUB_STEP_SUMMARY=str(folder / "summary"),
-        STATUS=str(status),
-        OUTCOME=outcome,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+# ---- what a pipeline does with a run -----------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("status", "outcome"), [(0, "pass"), (1, "fail"), (3, "inconclusive"), (4, "invalid")]
+    ("status", "outcome"),
+    [(0, "pass"), (1, "fail"), (2, "error"), (3, "inconclusive"), (4, "invalid"), (130, "error")],
 )
-def test_the_action_tells_how_it_went(folder: Path, status: int, outcome: str) -> None:
-    said = run_step(folder, status, outcome)
-    assert (folder / "output").read_text() == f"status={status}\noutcome={outcome}\n"
-    assert (folder / "summary").read_text() == "### summary\n"
-    assert said.startswith("::error file=a.r2b.yaml,line=9::")
+def test_the_action_tells_how_it_went(
+    place: Workplace, fake: str, status: int, outcome: str
+) -> None:
+    done = place.action(fake, "specs/a b.r2b.yaml", STATUS=str(status))
+    assert done.code == status
+    folder = Path(done.outputs.pop("folder"))
+    assert done.outputs == {"status": str(status), "outcome": outcome}
+    assert folder.parent == place.runner
+    assert done.summary == "### summary\n"
+    # What is printed meanwhile is no command; the annotations come after that.
+    first, *_, last = done.printed.splitlines()
+    token = first.removeprefix("::stop-commands::")
+    assert len(token) == 32
+    assert done.printed.index("what a node printed") < done.printed.index(f"\n::{token}::\n")
+    assert last == "::error file=a.r2b.yaml,line=9::too slow"
 
 
-def test_arguments_keep_their_spaces(folder: Path) -> None:
-    run_step(folder, 0, "pass", "--var=rate=10 Hz\n--set=benchmark.iterations=3\n")
-    arguments = (folder / "arguments.txt").read_text().splitlines()
-    assert arguments[:4] == ["run", "specs/a b.r2b.yaml", "--output", "run"]
-    assert arguments[-2:] == ["--var=rate=10 Hz", "--set=benchmark.iterations=3"]
+def test_arguments_keep_their_spaces(place: Workplace, fake: str) -> None:
+    given = "--var=rate=10 Hz\n--set=benchmark.iterations=3\n"
+    for run in (place.action, place.job):
+        run(fake, "specs/a b.r2b.yaml", STATUS="0", R2BSPEC_ARGUMENTS=given)
+        words = (place.checkout / "arguments.txt").read_text().splitlines()
+        assert words[:2] == ["run", "--output"]
+        expected = ["--var=rate=10 Hz", "--set=benchmark.iterations=3", "--", "specs/a b.r2b.yaml"]
+        assert words[-4:] == expected
 
 
 @pytest.mark.parametrize(
     ("status", "policy", "expected"),
-    [("0", "fail", 0), ("1", "pass", 1), ("3", "fail", 3), ("3", "pass", 0), ("", "fail", 4)],
+    [("0", "fail", 0), ("1", "pass", 1), ("3", "fail", 3), ("3", "pass", 0), ("70", "pass", 70)],
 )
-def test_the_gate_is_the_exit_status(folder: Path, status: str, policy: str, expected: int) -> None:
-    done = bash(folder, STEPS["Gate"]["run"], R2BSPEC_STATUS=status, R2BSPEC_INCONCLUSIVE=policy)
-    assert done.returncode == expected
+def test_the_gate_is_the_exit_status(
+    place: Workplace, fake: str, status: str, policy: str, expected: int
+) -> None:
+    done = place.action(fake, "a.r2b.yaml", STATUS=status, R2BSPEC_INCONCLUSIVE=policy)
+    assert done.code == expected
+
+
+@pytest.mark.parametrize("variables", [{"NO_RESULT": "1"}, {"BROKEN": "1"}], ids=str)
+def test_without_a_result_nothing_passes(
+    place: Workplace, fake: str, variables: dict[str, str]
+) -> None:
+    done = place.action(fake, "a.r2b.yaml", STATUS="0", **variables)
+    assert done.code != 0
+    assert done.outputs["outcome"] == "error"
+    assert place.job(fake, "a.r2b.yaml", STATUS="0", **variables).code != 0
+    assert place.action("/no/such/python", "a.r2b.yaml").code != 0
+    assert place.job("/no/such/python", "a.r2b.yaml").code != 0
 
 
 def test_no_input_is_pasted_into_a_script() -> None:
@@ -102,35 +117,395 @@ def test_no_input_is_pasted_into_a_script() -> None:
         assert "${{" not in step.get("run", "")
 
 
+def test_the_artifact_is_kept_after_a_failure_and_without_one_name_it_is_not() -> None:
+    condition = STEPS["Keep the run and its reports"]["if"]
+    assert "!cancelled()" in condition
+    assert "inputs.upload != ''" in condition
+
+
 def test_the_options_of_the_pipelines_exist() -> None:
     from r2bspec.cli.run import command
     from r2bspec.report.write_reports import parse_report_requests
 
-    known = {name for option in command.params for name in option.opts}
-    template = yaml.safe_load((ROOT / "ci" / "gitlab" / "r2bspec.gitlab-ci.yml").read_text())
-    scripts = [STEPS["Run the benchmark"]["run"], *template[".r2bspec"]["script"]]
-    for script in scripts:
-        words = script.replace("\\\n", " ").split()
-        assert {word for word in words if word.startswith("--")} <= known
-        asked = [
-            words[number + 1].strip('"') for number, word in enumerate(words) if word == "--report"
-        ]
-        assert asked
-        assert len(parse_report_requests(asked)) == len(asked)
+    known = {name for option in command.params for name in option.opts} | {"--version"}
+    for script in (STEPS["Run the benchmark"]["run"], *JOB["script"]):
+        lines = script.replace("\\\n", " ").splitlines()
+        given = ("-m r2bspec", "set -- ", "options=", "options+=")
+        called = " ".join(line for line in lines if any(each in line for each in given))
+        words = re.sub(r'["();]', " ", called).split()
+        used = {word.split("=")[0] for word in words if word.startswith("--") and word != "--"}
+        assert {"--report", "--output", "--untrusted", "--base-ref"} <= used <= known
+        asked = [words[at + 1] for at, word in enumerate(words) if word == "--report"]
+        assert len(parse_report_requests(asked)) == len(asked) == 5
 
 
-def test_the_template_runs_as_a_job(folder: Path) -> None:
-    template = yaml.safe_load((ROOT / "ci" / "gitlab" / "r2bspec.gitlab-ci.yml").read_text())
-    job = template[".r2bspec"]
-    variables = {**job["variables"], "R2BSPEC_SPEC": "a.r2b.yaml", "R2BSPEC_INSTALL": ""}
-    done = bash(
-        folder,
-        "\n".join([*job["before_script"], *job["script"]]),
-        **variables,
-        STATUS="1",
-        OUTCOME="fail",
-        ROS_DISTRO="none",
+@pytest.mark.parametrize("shell", ["bash", "sh"])
+def test_the_template_runs_as_a_job(place: Workplace, fake: str, shell: str) -> None:
+    done = place.job(fake, "a.r2b.yaml", shell, STATUS="1")
+    assert done.code == 1, done.printed
+    reports = place.checkout / "r2bspec-artifacts" / "reports"
+    assert {each.name for each in reports.iterdir()} == {"summary.md", "junit.xml", "result.json"}
+    assert (place.checkout / "arguments.txt").read_text().startswith("run\n--output\n")
+    assert JOB["artifacts"]["reports"]["junit"] == "r2bspec-artifacts/reports/junit.xml"
+
+
+@pytest.mark.parametrize(
+    ("extras", "ament", "installed"),
+    [
+        ("ros,vision,report", "", "[ros,vision,report]"),
+        ("ros,vision,report", "/opt/ros/jazzy", "[vision,report]"),
+        ("vision,ros", "/opt/ros/jazzy", "[vision]"),
+        ("ros", "/opt/ros/jazzy", ""),
+        ("", "", ""),
+    ],
+)
+def test_the_action_installs_its_own_version_in_an_environment_of_its_own(
+    place: Workplace, extras: str, ament: str, installed: str
+) -> None:
+    # A Python that makes an "environment": a copy of itself, which keeps what it is called with.
+    programs = place.runner.parent / "bin"
+    programs.mkdir()
+    program = programs / "python3"
+    program.write_text(
+        "#!/bin/bash\n"
+        f'printf "%s\\n" "$PWD" "$PYTHONPATH" "$@" >> "{programs}/called"\n'
+        'if [ "$3" = venv ]; then mkdir -p "${@: -1}/bin"; cp "$0" "${@: -1}/bin/python"; fi\n'
     )
-    assert done.returncode == 1, done.stderr
-    assert (folder / "r2bspec-reports" / "summary.md").exists()
-    assert (folder / "arguments.txt").read_text().startswith("run\na.r2b.yaml\n")
+    program.chmod(0o755)
+    place.write("venv.py", "raise SystemExit('the repository')")
+    output = place.runner / "output"
+    code, printed = place.shell(
+        "bash",
+        STEPS["Install"]["run"],
+        PATH=f"{programs}:{os.environ['PATH']}",
+        PYTHONPATH=".",
+        AMENT_PREFIX_PATH=ament,
+        R2BSPEC_EXTRAS=extras,
+        RUNNER_TEMP=str(place.runner),
+        GITHUB_ACTION_PATH="/actions/r2b spec",
+        GITHUB_OUTPUT=str(output),
+    )
+    assert code == 0, printed
+    folder = Path(read_outputs(output.read_text())["python"]).parents[2]
+    assert folder.parent == place.runner
+    venv = ["--system-site-packages"] * bool(ament)
+    pip = ["-I", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    assert (programs / "called").read_text().split("\n")[:-1] == [
+        *(str(folder), "", "-I", "-m", "venv", *venv, str(folder / "venv")),
+        *(str(folder), "", *pip, f"/actions/r2b spec{installed}"),
+    ]
+
+
+# ---- a stranger's change -----------------------------------------------------------------------
+
+
+def git(folder: Path, *arguments: str) -> str:
+    program = shutil.which("git")
+    assert program is not None
+    who = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
+    done = subprocess.run(
+        [program, *who, *arguments], cwd=folder, capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize(
+    ("event", "head", "asked", "untrusted"),
+    [
+        ("push", "", "auto", False),
+        ("pull_request", "owner/robot", "auto", False),
+        ("pull_request", "stranger/robot", "auto", True),
+        ("pull_request", "", "auto", True),  # the fork has been deleted
+        ("pull_request_target", "stranger/robot", "auto", True),
+        ("workflow_run", "stranger/robot", "auto", True),
+        ("pull_request", "stranger/robot", "false", False),
+        ("push", "", "true", True),
+        ("push", "", "flase", True),
+    ],
+)
+def test_pull_requests_from_forks_are_untrusted(
+    place: Workplace, fake: str, event: str, head: str, asked: str, untrusted: bool
+) -> None:
+    place.action(
+        fake,
+        "a.r2b.yaml",
+        STATUS="0",
+        R2BSPEC_EVENT=event,
+        R2BSPEC_HEAD=head,
+        R2BSPEC_UNTRUSTED=asked,
+    )
+    words = (place.checkout / "arguments.txt").read_text().splitlines()
+    assert ("--untrusted" in words) is untrusted
+
+
+@pytest.mark.parametrize(
+    ("source", "asked", "untrusted"),
+    [("5", "auto", False), ("7", "auto", True), ("", "auto", True), ("7", "false", False)],
+)
+def test_merge_requests_from_forks_are_untrusted(
+    place: Workplace, fake: str, source: str, asked: str, untrusted: bool
+) -> None:
+    place.job(
+        fake,
+        "a.r2b.yaml",
+        STATUS="0",
+        CI_PIPELINE_SOURCE="merge_request_event",
+        CI_MERGE_REQUEST_SOURCE_PROJECT_ID=source,
+        CI_MERGE_REQUEST_PROJECT_ID="5",
+        R2BSPEC_UNTRUSTED=asked,
+    )
+    words = (place.checkout / "arguments.txt").read_text().splitlines()
+    assert ("--untrusted" in words) is untrusted
+
+
+def test_the_base_is_fetched_if_the_clone_lacks_it(
+    place: Workplace, fake: str, tmp_path: Path
+) -> None:
+    upstream = tmp_path / "upstream"
+    git(tmp_path, "init", "-q", "-b", "main", str(upstream))
+    for text in ("1", "2"):
+        (upstream / "a").write_text(text)
+        git(upstream, "add", "a")
+        git(upstream, "commit", "-q", "-m", text)
+    base = git(upstream, "rev-parse", "HEAD~1")
+    git(upstream, "config", "uploadpack.allowAnySHA1InWant", "true")
+    place.checkout.rmdir()
+    git(tmp_path, "clone", "-q", "--depth=1", upstream.as_uri(), str(place.checkout))
+    for sha, known in ((base, True), ("0" * 40, False)):
+        place.action(fake, "a.r2b.yaml", STATUS="0", R2BSPEC_UNTRUSTED="true", R2BSPEC_BASE=sha)
+        words = (place.checkout / "arguments.txt").read_text().splitlines()
+        assert ("--untrusted" in words, f"--base-ref={sha}" in words) == (True, known)
+        place.job(
+            fake,
+            "a.r2b.yaml",
+            STATUS="0",
+            R2BSPEC_UNTRUSTED="true",
+            CI_MERGE_REQUEST_DIFF_BASE_SHA=sha,
+        )
+        words = (place.checkout / "arguments.txt").read_text().splitlines()
+        assert ("--untrusted" in words, f"--base-ref={sha}" in words) == (True, known)
+
+
+# ---- forged repositories -----------------------------------------------------------------------
+
+FORGED_RESULT = '{"verdict": {"outcome": "pass\\nstatus=0"}}'
+INVALID = "r2bspec: 1\nname: forged\nbenchmark: {duration: forever}\n"
+
+Forge = Callable[[Workplace], dict[str, str]]
+"""Makes a repository; returns variables of the pipeline, `spec` among them if it is another."""
+
+CODE = """\
+import os, pathlib
+pathlib.Path(os.environ["MARKER"]).write_text(__file__)
+print("::set-output name=status::0")
+os._exit(0)
+"""
+"""What a stranger would have executed."""
+
+
+def _row_1(place: Workplace) -> dict[str, str]:
+    place.write("r2bspec-reports/result.json", FORGED_RESULT)
+    place.write("r2bspec-reports/summary.md", "# forged: PASS\n")
+    return {}
+
+
+def _reports_that_fail(place: Workplace) -> dict[str, str]:
+    place.write("r2bspec-reports/report.html/keep", "")
+    place.write("reports/report.html/keep", "")
+    return _row_1(place)
+
+
+def _run_folders(place: Workplace) -> dict[str, str]:
+    for folder in ("run", "r2bspec-run", "r2bspec-artifacts/run", "runs/forged"):
+        for name in ("record.json", "result.json", "plan.json"):
+            place.write(f"{folder}/{name}", FORGED_RESULT)
+    return {}
+
+
+def _artifacts(place: Workplace) -> dict[str, str]:
+    place.write("r2bspec-artifacts/reports/junit.xml", "<testsuites><!-- forged --></testsuites>")
+    place.write("r2bspec-artifacts/reports/result.json", FORGED_RESULT)
+    place.write("r2bspec-artifacts/reports/summary.md", "# forged: PASS\n")
+    return {}
+
+
+def _links(place: Workplace) -> dict[str, str]:
+    outside = place.runner.parent / "outside"
+    for name in ("r2bspec-reports", "r2bspec-run", "r2bspec-artifacts", "run", "reports"):
+        (place.checkout / name).symlink_to(outside, target_is_directory=True)
+    return {}
+
+
+def _modules(place: Workplace) -> dict[str, str]:
+    for name in ("json", "yaml", "venv", "pip", "contextlib", "click", "encodings/__init__"):
+        place.write(f"{name}.py", CODE)
+    return {}
+
+
+def _own_name(place: Workplace) -> dict[str, str]:
+    place.write("r2bspec.py", CODE)
+    place.write("r2bspec/__init__.py", CODE)
+    place.write("r2bspec/__main__.py", CODE)
+    return {}
+
+
+def _python_path(place: Workplace) -> dict[str, str]:
+    for name in ("sitecustomize", "usercustomize", "json", "r2bspec"):
+        place.write(f"{name}.py", CODE)
+    return {"PYTHONPATH": f".:{place.checkout}:"}
+
+
+def _python_path_with_an_empty_entry(place: Workplace) -> dict[str, str]:
+    place.write("sitecustomize.py", CODE)
+    return {"PYTHONPATH": "/opt/ros/jazzy/lib/python3.12/site-packages:"}
+
+
+def _python_settings(place: Workplace) -> dict[str, str]:
+    place.write("startup.py", CODE)
+    place.write("home/lib/python3.11/site-packages/sitecustomize.py", CODE)
+    return {
+        "PYTHONSTARTUP": "startup.py",
+        "PYTHONUSERBASE": "home",
+        "PYTHONINSPECT": "1",
+        "PYTHONBREAKPOINT": "startup.main",
+    }
+
+
+def _spec_like_an_option(place: Workplace) -> dict[str, str]:
+    place.write("--help", INVALID)
+    return {"spec": "--help"}
+
+
+def _spec_like_an_option_with_a_value(place: Workplace) -> dict[str, str]:
+    place.write("--report=json=-.r2b.yaml", INVALID)
+    return {"spec": "--report=json=-.r2b.yaml"}
+
+
+def _spec_with_line_breaks(place: Workplace) -> dict[str, str]:
+    name = "a\nstatus=0\noutcome=pass\n::set-output name=status::0\n.r2b.yaml"
+    place.write(name, INVALID)
+    return {"spec": name}
+
+
+def _spec_from_standard_input(place: Workplace) -> dict[str, str]:
+    place.write("-", INVALID)
+    return {"spec": "-"}
+
+
+def _test_settings(place: Workplace) -> dict[str, str]:
+    place.write("pyproject.toml", "[tool.pytest.ini_options]\naddopts = '-p forged'\n")
+    for name in ("forged", "conftest", "setup"):
+        place.write(f"{name}.py", CODE)
+    place.write("pytest.ini", "[pytest]\naddopts = -p forged\n")
+    return {"PYTEST_ADDOPTS": "-p forged"}
+
+
+def _settings_of_r2bspec(place: Workplace) -> dict[str, str]:
+    for name in (".r2bspec", "r2bspec.toml", ".r2bspec.yaml", ".env", "pip.conf"):
+        place.write(name, "inconclusive: pass\ngate: off\nno-index: true\n")
+    place.write("matplotlibrc", "backend: module://forged\n")
+    place.write("forged.py", CODE)
+    return {}
+
+
+def _programs(place: Workplace) -> dict[str, str]:
+    for name in ("r2bspec", "od", "tr", "mktemp", "git", "python3", "cat"):
+        program = place.write(name, '#!/bin/bash\necho forged > "$MARKER"\n')
+        program.chmod(0o755)
+    return {"PATH": f"{os.environ['PATH']}:"}
+
+
+def _repository_in_the_repository(place: Workplace) -> dict[str, str]:
+    place.write("HEAD", "ref: refs/heads/main\n")
+    place.write("objects/keep", "")
+    place.write("refs/keep", "")
+    place.write(
+        "config",
+        "[core]\nbare = false\nworktree = .\nrepositoryformatversion = 0\n"
+        'fsmonitor = "echo forged > $MARKER"\nsshCommand = "echo forged > $MARKER"\n',
+    )
+    return {
+        "R2BSPEC_UNTRUSTED": "true",
+        "R2BSPEC_BASE": "0" * 40,
+        "CI_MERGE_REQUEST_DIFF_BASE_SHA": "0" * 40,
+    }
+
+
+FORGERIES: tuple[Forge, ...] = (
+    _row_1,
+    _reports_that_fail,
+    _run_folders,
+    _artifacts,
+    _links,
+    _modules,
+    _own_name,
+    _python_path,
+    _python_path_with_an_empty_entry,
+    _python_settings,
+    _spec_like_an_option,
+    _spec_like_an_option_with_a_value,
+    _spec_with_line_breaks,
+    _spec_from_standard_input,
+    _test_settings,
+    _settings_of_r2bspec,
+    _programs,
+    _repository_in_the_repository,
+)
+
+
+@dataclass(frozen=True)
+class Forgery:
+    """A forged repository with an invalid spec, and what must not be touched outside of it."""
+
+    place: Workplace
+    spec: str
+    variables: dict[str, str]
+
+    @property
+    def marker(self) -> Path:
+        return Path(self.variables["MARKER"])
+
+    def assert_harmless(self, done: Ended) -> None:
+        assert done.code == 2, done.printed
+        assert not self.marker.exists(), self.marker.read_text()
+        outside = self.place.runner.parent / "outside"
+        assert {each.name: each.read_text() for each in outside.iterdir()} == {"kept": "kept"}
+
+
+@pytest.fixture(name="forgery", params=FORGERIES, ids=lambda forge: forge.__name__.strip("_"))
+def forged_repository(request: pytest.FixtureRequest, place: Workplace) -> Forgery:
+    outside = place.runner.parent / "outside"
+    outside.mkdir()
+    (outside / "kept").write_text("kept")
+    place.write("forged.r2b.yaml", INVALID)
+    variables = request.param(place)
+    variables.setdefault("HOME", str(place.runner))
+    spec = variables.pop("spec", "forged.r2b.yaml")
+    marker = str(place.runner.parent / "executed")
+    return Forgery(place, spec, {**variables, "MARKER": marker})
+
+
+def test_a_forged_repository_does_not_pass_the_action(forgery: Forgery) -> None:
+    done = forgery.place.action(sys.executable, forgery.spec, **forgery.variables)
+    forgery.assert_harmless(done)
+    assert done.outputs["status"] == "2"
+    assert done.outputs["outcome"] == "error"
+    assert Path(done.outputs["folder"]).parent == forgery.place.runner
+    assert "forged" not in done.summary
+
+
+def test_a_forged_repository_does_not_pass_the_job(forgery: Forgery) -> None:
+    done = forgery.place.job(sys.executable, forgery.spec, **forgery.variables)
+    forgery.assert_harmless(done)
+    artifacts = forgery.place.checkout / "r2bspec-artifacts"
+    assert not artifacts.is_symlink()
+    kept = [each for each in artifacts.rglob("*") if each.is_file()]
+    assert [each for each in kept if "forged" in each.read_text(errors="replace")] == []
+
+
+def test_the_spec_of_the_forged_repositories_is_read_and_invalid(
+    place: Workplace, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """So that a forgery is refused for its spec, as it is without any forgery."""
+    assert main(["validate", str(place.write("forged.r2b.yaml", INVALID))]) == 1
+    assert "R2B" in capsys.readouterr().out

@@ -1,0 +1,42 @@
+"""The variables that a spec of a stranger's change may read.
+
+With ``--untrusted``, `environment` may list only what the base version of the same spec lists. All
+else is an error at its place, and is not read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from r2bspec.diagnostics import Diagnostic, Severity
+from r2bspec.diagnostics.quote import clip
+from r2bspec.language.base_version import BaseVersion
+from r2bspec.language.located_tree import TreeNode
+from r2bspec.language.variable_declarations import listed_environment
+
+
+@dataclass(frozen=True, slots=True)
+class UntrustedSpecs:
+    """Specs of a stranger's change; `base` is what it changes, None if that is not known."""
+
+    base: BaseVersion | None = None
+
+    def refused_variables(self, file: str, root: TreeNode) -> dict[str, Diagnostic]:
+        """What the spec of that name lists and its base version does not, each with the error."""
+        listed = listed_environment(root)
+        known = self.base.environment_names(file) if listed and self.base is not None else ()
+        if self.base is None:
+            reason = "--untrusted allows no variable without --base-ref"
+        else:
+            reason = f"this spec does not list it in {self.base.commit[:12]}"
+        return {
+            name: Diagnostic(
+                "R2B143",
+                Severity.ERROR,
+                f"an untrusted spec cannot read {clip(name)}: {reason}",
+                item.span,
+                help="remove it; a maintainer can add it to this spec in the base branch",
+            )
+            for name, item in listed.items()
+            if name not in known
+        }

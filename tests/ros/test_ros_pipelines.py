@@ -1,0 +1,64 @@
+"""Promise: a pipeline passes a run that passes, and no other, whatever the repository holds."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from machine_load import skip_for_load
+from pipelines import Workplace
+from ros_runs import Bench, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+FORGED = '{"verdict": {"outcome": "pass\\nstatus=0"}}'
+
+
+@pytest.fixture(name="place")
+def checkout_with_a_bag(tmp_path: Path) -> Workplace:
+    place = Workplace(tmp_path / "checkout", tmp_path / "temp")
+    place.runner.mkdir()
+    bench = Bench(place.checkout)
+    for name, required in (("kept", "latency.p50 < 5 s"), ("broken", "latency.p50 < 1 us")):
+        spec = relay_spec(slos={"fast": {"at": "20 Hz", "require": [required]}})
+        spec["benchmark"] |= {"gate": {"confirm": False}}
+        bench.write(spec, name)
+    # As if this change had been measured, with a folder in the way of a report, and modules.
+    for name in ("result.json", "summary.md", "report.html/keep"):
+        place.write(f"r2bspec-reports/{name}", FORGED)
+        place.write(f"r2bspec-artifacts/reports/{name}", FORGED)
+    for name in ("json", "yaml", "numpy", "rclpy"):
+        place.write(f"{name}.py", "raise SystemExit('the module of a stranger')\n")
+    return place
+
+
+def test_a_run_that_passes_passes(place: Workplace) -> None:
+    done = place.action(sys.executable, "kept.r2b.yaml")
+    if done.outputs["outcome"] == "invalid":
+        skip_for_load("play 20 messages a second on time")
+    assert done.code == 0, done.printed
+    assert done.outputs["outcome"] == "pass"
+    folder = Path(done.outputs["folder"])
+    assert {each.name for each in folder.iterdir()} == {"run", "reports"}
+    assert "kept" not in done.printed.partition("::stop-commands::")[0]
+    assert done.summary == (folder / "reports" / "summary.md").read_text()
+
+
+def test_an_objective_that_cannot_be_met_fails(place: Workplace) -> None:
+    done = place.action(sys.executable, "broken.r2b.yaml")
+    if done.outputs["outcome"] == "invalid":
+        skip_for_load("play 20 messages a second on time")
+    assert done.code == 1, done.printed
+    assert done.outputs["outcome"] == "fail"
+    assert FORGED not in done.summary
+    assert "::error file=broken.r2b.yaml" in done.printed
+    job = place.job(sys.executable, "broken.r2b.yaml")
+    if job.code == 4:
+        skip_for_load("play 20 messages a second on time")
+    assert job.code == 1, job.printed
+    reports = place.checkout / "r2bspec-artifacts" / "reports"
+    assert (reports / "report.html").is_file()
+    assert FORGED not in (reports / "result.json").read_text()

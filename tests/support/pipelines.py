@@ -1,0 +1,110 @@
+"""The scripts of the GitHub action and of the GitLab template, run as a pipeline would."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+ROOT = Path(__file__).parents[2]
+
+ACTION: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text())
+STEPS: dict[str, Any] = {step["name"]: step for step in ACTION["runs"]["steps"]}
+TEMPLATE = ROOT / "ci" / "gitlab" / "r2bspec.gitlab-ci.yml"
+JOB: dict[str, Any] = yaml.safe_load(TEMPLATE.read_text())[".r2bspec"]
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A pipeline that has ended."""
+
+    code: int
+    printed: str
+    outputs: dict[str, str]
+    summary: str
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """A checkout, and the folder of the runner beside it."""
+
+    checkout: Path
+    runner: Path
+
+    def write(self, name: str, text: str) -> Path:
+        path = self.checkout / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        return path
+
+    def shell(self, shell: str, script: str, **variables: str) -> tuple[int, str]:
+        """As a runner does: fail on the first error, and on errors in pipes."""
+        options = ["-e"] if shell == "sh" else ["--noprofile", "--norc", "-eo", "pipefail"]
+        done = subprocess.run(
+            [shutil.which(shell) or shell, *options, "-c", script],
+            cwd=self.checkout,
+            env={**os.environ, "TMPDIR": str(self.runner), **variables},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            check=False,
+        )
+        return done.returncode, done.stdout.decode(errors="replace")
+
+    def action(self, python: str, spec: str, **variables: str) -> Ended:
+        output, summary = self.runner / "output", self.runner / "summary"
+        values = {
+            "R2BSPEC_PYTHON": python,
+            "R2BSPEC_SPEC": spec,
+            "R2BSPEC_ARGUMENTS": "",
+            "R2BSPEC_INCONCLUSIVE": "fail",
+            "R2BSPEC_UNTRUSTED": "auto",
+            "R2BSPEC_EVENT": "push",
+            "R2BSPEC_HEAD": "",
+            "R2BSPEC_BASE": "",
+            "RUNNER_TEMP": str(self.runner),
+            "GITHUB_WORKSPACE": str(self.checkout),
+            "GITHUB_REPOSITORY": "owner/robot",
+            "GITHUB_OUTPUT": str(output),
+            "GITHUB_STEP_SUMMARY": str(summary),
+        }
+        code, printed = self.shell(
+            "bash", STEPS["Run the benchmark"]["run"], **{**values, **variables}
+        )
+        outputs = read_outputs(output.read_text()) if output.exists() else {}
+        return Ended(code, printed, outputs, summary.read_text() if summary.exists() else "")
+
+    def job(self, python: str, spec: str, shell: str = "bash", **variables: str) -> Ended:
+        values = {
+            **{name: str(value) for name, value in JOB["variables"].items()},
+            "R2BSPEC_PYTHON": python,
+            "R2BSPEC_SPEC": spec,
+            "ROS_DISTRO": "none",
+            "CI_PROJECT_DIR": str(self.checkout),
+        }
+        script = "\n".join([*JOB["before_script"], *JOB["script"]])
+        code, printed = self.shell(shell, script, **{**values, **variables})
+        return Ended(code, printed, {}, "")
+
+
+def read_outputs(text: str) -> dict[str, str]:
+    """Outputs of a step as a runner reads them: the last one of a name counts."""
+    found: dict[str, str] = {}
+    lines = iter(text.split("\n"))
+    for line in lines:
+        name, sign, end = line.partition("<<")
+        if sign and "=" not in name:
+            value: list[str] = []
+            for part in lines:
+                if part == end:
+                    break
+                value.append(part)
+            found[name] = "\n".join(value)
+        elif "=" in line:
+            name, _, rest = line.partition("=")
+            found[name] = rest
+    return found
