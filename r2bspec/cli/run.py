@@ -94,6 +94,7 @@ def command(
     """
     from r2bspec import api
     from r2bspec.cli.history import history_file
+    from r2bspec.record.errors import FolderTakenError
     from r2bspec.report.findings.print_findings import show
     from r2bspec.report.progress_display import shown_progress
     from r2bspec.report.terminal import show_result
@@ -129,9 +130,11 @@ def command(
     except R2bspecError as error:
         if isinstance(error, api.GraphMismatchError):
             show(error.diagnostics, error.loaded.texts)
-        # What was observed until then is worth its reports; the failure is the one to tell.
-        with contextlib.suppress(R2bspecError):
-            write_folder_reports(reports + junit, folder, spec)
+        # What was observed until then is worth its reports; the failure is the one to tell. What
+        # is in a folder that was refused is of another run.
+        if not isinstance(error, FolderTakenError):
+            with contextlib.suppress(R2bspecError):
+                write_folder_reports(reports + junit, folder, spec)
         raise
     if prepared.loaded is not None:
         # What ended no run is worth a look all the same.

@@ -27,6 +27,7 @@ from r2bspec.plan.comparability import (
     pair_count,
 )
 from r2bspec.record.comparison_folder import ComparisonFolder, open_comparison
+from r2bspec.record.private_files import private_files
 
 
 def prepare_comparison(
@@ -100,21 +101,21 @@ def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None 
         RunError: a run failed; the folder has the pairs that were finished until then.
         RecordError: the folder cannot be made.
     """
-    folder = ComparisonFolder.create(output)
-    try:
-        run_pairs(
-            comparison,
-            folder,
-            progress or NullProgress(),
-            lambda confirms: _judge(folder.path, confirms=confirms),
-        )
-    except R2bspecError:
-        # What was measured before the failure is worth a result, marked as incomplete; should
-        # that fail, too, the first failure is the one to tell.
-        with contextlib.suppress(R2bspecError, OSError):
-            _write_result(folder)
-        raise
-    return _write_result(folder)
+    with private_files(), ComparisonFolder.create(output) as folder:
+        try:
+            run_pairs(
+                comparison,
+                folder,
+                progress or NullProgress(),
+                lambda confirms: _judge(folder.path, confirms=confirms),
+            )
+        except R2bspecError:
+            # What was measured before the failure is worth a result, marked as incomplete; should
+            # that fail, too, the first failure is the one to tell.
+            with contextlib.suppress(R2bspecError, OSError):
+                _write_result(folder)
+            raise
+        return _write_result(folder)
 
 
 def _judge(path: Path, *, confirms: bool) -> Verdict:
