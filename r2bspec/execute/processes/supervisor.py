@@ -19,11 +19,13 @@ from typing import Any, TypeVar
 
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
 from r2bspec.execute.processes.process import ManagedProcess, describe_exit
-from r2bspec.execute.processes.process_logs import LogLimiter
+from r2bspec.execute.processes.process_logs import LogLimiter, open_log
 from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import clean_up
+from r2bspec.ipc.sessions import SessionLeader
 from r2bspec.middleware.rmw_registry import middleware_of
+from r2bspec.record.private_files import PRIVATE_UMASK
 from r2bspec.record.run_record import ProcessRecord
 
 __all__ = ["ManagedProcess", "ProcessSupervisor", "describe_exit"]
@@ -86,11 +88,13 @@ class ProcessSupervisor:
         cwd: Path,
         log: Path,
         parts: Iterable[str] = (),
+        umask: int = PRIVATE_UMASK,
     ) -> ManagedProcess:
         """Start a process in a session of its own, with its output going to `log`.
 
         It has a control channel, and one more for each of its `parts`, but for programs that know
-        nothing of r2bspec.
+        nothing of r2bspec. By its `umask`, the shared memory of its middleware is not readable to
+        other users.
 
         Raises:
             NotInstalledError: there is no such program, or it may not be executed.
@@ -104,16 +108,16 @@ class ProcessSupervisor:
             protocol.control_variable(part): str(each.fileno()) for part, each in theirs.items()
         }
         try:
-            with log.open("ab") as output:
-                process = subprocess.Popen(
+            with open_log(log) as output:
+                process = SessionLeader(
                     command,
                     cwd=cwd,
                     env=env,
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,
-                    start_new_session=True,
                     pass_fds=[each.fileno() for each in theirs.values()],
+                    umask=umask,
                 )
         except OSError as error:
             for ours, _ in channels.values():
@@ -126,7 +130,7 @@ class ProcessSupervisor:
         finally:
             for each in theirs.values():
                 each.close()
-        self._notify_watchdog(f"session {process.pid}\n")
+        self._notify_watchdog(f"session {process.pid} {process.session.started}\n")
         child = ManagedProcess(name, role, process, log, None, self._redact)
         for part, (ours, _) in channels.items():
             endpoint = child
@@ -239,7 +243,7 @@ class ProcessSupervisor:
     def close(self) -> list[str]:
         """End everything, and leave nothing behind. Returns the names of what had to be killed."""
         self.end(list(self._running.values()))
-        sessions = [child.pid for child in self._all]
+        sessions = [child.session for child in self._all]
         self._killed += clean_up(
             self._run_id, sessions, grace_s=MAX_SIGTERM_S, since_s=self._began_s - 1.0
         )
@@ -269,6 +273,9 @@ class ProcessSupervisor:
 
     def _forget(self, child: ManagedProcess) -> None:
         del self._running[child.name]
+        session = child.session
+        if session.held is not None:
+            self._notify_watchdog(f"collected {session.pid} {session.held}\n")
         for endpoint in (child, *child.parts.values()):
             if endpoint.connection is not None:
                 with contextlib.suppress(KeyError, ValueError):
