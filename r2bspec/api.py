@@ -207,7 +207,7 @@ def run(
         HistoryError: the history cannot be used.
     """
     from r2bspec.execute.progress import NullProgress
-    from r2bspec.record.private_files import private_files
+    from r2bspec.private_files import private_files
     from r2bspec.record.run_folder import RunFolder
 
     listener = progress or NullProgress()

@@ -26,8 +26,8 @@ from r2bspec.plan.comparability import (
     load_differences,
     pair_count,
 )
+from r2bspec.private_files import private_files
 from r2bspec.record.comparison_folder import ComparisonFolder, open_comparison
-from r2bspec.record.private_files import private_files
 
 
 def prepare_comparison(

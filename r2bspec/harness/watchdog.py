@@ -10,6 +10,7 @@ no signal that is meant for the controller's terminal or process group reaches i
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -21,6 +22,7 @@ from pathlib import Path
 from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc.process_cleanup import clean_up
 from r2bspec.ipc.sessions import Session, now_ticks
+from r2bspec.record.folder_lock import LOCK_FILE
 
 _GRACE_S = 1.0
 
@@ -51,6 +53,9 @@ def main() -> int:
     }
     clean_up(run_id, sessions.values(), grace_s=_GRACE_S, since_s=since_s)
     shutil.rmtree(scratch, ignore_errors=True)
+    # The kernel has freed the lock; no run takes a folder with files in it.
+    with contextlib.suppress(OSError):
+        (scratch.parent / LOCK_FILE).unlink()
     return ExitStatus.OK
 
 

@@ -12,7 +12,7 @@ from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_command
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor, describe_exit
 from r2bspec.plan.plan import SetupPlan
-from r2bspec.record.private_files import user_umask
+from r2bspec.private_files import user_umask
 from r2bspec.record.run_folder import RunFolder
 
 _POLL_S = 0.05

@@ -22,10 +22,11 @@ from r2bspec.execute.processes.process import ManagedProcess, describe_exit
 from r2bspec.execute.processes.process_logs import LogLimiter, open_log
 from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
 from r2bspec.ipc import protocol
+from r2bspec.ipc.disk_errors import is_refusal
 from r2bspec.ipc.process_cleanup import clean_up
 from r2bspec.ipc.sessions import SessionLeader
 from r2bspec.middleware.rmw_registry import middleware_of
-from r2bspec.record.private_files import PRIVATE_UMASK
+from r2bspec.private_files import PRIVATE_UMASK
 from r2bspec.record.run_record import ProcessRecord
 
 __all__ = ["ManagedProcess", "ProcessSupervisor", "describe_exit"]
@@ -98,6 +99,7 @@ class ProcessSupervisor:
 
         Raises:
             NotInstalledError: there is no such program, or it may not be executed.
+            OSError: the log cannot be written.
         """
         command = list(argv)
         self._logs.watch(log.parent)
@@ -122,6 +124,9 @@ class ProcessSupervisor:
         except OSError as error:
             for ours, _ in channels.values():
                 ours.close()
+            if error.filename == str(log) or is_refusal(error):
+                # It is not the program that is missing: the log cannot be written.
+                raise
             raise NotInstalledError(
                 f"process {name} cannot be started: {command[0]}: {error.strerror or error}",
                 hint="Check the command in the spec, and that it is installed on this machine.",

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from r2bspec.private_files import private_files, user_umask
 from r2bspec.record.comparison_folder import ComparisonFolder
 from r2bspec.record.errors import RUN_UNWRITABLE, FolderTakenError, RecordError
 from r2bspec.record.folder_lock import LOCK_FILE
-from r2bspec.record.private_files import private_files, user_umask
 from r2bspec.record.run_folder import RunFolder
 
 HOLDER = """
