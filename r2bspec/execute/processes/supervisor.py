@@ -21,9 +21,10 @@ from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessF
 from r2bspec.execute.processes.process import ManagedProcess, describe_exit
 from r2bspec.execute.processes.process_logs import LogLimiter, open_log
 from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
+from r2bspec.execute.processes.shared_memory_modes import SharedMemoryModes
 from r2bspec.ipc import protocol
 from r2bspec.ipc.disk_errors import is_refusal
-from r2bspec.ipc.process_cleanup import clean_up
+from r2bspec.ipc.process_cleanup import clean_up, run_processes
 from r2bspec.ipc.sessions import SessionLeader
 from r2bspec.middleware.rmw_registry import middleware_of
 from r2bspec.private_files import PRIVATE_UMASK
@@ -61,6 +62,7 @@ class ProcessSupervisor:
         self._all: list[ManagedProcess] = []
         self._killed: list[str] = []
         self._logs = LogLimiter()
+        self._shared_memory = SharedMemoryModes(self.pids)
         self._began_s = time.time()
         # The process environment is the controller's: the watchdog is no part of the run.
         self._watchdog = subprocess.Popen(
@@ -169,6 +171,7 @@ class ProcessSupervisor:
             for endpoint in (child, *child.parts.values()):
                 self._raise_failure(endpoint)
         self._logs.truncate_large()
+        self._shared_memory.make_private()
         for child in list(self._running.values()):
             if child.process.poll() is not None and not child.exit_expected:
                 self._raise_exit(child)
@@ -266,6 +269,12 @@ class ProcessSupervisor:
     def truncated_logs(self) -> list[Path]:
         """The logs of which a part had to be cut out."""
         return self._logs.truncated
+
+    def pids(self) -> frozenset[int]:
+        """The processes of the run: those that were started, and all others that run now."""
+        started = {child.pid for child in self._all}
+        living = run_processes(self._run_id, [child.session for child in self._all])
+        return frozenset(started | {each.pid for each in living})
 
     def records(self) -> tuple[ProcessRecord, ...]:
         """Every process that was started, with how it ended."""
