@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from ros_runs import Bench, Running, relay_spec
+from ros_runs import IMAGE, Bench, Running, relay_spec
 from ros_runs import nothing_left as nothing_left
 
 INTRUDER = """
@@ -36,6 +36,22 @@ while rclpy.ok():
     time.sleep(0.02)
 node.destroy_node()
 rclpy.try_shutdown()
+"""
+
+
+HIDES_ITS_RUN = """
+import sys
+import rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+rclpy.init(args=sys.argv)
+node = Node("program")
+out = node.create_publisher(Image, "output", 100)
+node.create_subscription(Image, "input", out.publish, 100)
+try:
+    rclpy.spin(node)
+except KeyboardInterrupt:
+    pass
 """
 
 
@@ -121,3 +137,15 @@ def test_one_in_the_domain_of_another_run_does_not_matter(bench: Bench) -> None:
             done = running.finish()
         other.finish()
     done.assert_complete()
+
+
+def test_a_process_of_the_run_is_known_without_its_id_in_the_environment(bench: Bench) -> None:
+    (bench.folder / "program.py").write_text(HIDES_ITS_RUN)
+    program = {
+        "command": ["env", "-u", RUN_ID_VARIABLE, sys.executable, "program.py"],
+        "publishes": {"output": IMAGE},
+        "subscribes": {"input": IMAGE},
+    }
+    done = bench.run(relay_spec(graph={"nodes": {"program": program}}))
+    done.assert_complete()
+    assert done.run().record.reason == ""
