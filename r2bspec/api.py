@@ -233,21 +233,25 @@ def run(
         HistoryError: the history cannot be used.
     """
     from r2bspec.execute.progress import NullProgress
+    from r2bspec.private_files import private_files
     from r2bspec.record.run_folder import RunFolder
 
-    folder = RunFolder.create(output or default_run_folder(prepared.plan.name))
     listener = progress or NullProgress()
-    if history is None and baseline is None:
-        return _run_in_folder(folder, prepared, listener)
-    from r2bspec.compare.gated_run import run_with_baseline
+    with (
+        private_files(),
+        RunFolder.create(output or default_run_folder(prepared.plan.name)) as folder,
+    ):
+        if history is None and baseline is None:
+            return _run_in_folder(folder, prepared, listener)
+        from r2bspec.compare.gated_run import run_with_baseline
 
-    return run_with_baseline(
-        lambda target, plan: _run_in_folder(target, replace(prepared, plan=plan), listener),
-        prepared.plan,
-        folder,
-        history=history,
-        stored=baseline,
-    )
+        return run_with_baseline(
+            lambda target, plan: _run_in_folder(target, replace(prepared, plan=plan), listener),
+            prepared.plan,
+            folder,
+            history=history,
+            stored=baseline,
+        )
 
 
 def _run_in_folder(folder: RunFolder, prepared: PreparedBenchmark, progress: Progress) -> Result:

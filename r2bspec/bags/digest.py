@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Collection
 from pathlib import Path
 
-from r2bspec.bags.recording import Message
+from r2bspec.bags.bag_index import index_bag
+from r2bspec.bags.bag_reader import read_messages
+from r2bspec.bags.recording import Message, Window
 from r2bspec.bags.storage.storage import storage_errors, storage_paths
 
 _BLOCK_BYTES = 1 << 20
@@ -65,3 +68,25 @@ def hash_files(path: Path) -> str:
 
 def _encode_int(value: int) -> bytes:
     return value.to_bytes(8, "little", signed=True)
+
+
+def hash_content(
+    path: Path, topics: Collection[str] | None = None, window: Window | None = None
+) -> str:
+    """Hash the content of a bag: independent of storage format, compression, splitting and date.
+
+    Args:
+        path: bag folder or storage file.
+        topics: None for all.
+        window: None for all; times are relative to the start of the bag either way.
+
+    Raises:
+        DataError: as `read_messages`.
+    """
+    index = index_bag(path)
+    wanted = list(index.topics) if topics is None else topics
+    infos = [info for name in wanted if (info := index.find(name)) is not None]
+    content = ContentHash({info.name: info.type for info in infos}, index.start_ns)
+    for message in read_messages(path, wanted, window):
+        content.add(message)
+    return content.hexdigest()

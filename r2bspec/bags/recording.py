@@ -129,8 +129,10 @@ class SyntheticDataset(msgspec.Struct, frozen=True, kw_only=True):
         path: bag folder; `ground_truth.json` and `dataset.json` lie in it.
         content_sha256: hash of the uncompressed content, as `ContentHash` gives it.
         made: False if it was found in the cache.
+        damaged: whether the cache had a damaged one, which was replaced.
     """
 
     path: Path
     content_sha256: str
     made: bool
+    damaged: bool = False

@@ -133,6 +133,8 @@ def make(
         _print_json({"path": str(made.path), "sha256": made.content_sha256, "made": made.made})
         return
     state = "created" if made.made else "already in the cache"
+    if made.damaged:
+        state = "created again: the one in the cache was damaged"
     _print_index(index_bag(made.path), f"{made.path}, {state}", made.content_sha256)
 
 

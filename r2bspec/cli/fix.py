@@ -80,9 +80,17 @@ def write_text(file: str, text: str) -> None:
     """Replace a file's content atomically; a link and the mode are kept.
 
     Raises:
-        UsageError: it cannot be written.
+        UsageError: it cannot be written, or is a link to a file in another folder, which may be
+            anywhere: whoever made the link chose the file, not the user.
     """
-    path = Path(os.path.realpath(file))
+    path = Path(file)
+    if path.is_symlink():
+        path = Path(os.path.realpath(file))
+        if path.parent != Path(os.path.realpath(Path(file).parent)):
+            raise UsageError(
+                f"{file} is a link to {path}, in another folder, and is not written",
+                hint="Name the file itself.",
+            )
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:
         mode = path.stat().st_mode

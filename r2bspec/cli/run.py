@@ -87,6 +87,7 @@ def command(
     """
     from r2bspec import api
     from r2bspec.cli.history import history_file
+    from r2bspec.record.errors import FolderTakenError
     from r2bspec.report.findings.print_findings import show
     from r2bspec.report.progress_display import shown_progress
     from r2bspec.report.terminal import show_result
@@ -122,9 +123,11 @@ def command(
     except R2bspecError as error:
         if isinstance(error, api.GraphMismatchError):
             show(error.diagnostics, error.loaded.texts)
-        # Reports are written of what was observed; the failure of the run is reported.
-        with contextlib.suppress(R2bspecError):
-            write_folder_reports(reports + junit, folder, spec)
+        # Reports are written of what was observed; the failure of the run is reported. A folder
+        # that was refused has the files of another run.
+        if not isinstance(error, FolderTakenError):
+            with contextlib.suppress(R2bspecError):
+                write_folder_reports(reports + junit, folder, spec)
         raise
     if prepared.loaded is not None:
         # Harmless differences did not end the run, and are shown.

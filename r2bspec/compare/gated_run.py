@@ -53,10 +53,8 @@ def run_with_baseline(
     if fails_by_history(result.verdict) and plan.gate.confirm:
         # The second run confirms the comparison with the history only.
         once = msgspec.structs.replace(plan.gate, confirm=False)
-        run_plan(
-            RunFolder.create(folder.path / CONFIRMATION_FOLDER),
-            msgspec.structs.replace(plan, gate=once),
-        )
+        with RunFolder.create(folder.path / CONFIRMATION_FOLDER) as confirmation:
+            run_plan(confirmation, msgspec.structs.replace(plan, gate=once))
         result = _judge(folder)
     if history is not None:
         add_to_history(history, open_run(folder.path), result)

@@ -26,6 +26,7 @@ from r2bspec.plan.comparability import (
     load_differences,
     pair_count,
 )
+from r2bspec.private_files import private_files
 from r2bspec.record.comparison_folder import ComparisonFolder, open_comparison
 
 
@@ -100,21 +101,21 @@ def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None 
         RunError: a run failed; the folder has the pairs finished until then.
         RecordError: the folder cannot be created.
     """
-    folder = ComparisonFolder.create(output)
-    try:
-        run_pairs(
-            comparison,
-            folder,
-            progress or NullProgress(),
-            lambda confirms: _judge(folder.path, confirms=confirms),
-        )
-    except R2bspecError:
-        # Write a result of what was measured, marked as incomplete; if that fails, too, the first
-        # failure is reported.
-        with contextlib.suppress(R2bspecError, OSError):
-            _write_result(folder)
-        raise
-    return _write_result(folder)
+    with private_files(), ComparisonFolder.create(output) as folder:
+        try:
+            run_pairs(
+                comparison,
+                folder,
+                progress or NullProgress(),
+                lambda confirms: _judge(folder.path, confirms=confirms),
+            )
+        except R2bspecError:
+            # Write a result of what was measured, marked as incomplete; if that fails, too, the
+            # first failure is reported.
+            with contextlib.suppress(R2bspecError, OSError):
+                _write_result(folder)
+            raise
+        return _write_result(folder)
 
 
 def _judge(path: Path, *, confirms: bool) -> Verdict:

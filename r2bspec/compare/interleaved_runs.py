@@ -207,8 +207,10 @@ class _PairRunner:
         """One run: why it cannot be judged, and which interference affected it, or empty texts."""
         self._interrupts.check()
         one = self._comparison.base if side == "base" else self._comparison.head
-        folder = RunFolder.create(self._folder.path / side / name)
-        with applied_environment(one.environment):
+        with (
+            RunFolder.create(self._folder.path / side / name) as folder,
+            applied_environment(one.environment),
+        ):
             run_plan(
                 self._plans[side],
                 base_dir=one.base_dir,

@@ -31,6 +31,7 @@ from r2bspec.datasets.dataset_cache import (
     write_errors,
 )
 from r2bspec.datasets.dataset_writer import write_bag
+from r2bspec.datasets.entry_check import is_intact
 from r2bspec.datasets.ground_truth import (
     DISPARITY_PARTS,
     GroundTruth,
@@ -49,6 +50,7 @@ from r2bspec.datasets.sequences import (
     message_times_ns,
     select_sources,
 )
+from r2bspec.private_files import private_files
 
 if TYPE_CHECKING:
     import numpy as np
@@ -92,7 +94,8 @@ def make(
 ) -> SyntheticDataset:
     """Synthesise a dataset, or find it in the cache.
 
-    If another process synthesises the same dataset, this function waits for it. A killed process
+    The messages of a dataset in the cache are checked; a damaged dataset is created again. If
+    another process synthesises the same dataset, this function waits for it. A killed process
     leaves no incomplete dataset; its files are removed by the next call.
 
     Args:
@@ -123,26 +126,29 @@ def make(
     )
     root = datasets_dir(cache_dir)
     final = root / cache_key.name
-    record = _cached_record(final)
+    record = _cached_record(root, final)
     if record is None:
-        with entry_lock(root, cache_key.name):
+        with private_files(), entry_lock(root, cache_key.name):
             remove_stale_entries(root, cache_key.name)
-            record = _cached_record(final)
+            record = _cached_record(root, final)
             if record is None:
+                damaged = final.exists()
                 with new_entry(root, cache_key.name) as folder, write_errors(root):
                     record = _build(folder, cache_key, sources, progress)
-                return SyntheticDataset(path=final, content_sha256=record.content_sha256, made=True)
+                return SyntheticDataset(
+                    path=final, content_sha256=record.content_sha256, made=True, damaged=damaged
+                )
     return SyntheticDataset(path=final, content_sha256=record.content_sha256, made=False)
 
 
-def _cached_record(folder: Path) -> DatasetRecord | None:
-    """The record of a cached dataset whose files all have their sizes."""
+def _cached_record(root: Path, folder: Path) -> DatasetRecord | None:
+    """The record of a cached dataset that is complete and has the messages that were made."""
     record = read_provenance(folder)
     if record is None:
         return None
     sizes = {path.name: path.stat().st_size for path in folder.iterdir()}
     sizes.pop(RECORD_NAME, None)
-    return record if sizes == record.file_bytes else None
+    return record if sizes == record.file_bytes and is_intact(root, folder, record) else None
 
 
 def _build(

@@ -12,6 +12,7 @@ from r2bspec.doctor.dead_shm_files import DeadShmFile, dead_shm_files, remove_de
 from r2bspec.doctor.run_processes import Process, find_runs
 from r2bspec.doctor.scratch_folders import abandoned_scratch, unfinished_datasets
 from r2bspec.ipc.process_cleanup import end_run_processes
+from r2bspec.ipc.sessions import Session, now_ticks
 from r2bspec.measure.units import show
 
 TOPIC = "runs"
@@ -50,13 +51,15 @@ def check_leftovers(system: System, cache: Path | None = None) -> list[CheckResu
 
 def clean(system: System, cache: Path | None = None) -> list[str]:
     """Remove what dead runs have left; says what was removed, a line each."""
+    seen = now_ticks()
     found = find_leftovers(system, cache)
     removed = []
     for run_id in sorted({each.run_id for each in found.orphans}):
         of_run = [each for each in found.orphans if each.run_id == run_id]
-        end_run_processes(
-            run_id, {each.pid for each in of_run if each.session == each.pid}, _GRACE_S
-        )
+        sessions = [
+            Session(each.pid, each.started, seen) for each in of_run if each.session == each.pid
+        ]
+        end_run_processes(run_id, sessions, _GRACE_S)
         removed += [f"process {each.pid} ({each.name}) of run {run_id}" for each in of_run]
     for folder in found.folders:
         with contextlib.suppress(OSError):

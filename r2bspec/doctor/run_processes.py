@@ -7,6 +7,7 @@ controller and watchdog were killed.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,9 @@ from r2bspec.doctor.checkup import System
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 
 _WATCHDOG = "r2bspec.harness.watchdog"
+_START_FIELD = 19
+"""Where the start time is in /proc/PID/stat, counted from the field after the name."""
+
 _CONTROLLERS = ("python", "r2bspec", "pytest")
 """Prefixes of the names of programs that can be a controller. A parent with another name, such as
 the first process of a system or container, has adopted an orphan."""
@@ -22,7 +26,10 @@ the first process of a system or container, has adopted an orphan."""
 
 @dataclass(frozen=True)
 class Process:
-    """A running process; `run_id` is empty if it does not belong to a run."""
+    """A running process; `run_id` is empty if it does not belong to a run.
+
+    `started` is its start time, in clock ticks since boot.
+    """
 
     pid: int
     parent: int
@@ -30,6 +37,7 @@ class Process:
     name: str
     argv: tuple[str, ...]
     run_id: str
+    started: int
 
     @property
     def watched_run(self) -> str:
@@ -74,7 +82,8 @@ def _processes(proc: Path) -> Iterator[Process]:
             continue
         # The name is in parentheses and may contain any character, including parentheses.
         head, _, rest = status.rpartition(")")
-        state, parent, _group, session = rest.split()[:4]
+        fields = rest.split()
+        state, parent, _group, session = fields[:4]
         if state in {"Z", "X"}:
             continue
         yield Process(
@@ -84,14 +93,17 @@ def _processes(proc: Path) -> Iterator[Process]:
             name=head.partition("(")[2],
             argv=tuple(argv.decode(errors="replace").rstrip("\0").split("\0")),
             run_id=_run_id(folder),
+            started=int(fields[_START_FIELD]),
         )
 
 
 def _run_id(folder: Path) -> str:
+    """The run of a process of this user; what others run is not ours to judge, nor to end."""
     try:
+        if folder.stat().st_uid != os.geteuid():
+            return ""
         variables = (folder / "environ").read_bytes().split(b"\0")
     except OSError:
-        # It belongs to another user.
         return ""
     wanted = f"{RUN_ID_VARIABLE}=".encode()
     values = [each.removeprefix(wanted) for each in variables if each.startswith(wanted)]

@@ -12,7 +12,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -140,6 +140,7 @@ class _Controller:
         )
         self._launchers: list[Launcher] = []
         self._sessions: list[Session] = []
+        self._foreign: tuple[str, ...] = ()
         self._measurements: list[Measurement] = []
         self._budget = TimeBudget(plan.gate.time_budget_ns, self._note)
 
@@ -302,6 +303,9 @@ class _Controller:
         began_s = time.monotonic()
         measurement = self._bring_up(domain, self._judge_so_far)
         verdict, iterations = measurement.measure()
+        if self._find_foreign_publishers():
+            # Others took part in what was measured: a fresh batch would confirm nothing.
+            return
         if not self._plan.gate.confirm or not needs_confirmation(verdict):
             return
         if self._plan.external:
@@ -318,6 +322,14 @@ class _Controller:
         )
         failed = {each.method for each in verdict.requirements if each.outcome == "fail"}
         measurement.measure_confirmation(frozenset(failed), iterations, peak_hz)
+        self._find_foreign_publishers()
+
+    def _find_foreign_publishers(self) -> bool:
+        """Ask who has published on what is played and watched; whether others have."""
+        self._foreign = self._sessions[-1].foreign_publishers()
+        for each in self._foreign:
+            self._note(f"a program that is not of this run has published on {each}")
+        return bool(self._foreign)
 
     def _bring_up(
         self, domain: int, judge_so_far: Callable[[], Verdict], *, confirms: bool = False
@@ -400,7 +412,12 @@ class _Controller:
         return next(({"rmw": each.rmw} for each in self._launchers if each.rmw), {})
 
     def _record(self, failure: BaseException | None) -> RunRecord:
-        status: Literal["complete", "incomplete"] = "incomplete" if failure else "complete"
+        status: Literal["complete", "incomplete", "invalid"] = "complete"
+        reason = ""
+        if failure is not None:
+            status, reason = "incomplete", _reason(failure)
+        elif self._foreign:
+            status, reason = "invalid", _foreign_reason(self._foreign)
         first = self._measurements[0] if self._measurements else None
         again = self._measurements[1:]
         return RunRecord(
@@ -409,7 +426,7 @@ class _Controller:
             started_at=self._started_at,
             ended_at=_now(),
             status=status,
-            reason=_reason(failure),
+            reason=reason,
             dataset=self._provenance(),
             machine=self._machine,
             versions=self._versions | self._loaded_rmw(),
@@ -434,9 +451,14 @@ def _unwritable(error: OSError | RecordError, folder: Path) -> RunError:
     return UnwritableRunError(text, hint=hint)
 
 
-def _reason(failure: BaseException | None) -> str:
-    if failure is None:
-        return ""
+def _foreign_reason(foreign: Sequence[str]) -> str:
+    return (
+        f"A program that is not of this run has published on {'; '.join(foreign)}. What was "
+        "measured is not that of the graph alone."
+    )
+
+
+def _reason(failure: BaseException) -> str:
     if isinstance(failure, R2bspecError):
         return f"{failure.code}: {failure}"
     return f"{type(failure).__name__}: {failure}"

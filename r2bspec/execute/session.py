@@ -34,6 +34,7 @@ from r2bspec.execute.diagnosis.observe_graph import (
 )
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.inputs.build_schedule import build_schedule
+from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
 from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_rate_hz
 from r2bspec.execute.measurement.live_mode import LiveSegmentWatcher
 from r2bspec.execute.measurement.run_reporter import RunReporter
@@ -90,6 +91,7 @@ class Session:
         processes = [each for each in plan.processes if each.phase == MEASURE_PHASE]
         self._parts = HarnessProcesses(launcher, processes)
         self._segment_player: SegmentPlayer | None = None
+        self._monitor: ManagedProcess | None = None
         self.floor: tuple[FloorRecord, ...] = ()
         self.silences: tuple[SilenceRecord, ...] = ()
 
@@ -103,6 +105,16 @@ class Session:
         """The samples of the segments that are judged, by id; see `SegmentPlayer.samples`."""
         return self._segment_player.samples if self._segment_player else {}
 
+    def foreign_publishers(self) -> tuple[str, ...]:
+        """Publishers on what is played and watched that are no process's of the run, in words.
+
+        Raises:
+            RunError: the monitor does not answer.
+        """
+        if self._monitor is None:
+            return ()
+        return foreign_publishers(self._supervisor, self._monitor)
+
     def bring_up(self) -> SegmentPlayer:
         """Start all processes and warm them up.
 
@@ -113,6 +125,7 @@ class Session:
         self._reporter.phase("start", "starting player and monitor")
         self._launcher.check_shared_memory(self._plan, MEASURE_PHASE)
         player, monitor = self._start_harness()
+        self._monitor = monitor
         self._reporter.phase("graph", "starting the graph")
         deadline = StartDeadline(self._plan.start_timeout_ns)
         self._start_graph(player, monitor, deadline)
@@ -150,6 +163,7 @@ class Session:
             protocol.ConfigureMonitor(
                 monitors=(*plan.monitors, *tap_monitors(plan.monitors)),
                 rows_dir=str(self._rows_dir),
+                guarded=guarded_topics(plan),
             ),
         )
         if player is not None:

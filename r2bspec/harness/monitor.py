@@ -18,6 +18,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
+from r2bspec.harness.publisher_guard import PublisherGuard
 from r2bspec.ipc import protocol
 from r2bspec.ipc.clocks import ClockOffsetTracker
 from r2bspec.ipc.header_stamps import read_stamp
@@ -76,6 +77,7 @@ class Monitor:
         self._watched_topics: list[_WatchedTopic] = []
         self._temporary_topics: list[_WatchedTopic] = []
         self._rows_dir = Path(settings.rows_dir)
+        self._guard = PublisherGuard(self._node, settings.guarded)
         self._commands: queue.SimpleQueue[protocol.Command] = queue.SimpleQueue()
 
     def serve(self) -> None:
@@ -93,6 +95,7 @@ class Monitor:
                 self._watched_topics[position].drain(clocks)
             if subscribing and self._waiting:
                 self._subscribe()
+            self._guard.look()
             with contextlib.suppress(queue.Empty):
                 while True:
                     match self._commands.get_nowait():
@@ -112,6 +115,10 @@ class Monitor:
                             self._channel.send(discover(self._node, topics))
                         case protocol.Survey():
                             self._channel.send(survey(self._node))
+                        case protocol.ListForeign():
+                            self._channel.send(
+                                protocol.ForeignPublishers(publishers=self._guard.foreign())
+                            )
                         case protocol.Shutdown():
                             return
                         case _:

@@ -13,6 +13,8 @@ from typing import Protocol
 from r2bspec.exit_status import ExitStatus
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
+from r2bspec.ipc.disk_errors import is_refusal, refusal_text
+from r2bspec.record.errors import RUN_UNWRITABLE
 
 
 class Role(Protocol):
@@ -77,6 +79,9 @@ def _failure(error: Exception) -> protocol.Failed:
     code = getattr(error, "code", "R2B630")
     hint = getattr(error, "hint", "")
     message = str(error) or type(error).__name__
+    if isinstance(error, OSError) and is_refusal(error):
+        code, message = RUN_UNWRITABLE, refusal_text(error)
+        hint = "Make room on that disk, or choose another folder with --output."
     if isinstance(error, ImportError):
         code, hint = "R2B620", "install ROS 2, or pip install 'r2bspec[ros]'"
     return protocol.Failed(code=code, message=message, hint=hint)

@@ -1,23 +1,28 @@
 """The watchdog: cleans up a run whose controller has exited without doing so.
 
-It reads lines from standard input: ``session N`` for every session that the controller opens, and
-``done`` when the controller has cleaned up. If the input ends without ``done``, the controller was
-killed: the watchdog then ends every process of the run, and removes their shared memory and the
+It reads lines from standard input: ``session N STARTED`` for every session that the controller
+opens, ``collected N HELD`` when it has collected the first process of one (`r2bspec.ipc.sessions`),
+and ``done`` when the controller has cleaned up. If the input ends without ``done``, the controller
+was killed: the watchdog then ends every process of the run, and removes their shared memory and the
 scratch folder of the run. It runs in its own session, so that it does not receive signals to the
 terminal or process group of the controller.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc.process_cleanup import clean_up
+from r2bspec.ipc.sessions import Session, now_ticks
+from r2bspec.record.folder_lock import LOCK_FILE
 
 _GRACE_S = 1.0
 
@@ -29,15 +34,28 @@ def main() -> int:
     run_id, scratch = sys.argv[1], Path(sys.argv[2])
     # Shared memory may be as old as the run; the second allows for coarse time stamps.
     since_s = time.time() - 1.0
-    sessions: set[int] = set()
+    sessions: dict[int, Session] = {}
     for line in sys.stdin:
-        word, _, number = line.strip().partition(" ")
+        word, *numbers = line.split()
         if word == "done":
             return ExitStatus.OK
         if word == "session":
-            sessions.add(int(number))
-    clean_up(run_id, sessions - {os.getpid()}, grace_s=_GRACE_S, since_s=since_s)
+            pid, started = map(int, numbers)
+            sessions[pid] = Session(pid, started)
+        if word == "collected":
+            pid, held = map(int, numbers)
+            sessions[pid] = replace(sessions[pid], held=held)
+    # The others are collected by nobody the watchdog hears of, from now on.
+    sessions = {
+        pid: each if each.held is not None else replace(each, held=now_ticks())
+        for pid, each in sessions.items()
+        if pid != os.getpid()
+    }
+    clean_up(run_id, sessions.values(), grace_s=_GRACE_S, since_s=since_s)
     shutil.rmtree(scratch, ignore_errors=True)
+    # The kernel has freed the lock; no run takes a folder with files in it.
+    with contextlib.suppress(OSError):
+        (scratch.parent / LOCK_FILE).unlink()
     return ExitStatus.OK
 
 

@@ -11,6 +11,7 @@ from typing import BinaryIO
 
 import msgspec
 
+from r2bspec.ipc.disk_errors import named_errors
 from r2bspec.ipc.header_stamps import STAMP_BYTES, read_stamp
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC
 
@@ -51,7 +52,8 @@ class BufferWriter:
         self._stamps: list[int] = []
         self._sizes: list[int] = []
         self._times: list[int] = []
-        self._file: BinaryIO = buffer_path(folder, topic, "cdr").open("wb")
+        self._path = buffer_path(folder, topic, "cdr")
+        self._file: BinaryIO = self._path.open("wb")
 
     def __len__(self) -> int:
         return len(self._sizes)
@@ -60,16 +62,18 @@ class BufferWriter:
         """Append one serialised message; the default of the time is the stamp.
 
         Raises:
-            OSError: the disk is full.
+            OSError: the disk is full; it has the name of the file.
         """
-        self._file.write(data)
+        with named_errors(self._path):
+            self._file.write(data)
         self._stamps.append(stamp_ns)
         self._times.append(stamp_ns if time_ns is None else time_ns)
         self._sizes.append(len(data))
 
     def close(self) -> None:
         """Write the index; the buffer can then be read."""
-        self._file.close()
+        with named_errors(self._path):
+            self._file.close()
         index = BufferIndex(
             topic=self._topic,
             type=self._type,
@@ -78,7 +82,7 @@ class BufferWriter:
             sizes=tuple(self._sizes),
             times_ns=tuple(self._times),
         )
-        self._index_path.write_bytes(msgspec.json.encode(index))
+        _write_index(self._index_path, index)
 
 
 def read_index(folder: Path, topic: str) -> BufferIndex:
@@ -92,7 +96,12 @@ def read_index(folder: Path, topic: str) -> BufferIndex:
 
 def write_index(folder: Path, index: BufferIndex) -> None:
     """Replace the index of a buffer."""
-    buffer_path(folder, index.topic, "json").write_bytes(msgspec.json.encode(index))
+    _write_index(buffer_path(folder, index.topic, "json"), index)
+
+
+def _write_index(path: Path, index: BufferIndex) -> None:
+    with named_errors(path):
+        path.write_bytes(msgspec.json.encode(index))
 
 
 def read_stamps(folder: Path, index: BufferIndex) -> BufferIndex:

@@ -2,7 +2,8 @@
 
 A process belongs to a run if it is in a session that the run opened, or carries the run's id in
 its environment: the first finds every descendant that stayed, the second those that opened a
-session of their own.
+session of their own. The kernel uses the number of a session again once all its processes are gone
+(`r2bspec.ipc.sessions`), so a number alone ends no process.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Iterable
 import psutil
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.ipc.sessions import Session
 from r2bspec.middleware.rmw_registry import middleware_of
 
 _MAX_CLEANUP_S = 2.0
@@ -22,37 +24,58 @@ _EMPTY_SCANS = 3
 """For how long segments are removed at most, and how often none may be found in a row before."""
 
 
-def run_processes(run_id: str, sessions: Iterable[int]) -> list[psutil.Process]:
+def run_processes(run_id: str, sessions: Iterable[Session]) -> list[psutil.Process]:
     """Every living process of a run, the calling process excepted."""
-    wanted = set(sessions)
-    found = []
+    wanted = {each.pid: each for each in sessions}
+    members: dict[int, list[psutil.Process]] = {pid: [] for pid in wanted}
+    marked: list[psutil.Process] = []
     for process in psutil.process_iter():
         if process.pid == os.getpid():
             continue
         with contextlib.suppress(psutil.Error, OSError):
             if not _is_running(process):
                 continue
-            if os.getsid(process.pid) in wanted or _has_run_id(process, run_id):
-                found.append(process)
-    return found
+            number = os.getsid(process.pid)
+            if number in wanted:
+                members[number].append(process)
+            if _has_run_id(process, run_id):
+                marked.append(process)
+    found = {each.pid: each for each in marked}
+    for pid, session in wanted.items():
+        pids = [each.pid for each in members[pid]]
+        # A process of the run that is in the session shows that it has been there all along.
+        if found.keys() & pids or session.is_shown_by(pids):
+            found |= {each.pid: each for each in members[pid]}
+    return list(found.values())
 
 
 def _has_run_id(process: psutil.Process, run_id: str) -> bool:
     try:
-        return process.environ().get(RUN_ID_VARIABLE) == run_id
+        return bool(run_id) and process.environ().get(RUN_ID_VARIABLE) == run_id
     except psutil.AccessDenied:
         return False
 
 
-def end_run_processes(run_id: str, sessions: Iterable[int], grace_s: float) -> list[str]:
+def kill_process_groups(sessions: Iterable[Session]) -> None:
+    """Kill what is left in the first process group of each session."""
+    wanted = list(sessions)
+    groups = {each.pid for each in wanted}
+    for process in run_processes("", wanted):
+        with contextlib.suppress(psutil.Error, OSError):
+            if os.getpgid(process.pid) in groups:
+                process.kill()
+
+
+def end_run_processes(run_id: str, sessions: Iterable[Session], grace_s: float) -> list[str]:
     """End every process of a run: SIGTERM, `grace_s` seconds, then SIGKILL until none is left.
 
     Returns:
         The names of the processes that had to be killed.
     """
-    wanted = set(sessions)
+    wanted = list(sessions)
     remaining = run_processes(run_id, wanted)
     for process in remaining:
+        # psutil compares the start time first: a number that was used again is not signalled.
         with contextlib.suppress(psutil.Error):
             process.terminate()
     _wait_for(remaining, grace_s)
@@ -91,7 +114,9 @@ def _is_running(process: psutil.Process) -> bool:
         return False
 
 
-def clean_up(run_id: str, sessions: Iterable[int], *, grace_s: float, since_s: float) -> list[str]:
+def clean_up(
+    run_id: str, sessions: Iterable[Session], *, grace_s: float, since_s: float
+) -> list[str]:
     """End the processes of a run, then remove what they leave in shared memory.
 
     Returns:

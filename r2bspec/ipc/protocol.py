@@ -63,10 +63,14 @@ class Follow(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigureMonitor(_Message, frozen=True, kw_only=True, tag=True):
-    """Be the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``."""
+    """Be the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``.
+
+    On the topics of `guarded`, every publisher is examined; see `ForeignPublisher`.
+    """
 
     monitors: tuple[MonitorPlan, ...]
     rows_dir: str
+    guarded: tuple[str, ...] = ()
 
 
 class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
@@ -145,6 +149,10 @@ class Survey(_Message, frozen=True, kw_only=True, tag=True):
     """Query the nodes, services and topics."""
 
 
+class ListForeign(_Message, frozen=True, kw_only=True, tag=True):
+    """Ask which publishers were ever seen on guarded topics that may be no process's of the run."""
+
+
 class Load(_Message, frozen=True, kw_only=True, tag=True):
     """Publish every source message once and record the output.
 
@@ -190,6 +198,7 @@ Command = (
     | CountMatches
     | Discover
     | Survey
+    | ListForeign
     | Load
     | Play
     | Stop
@@ -261,6 +270,26 @@ class Surveyed(_Message, frozen=True, kw_only=True, tag=True):
     topics: tuple[str, ...] = ()
 
 
+class ForeignPublisher(msgspec.Struct, frozen=True, kw_only=True):
+    """A publisher of which no process carries the id of the run.
+
+    Attributes:
+        gid: its identifier, in hexadecimal digits.
+        processes: who it may be, for the user; empty where no process of this host fits.
+    """
+
+    topic: str
+    node: str
+    gid: str
+    processes: tuple[str, ...] = ()
+
+
+class ForeignPublishers(_Message, frozen=True, kw_only=True, tag=True):
+    """All that were seen on guarded topics since the monitor was started."""
+
+    publishers: tuple[ForeignPublisher, ...]
+
+
 class Called(_Message, frozen=True, kw_only=True, tag=True):
     """The service has responded."""
 
@@ -292,7 +321,18 @@ class Failed(_Message, frozen=True, kw_only=True, tag=True):
     hint: str = ""
 
 
-Reply = Ready | Matched | Discovered | Surveyed | Called | Composed | Loaded | Played | Failed
+Reply = (
+    Ready
+    | Matched
+    | Discovered
+    | Surveyed
+    | ForeignPublishers
+    | Called
+    | Composed
+    | Loaded
+    | Played
+    | Failed
+)
 
 _COMMANDS: msgspec.json.Decoder[Command] = msgspec.json.Decoder(Command)
 _REPLIES: msgspec.json.Decoder[Reply] = msgspec.json.Decoder(Reply)

@@ -14,6 +14,8 @@ import struct
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from r2bspec.ipc.disk_errors import named_errors
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -29,20 +31,22 @@ class RowWriter:
         self._row = struct.Struct(f"<{width}q")
         self._capacity = capacity
         self._count = 0
+        self._path = path
         self._file = path.open("xb+")
         self._map = self._map_file(capacity)
 
     def _map_file(self, capacity: int) -> mmap.mmap:
         size = _HEADER_BYTES + capacity * self._row.size
         # Without the allocation, a full disk would cause SIGBUS at a later row.
-        os.posix_fallocate(self._file.fileno(), 0, size)
+        with named_errors(self._path):
+            os.posix_fallocate(self._file.fileno(), 0, size)
         return mmap.mmap(self._file.fileno(), size)
 
     def append(self, *values: int) -> None:
         """Append one row.
 
         Raises:
-            OSError: the disk is full.
+            OSError: the disk is full; it has the name of the file.
         """
         if self._count == self._capacity:
             self._capacity *= 2

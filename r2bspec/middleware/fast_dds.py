@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 from r2bspec.middleware import fast_dds_shm_files
@@ -22,6 +22,8 @@ from r2bspec.middleware.middleware import (
 
 _PORTS_BYTES = 1 << 20
 """What a process takes in addition to its segment: ports, discovery, locks. 0.7 MB were seen."""
+
+_VENDOR_ID = b"\x01\x0f"
 
 
 class FastDds(Middleware):
@@ -74,6 +76,22 @@ class FastDds(Middleware):
     def required_shm_bytes(self, processes: int, segment_bytes: int) -> int:
         """The segments, and what each process takes in addition."""
         return processes * (segment_bytes + _PORTS_BYTES)
+
+    def may_be_endpoint_of(self, gid: bytes, pids: Collection[int]) -> bool:
+        """Compare the number of the process in a GUID: vendor, host, process, and others after it.
+
+        The vendor, the host and the process take two bytes each; of a process it is the low ones.
+        """
+        number = int.from_bytes(gid[4:6], "little")
+        return gid[:2] == _VENDOR_ID and any(pid & 0xFFFF == number for pid in pids)
+
+    def readable_shm_files(self) -> list[str]:
+        """Its files are there for as long as a participant is."""
+        return fast_dds_shm_files.readable_shm_files()
+
+    def make_shm_files_private(self, pids: Iterable[int]) -> None:
+        """The segments and ports that these processes map."""
+        fast_dds_shm_files.make_shm_files_private(pids)
 
     def dead_shm_files(
         self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0

@@ -11,9 +11,13 @@ import contextlib
 import fcntl
 import os
 import re
+import stat
+from collections.abc import Iterable
 from pathlib import Path
 
 from r2bspec.middleware.middleware import PROC, SHARED_MEMORY
+
+_OTHERS = 0o077
 
 _LOCKS = ("_el", "_sl")
 _FILES = ("fastrtps_*", "fastdds_*", "sem.fastrtps_*", "sem.fastdds_*")
@@ -70,6 +74,45 @@ def remove_dead_shm_files(
     return removed
 
 
+def readable_shm_files(memory: Path = SHARED_MEMORY) -> list[str]:
+    """The names of this user's files that other users may read."""
+    found = []
+    for name in shm_files(memory):
+        with contextlib.suppress(OSError):
+            status = (memory / name).lstat()
+            readable = stat.S_ISREG(status.st_mode) and status.st_mode & _OTHERS
+            if readable and status.st_uid == os.geteuid():
+                found.append(name)
+    return found
+
+
+def make_shm_files_private(
+    pids: Iterable[int], memory: Path = SHARED_MEMORY, proc: Path = PROC
+) -> None:
+    """Take all rights to the segments of some processes from other users.
+
+    Fast DDS gives them the mode 0644 whatever the umask.
+    """
+    readable = set(readable_shm_files(memory))
+    if not readable:
+        return
+    pattern = _mapped_pattern(memory)
+    for pid in pids:
+        with contextlib.suppress(OSError):
+            maps = (proc / str(pid) / "maps").read_text(errors="replace")
+            for name in readable.intersection(pattern.findall(maps)):
+                _make_private(memory / name)
+
+
+def _make_private(file: Path) -> None:
+    descriptor = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        if os.fstat(descriptor).st_uid == os.geteuid():
+            os.fchmod(descriptor, 0o600)
+    finally:
+        os.close(descriptor)
+
+
 def _lock(memory: Path, name: str) -> Path:
     return memory / f"{name}_el"
 
@@ -92,9 +135,13 @@ def _is_free(lock: Path) -> bool:
 def _mapped(memory: Path, proc: Path) -> set[str]:
     """The names of segments that some process maps."""
     found: set[str] = set()
-    # A line that goes on with "(deleted)" is about an earlier segment of that name.
-    pattern = re.compile(rf"{re.escape(str(memory))}/(fast\S+)$", re.MULTILINE)
+    pattern = _mapped_pattern(memory)
     for maps in proc.glob("[0-9]*/maps"):
         with contextlib.suppress(OSError):
             found.update(pattern.findall(maps.read_text(errors="replace")))
     return found
+
+
+def _mapped_pattern(memory: Path) -> re.Pattern[str]:
+    # A line that goes on with "(deleted)" is about an earlier segment of that name.
+    return re.compile(rf"{re.escape(str(memory))}/((?:sem\.)?fast\S+)$", re.MULTILINE)

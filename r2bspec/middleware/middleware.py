@@ -7,7 +7,7 @@ module for one RMW overrides what differs (`r2bspec.middleware.rmw_registry`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -100,6 +100,22 @@ class Middleware:
     def required_shm_bytes(self, processes: int, segment_bytes: int) -> int:
         """How much shared memory processes take when they start, each with such a segment."""
         return processes * segment_bytes
+
+    def may_be_endpoint_of(self, gid: bytes, pids: Collection[int]) -> bool:
+        """Whether an endpoint with this identifier can belong to one of some processes here.
+
+        Identifiers of which nothing is known can belong to any.
+        """
+        del gid, pids
+        return True
+
+    def readable_shm_files(self) -> list[str]:
+        """The names of this user's files in shared memory that other users may read."""
+        return []
+
+    def make_shm_files_private(self, pids: Iterable[int]) -> None:
+        """Take all rights to the shared memory that some processes use from other users."""
+        del pids
 
     def dead_shm_files(
         self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0

@@ -19,3 +19,9 @@ class RecordError(R2bspecError):
 
     code = RUN_UNREADABLE
     exit_code = ExitStatus.USAGE
+
+
+class FolderTakenError(RecordError):
+    """The folder of a run is not empty, or belongs to another run: nothing in it is this run's."""
+
+    code = RUN_UNWRITABLE

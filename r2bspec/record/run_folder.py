@@ -8,6 +8,7 @@ a killed run can be read.
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,8 @@ from r2bspec.plan.errors import PlanError
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.taps import tap_name
 from r2bspec.record.atomic_files import write_atomically
-from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
+from r2bspec.record.errors import RUN_UNWRITABLE, FolderTakenError, RecordError
+from r2bspec.record.folder_lock import LOCK_FILE, FolderLock
 from r2bspec.record.run_record import RunRecord, Segment
 from r2bspec.record.sample_arrays import (
     INTERFERENCE_DTYPE,
@@ -35,6 +37,9 @@ from r2bspec.record.sample_arrays import (
 
 FORMAT_VERSION = 1
 
+_FOLDER_MODE = 0o700
+"""Recorded images and logs are not for other users of the machine."""
+
 _CHANGED_HINT = "The folder was changed after the run, or was not written by r2bspec."
 
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=@-]*")
@@ -43,38 +48,56 @@ _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=@-]*")
 class RunFolder:
     """A run folder that is being written.
 
+    One that was made by `create` belongs to this run alone until `release`, or the end of a
+    ``with`` block.
+
     Attributes:
         path: the folder, absolute.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, lock: FolderLock | None = None) -> None:
         self.path = path
+        self._lock = lock
 
     @classmethod
     def create(cls, path: Path) -> Self:
-        """Create the folder and its parents.
+        """Create the folder and its parents, and take its lock.
 
         Raises:
-            RecordError: it is not empty, because it may contain another run; or it cannot be
-                created.
+            FolderTakenError: it is not empty, or belongs to a run in progress, so that two runs
+                never mix.
+            RecordError: the file system refuses.
         """
         path = path.absolute()
         try:
-            path.mkdir(parents=True, exist_ok=True)
-            occupied = any(path.iterdir())
+            path.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
+            if set(os.listdir(path)) - {LOCK_FILE}:  # noqa: PTH208
+                raise _taken(path, "is not empty")
+            lock = FolderLock(path)
+            # Another run may have had the lock, and ended, since the look at the content.
+            if set(os.listdir(path)) - {LOCK_FILE}:  # noqa: PTH208
+                lock.release()
+                raise _taken(path, "is not empty")
+        except BlockingIOError as error:
+            raise _taken(path, "belongs to a run that is in progress") from error
         except OSError as error:
             raise RecordError(
                 f"{path} cannot be created: {error.strerror or error}",
                 hint="Choose another folder with --output.",
                 code=RUN_UNWRITABLE,
             ) from error
-        if occupied:
-            raise RecordError(
-                f"{path} is not empty",
-                hint="Each run needs its own folder: choose a new one with --output.",
-                code=RUN_UNWRITABLE,
-            )
-        return cls(path)
+        return cls(path, lock)
+
+    def release(self) -> None:
+        """Give the folder up: the run has ended, and nothing more is written."""
+        if self._lock is not None:
+            self._lock.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
 
     def log_path(self, process: str) -> Path:
         """The path of the log of a process; its folder is created."""
@@ -265,6 +288,13 @@ def _monitor_file(name: str) -> str:
 
 def _tap_file(topic: str) -> str:
     return f"{_safe_name(tap_name(topic))}.npy"
+
+
+def _taken(path: Path, why: str) -> FolderTakenError:
+    return FolderTakenError(
+        f"{path} {why}",
+        hint="Each run needs a folder of its own: choose a new one with --output.",
+    )
 
 
 def _safe_name(name: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from r2bspec.execute.processes.environment import inherited_environment
+from r2bspec.middleware.middleware import SHARED_MEMORY
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 
@@ -193,6 +195,42 @@ def test_a_run_writes_nothing_outside_its_folder(looked: Looked) -> None:
         and ".cache" not in each.parts
     }
     assert outside == set()
+
+
+def test_no_other_user_may_read_what_a_run_writes_or_sends(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    spec = relay_spec(setup={"note": {"command": ["touch", "made"], "creates": "made"}})
+    spec["benchmark"] |= {"iterations": 4}
+    before = os.umask(0o022)
+    try:
+        with bench.start(spec) as running:
+            running.wait_for("iteration 2 of")
+            mapped = {
+                Path(each.path)
+                for process in bench.processes()
+                for each in process.memory_maps()
+                if Path(each.path).name.startswith(("fast", "sem.fast"))
+                and Path(each.path).parent == SHARED_MEMORY
+                and process.environ().get("R2BSPEC_RUN_ID") is not None
+            }
+            shared = {each: stat.S_IMODE(each.stat().st_mode) for each in mapped if each.exists()}
+            scratch = [
+                stat.S_IMODE(each.stat().st_mode) for each in running.folder.glob(".scratch-*")
+            ]
+            done = running.finish()
+    finally:
+        os.umask(before)
+    done.assert_complete()
+    # Ports below those of domain 0 are shared by all runs, and may be another program's.
+    own = {each: mode for each, mode in shared.items() if "_port7" not in each.name}
+    assert own
+    assert {str(each): oct(mode) for each, mode in own.items() if mode & 0o077} == {}
+    assert scratch == [0o700]
+    written = {each: each.stat() for each in (done.folder, *done.folder.rglob("*"))}
+    open_ones = [each for each, found in written.items() if stat.S_IMODE(found.st_mode) & 0o077]
+    assert open_ones == []
+    # What a setup step makes is the user's, and has the modes that the user wants.
+    assert stat.S_IMODE((bench.folder / "made").stat().st_mode) == 0o644
 
 
 def test_what_a_dying_node_prints_of_its_secrets_does_not_reach_the_record(

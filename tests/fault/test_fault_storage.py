@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ros_runs import Bench, relay_spec
+from ros_runs import Bench, Finished, relay_spec
 from ros_runs import nothing_left as nothing_left
 
 NODES = """
@@ -58,6 +59,25 @@ def small_disk(bench: Bench) -> Iterator[Callable[[int], Path]]:
         subprocess.run(["umount", str(folder)], check=True)  # noqa: S607
 
 
+def assert_names_the_file(done: Finished) -> None:
+    """See that the run tells which file the disk had no room for, with the code of that."""
+    assert done.status == 4
+    assert done.error.startswith("error[R2B651 run-folder-not-writable]")
+    assert re.search(rf"{re.escape(str(done.folder))}/\S+ cannot be written", done.error)
+    assert "No space left on device" in done.error
+
+
+@pytest.mark.parametrize("kibibytes", [160, 300, 420])
+def test_a_disk_that_has_no_room_for_what_the_harness_records_names_the_file(
+    bench: Bench, small_disk: Callable[[int], Path], kibibytes: int
+) -> None:
+    # Player and monitor write as they go, and find the disk full themselves.
+    done = bench.run(relay_spec(), output=small_disk(kibibytes) / "run")
+    assert_names_the_file(done)
+    assert done.run().record.reason.startswith("R2B651: ")
+    assert bench.judge(done.folder).status == 4
+
+
 def test_a_disk_without_room_for_the_messages(
     bench: Bench, small_disk: Callable[[int], Path]
 ) -> None:
@@ -76,6 +96,7 @@ def test_a_disk_without_room_for_the_samples(
     done = bench.run(relay_spec(), output=small_disk(250) / "run")
     assert done.status == 4
     assert "No space left on device" in done.error
+    assert_names_the_file(done)
     assert bench.judge(done.folder).status == 4
 
 
@@ -85,6 +106,7 @@ def test_a_disk_that_fills_up_in_mid_run(bench: Bench, small_disk: Callable[[int
     done = bench.run(spec, output=small_disk(4096) / "run")
     assert done.status == 4
     assert "No space left on device" in done.error
+    assert_names_the_file(done)
     judged = bench.judge(done.folder)
     assert judged.status == 4
     assert done.run().record.status == "incomplete"

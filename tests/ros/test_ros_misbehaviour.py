@@ -201,6 +201,22 @@ def test_a_node_that_floods_its_log_blocks_nobody(strange: Finished) -> None:
     assert strange.log("shouts").count("word") >= 2 * STEPS * 1000
 
 
+def test_a_second_run_with_the_same_folder_is_refused_at_once(bench: Bench) -> None:
+    quiet = spec("falls_silent", 1_000_000)
+    with bench.start(quiet) as first:
+        first.wait_for("starting player and monitor")
+        second = bench.run(relay_spec(), "--report", "json=second.json", output=first.folder)
+        done = first.finish()
+    assert second.status == 2
+    assert second.error.startswith("error[R2B651 run-folder-not-writable]")
+    assert str(first.folder) in second.error
+    # What is in the folder is the first run's: the second reports none of it.
+    assert not (bench.folder / "second.json").exists()
+    done.assert_complete()
+    assert done.run().plan.name == done.result()["name"]
+    assert [each.name for each in done.folder.iterdir() if each.name.startswith(".")] == []
+
+
 def test_two_runs_at_once_do_not_meet(bench: Bench) -> None:
     quiet = spec("falls_silent", 1_000_000)
     with bench.start(quiet) as first, bench.start(quiet) as second:

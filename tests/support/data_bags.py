@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +13,6 @@ from rosbags.typesys import Stores, get_typestore
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.digest import ContentHash
 from r2bspec.bags.recording import Message, Window
 
 STRING = "std_msgs/msg/String"
@@ -160,7 +159,6 @@ def storage_file(folder: Path) -> Path:
 
 def decoded(folder: Path, topic: str) -> list[tuple[Message, Any]]:
     """Messages of a topic of a made dataset, raw and decoded."""
-    from r2bspec.bags.bag_index import index_bag
 
     info = index_bag(folder).find(topic)
     assert info is not None
@@ -182,16 +180,3 @@ def pixels(message: Any) -> Any:
     flat = message.data.view(kind)
     shape = (message.height, message.width) + ((3,) if message.encoding == "rgb8" else ())
     return flat.reshape(shape)
-
-
-def hash_content(
-    path: Path, topics: Collection[str] | None = None, window: Window | None = None
-) -> str:
-    """Hash what a bag says, of all topics and all times unless given."""
-    index = index_bag(path)
-    wanted = list(index.topics) if topics is None else topics
-    infos = [info for name in wanted if (info := index.find(name)) is not None]
-    content = ContentHash({info.name: info.type for info in infos}, index.start_ns)
-    for message in read_messages(path, wanted, window):
-        content.add(message)
-    return content.hexdigest()

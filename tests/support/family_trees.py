@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +12,7 @@ from pathlib import Path
 import psutil
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.ipc.sessions import Session, SessionLeader
 
 _DEADLINE_S = 30.0
 
@@ -67,7 +67,7 @@ class Family:
         self._run_id = run_id
         self._program = folder / "program.py"
         self._program.write_text(_PROGRAM)
-        self._started: list[subprocess.Popen[bytes]] = []
+        self._started: list[SessionLeader] = []
         self._seen: set[int] = set()
 
     def start(self, kind: str, members: int = 1) -> list[int]:
@@ -80,10 +80,9 @@ class Family:
         """
         said = self._folder / f"said-{len(self._started)}"
         said.touch()
-        process = subprocess.Popen(
+        process = SessionLeader(
             [sys.executable, str(self._program), kind, str(said)],
             env=os.environ | {RUN_ID_VARIABLE: self._run_id},
-            start_new_session=True,
         )
         self._started.append(process)
         wait_for(lambda: len(said.read_text().split()) >= members)
@@ -92,9 +91,14 @@ class Family:
         return pids
 
     @property
-    def sessions(self) -> list[int]:
+    def sessions(self) -> list[Session]:
         """The sessions that were opened."""
-        return [process.pid for process in self._started]
+        return [process.session for process in self._started]
+
+    def collect(self) -> None:
+        """Collect what has ended, as a controller does."""
+        for process in self._started:
+            process.poll()
 
     def living(self) -> list[int]:
         """Those that still run."""

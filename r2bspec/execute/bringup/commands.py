@@ -12,6 +12,7 @@ from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_command
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor, describe_exit
 from r2bspec.plan.plan import SetupPlan
+from r2bspec.private_files import user_umask
 from r2bspec.record.run_folder import RunFolder
 
 _POLL_S = 0.05
@@ -46,6 +47,8 @@ def run_setup_step(
             environment.for_node(plan.env),
             cwd=base_dir / plan.directory,
             log=folder.log_path(f"setup.{plan.name}"),
+            # What it makes is the user's, and stays.
+            umask=user_umask(),
         )
         wait_for_exit(child, supervisor, plan.timeout_ns / 1e9)
         if created is not None and not created.exists():

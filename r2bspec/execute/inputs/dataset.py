@@ -40,6 +40,8 @@ def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> Res
             progress=progress.step,
         )
         path, digest = made.path, made.content_sha256
+        if made.damaged:
+            progress.note(f"the dataset {plan.source} in the cache was damaged; it was made anew")
     else:
         path = location.path
         digest = hash_files(path)

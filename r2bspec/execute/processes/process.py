@@ -6,7 +6,6 @@ import contextlib
 import os
 import signal
 import socket
-import subprocess
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 import msgspec
 
 from r2bspec.ipc import protocol
+from r2bspec.ipc.sessions import Session, SessionLeader
 
 _SEND_TIMEOUT_S = 10.0
 _LOG_TAIL_LINES = 12
@@ -41,7 +41,7 @@ class ManagedProcess:
         self,
         name: str,
         role: str,
-        process: subprocess.Popen[bytes],
+        process: SessionLeader,
         log: Path,
         connection: socket.socket | None,
         redact: Callable[[str], str] = str,
@@ -67,6 +67,11 @@ class ManagedProcess:
     def is_running(self) -> bool:
         """Whether it has not exited yet."""
         return self.process.poll() is None
+
+    @property
+    def session(self) -> Session:
+        """The session that it opened."""
+        return self.process.session
 
     def send(self, message: Any) -> None:
         """Send a command; errors are ignored, because `pump` detects an exited or blocked child."""
@@ -109,7 +114,10 @@ class ManagedProcess:
             self.signal(signal.SIGTERM)
 
     def signal(self, which: signal.Signals) -> None:
-        """Send a signal to its whole process group."""
+        """Send a signal to its whole process group, unless it has ended and been collected."""
+        if not self.is_running:
+            # Its number may be that of another group by now.
+            return
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, which)
 

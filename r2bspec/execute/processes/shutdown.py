@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from r2bspec.execute.processes.process import ManagedProcess
+from r2bspec.ipc.process_cleanup import kill_process_groups
 
 MAX_EXIT_S = 10.0
 """How long a process may take to exit after the request."""
@@ -41,9 +42,8 @@ def end_sequentially(
     _wait_for(processes, time.monotonic() + MAX_SIGTERM_S, on_poll)
     killed = _signal_all(processes, signal.SIGKILL)
     _wait_for(processes, time.monotonic() + _MAX_SIGKILL_S, on_poll)
-    for child in processes:
-        # Grandchildren in the group that outlived their parent.
-        child.signal(signal.SIGKILL)
+    # Grandchildren in the group that outlived their parent.
+    kill_process_groups([child.session for child in processes])
     return killed
 
 

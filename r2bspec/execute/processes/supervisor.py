@@ -19,11 +19,15 @@ from typing import Any, TypeVar
 
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
 from r2bspec.execute.processes.process import ManagedProcess, describe_exit
-from r2bspec.execute.processes.process_logs import LogLimiter
+from r2bspec.execute.processes.process_logs import LogLimiter, open_log
+from r2bspec.execute.processes.shared_memory_modes import SharedMemoryModes
 from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
 from r2bspec.ipc import protocol
-from r2bspec.ipc.process_cleanup import clean_up
+from r2bspec.ipc.disk_errors import is_refusal
+from r2bspec.ipc.process_cleanup import clean_up, run_processes
+from r2bspec.ipc.sessions import SessionLeader
 from r2bspec.middleware.rmw_registry import middleware_of
+from r2bspec.private_files import PRIVATE_UMASK
 from r2bspec.record.run_record import ProcessRecord
 
 __all__ = ["ManagedProcess", "ProcessSupervisor", "describe_exit"]
@@ -58,6 +62,7 @@ class ProcessSupervisor:
         self._all: list[ManagedProcess] = []
         self._killed: list[str] = []
         self._logs = LogLimiter()
+        self._shared_memory = SharedMemoryModes(self.pids)
         self._began_s = time.time()
         # It inherits the environment of the controller: the watchdog is not part of the run.
         self._watchdog = subprocess.Popen(
@@ -86,14 +91,16 @@ class ProcessSupervisor:
         cwd: Path,
         log: Path,
         parts: Iterable[str] = (),
+        umask: int = PRIVATE_UMASK,
     ) -> ManagedProcess:
         """Start a process in its own session, with its output in `log`.
 
         It has a control channel, and one more for each of its `parts`, unless it is not part of
-        r2bspec.
+        r2bspec. By its `umask`, other users cannot read the shared memory of its middleware.
 
         Raises:
             NotInstalledError: the program does not exist, or may not be executed.
+            OSError: the log cannot be written.
         """
         command = list(argv)
         self._logs.watch(log.parent)
@@ -104,20 +111,23 @@ class ProcessSupervisor:
             protocol.control_variable(part): str(each.fileno()) for part, each in theirs.items()
         }
         try:
-            with log.open("ab") as output:
-                process = subprocess.Popen(
+            with open_log(log) as output:
+                process = SessionLeader(
                     command,
                     cwd=cwd,
                     env=env,
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,
-                    start_new_session=True,
                     pass_fds=[each.fileno() for each in theirs.values()],
+                    umask=umask,
                 )
         except OSError as error:
             for ours, _ in channels.values():
                 ours.close()
+            if error.filename == str(log) or is_refusal(error):
+                # It is not the program that is missing: the log cannot be written.
+                raise
             raise NotInstalledError(
                 f"process {name} cannot be started: {command[0]}: {error.strerror or error}",
                 hint="Check the command in the spec, and that it is installed on this machine.",
@@ -126,7 +136,7 @@ class ProcessSupervisor:
         finally:
             for each in theirs.values():
                 each.close()
-        self._notify_watchdog(f"session {process.pid}\n")
+        self._notify_watchdog(f"session {process.pid} {process.session.started}\n")
         child = ManagedProcess(name, role, process, log, None, self._redact)
         for part, (ours, _) in channels.items():
             endpoint = child
@@ -160,6 +170,7 @@ class ProcessSupervisor:
             for endpoint in (child, *child.parts.values()):
                 self._raise_failure(endpoint)
         self._logs.truncate_large()
+        self._shared_memory.make_private()
         for child in list(self._running.values()):
             if child.process.poll() is not None and not child.exit_expected:
                 self._raise_exit(child)
@@ -252,7 +263,7 @@ class ProcessSupervisor:
     def close(self) -> list[str]:
         """End all processes and clean up. Returns the names of processes that had to be killed."""
         self.end(list(self._running.values()))
-        sessions = [child.pid for child in self._all]
+        sessions = [child.session for child in self._all]
         self._killed += clean_up(
             self._run_id, sessions, grace_s=MAX_SIGTERM_S, since_s=self._began_s - 1.0
         )
@@ -271,6 +282,12 @@ class ProcessSupervisor:
         """The logs that were truncated."""
         return self._logs.truncated
 
+    def pids(self) -> frozenset[int]:
+        """The processes of the run: those that were started, and all others that run now."""
+        started = {child.pid for child in self._all}
+        living = run_processes(self._run_id, [child.session for child in self._all])
+        return frozenset(started | {each.pid for each in living})
+
     def records(self) -> tuple[ProcessRecord, ...]:
         """Every process that was started, with its exit status."""
         return tuple(
@@ -282,6 +299,9 @@ class ProcessSupervisor:
 
     def _forget(self, child: ManagedProcess) -> None:
         del self._running[child.name]
+        session = child.session
+        if session.held is not None:
+            self._notify_watchdog(f"collected {session.pid} {session.held}\n")
         for endpoint in (child, *child.parts.values()):
             if endpoint.connection is not None:
                 with contextlib.suppress(KeyError, ValueError):

@@ -19,7 +19,6 @@ from data_bags import (
     START_NS,
     STRING,
     chatter,
-    hash_content,
     split_bag,
     storage_file,
     text,
@@ -29,7 +28,7 @@ from data_bags import (
 )
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.digest import hash_files
+from r2bspec.bags.digest import hash_content, hash_files
 from r2bspec.bags.errors import DataError
 from r2bspec.bags.recording import Window
 from r2bspec.bags.verification import verify

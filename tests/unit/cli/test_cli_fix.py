@@ -68,6 +68,25 @@ def test_fix_follows_a_link_and_keeps_it(spec: Path) -> None:
     assert spec.read_bytes().decode() == REPAIRED
 
 
+@pytest.mark.parametrize("name", ["elsewhere/c.r2b.yaml", "step.r2b.yaml"])
+def test_fix_does_not_write_through_a_link_to_another_folder(
+    spec: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    target = Path("elsewhere/c.r2b.yaml")
+    target.parent.mkdir()
+    target.write_bytes(BROKEN.encode())
+    # The second link is in the folder, and leads on.
+    Path("step.r2b.yaml").symlink_to(target)
+    link = Path("b.r2b.yaml")
+    link.symlink_to(name)
+    assert validate("--fix", str(link)) == 2
+    assert target.read_bytes() == BROKEN.encode()
+    assert link.is_symlink()
+    error = capsys.readouterr().err
+    assert "is a link to" in error
+    assert "in another folder" in error
+
+
 def test_fix_keeps_a_byte_order_mark(spec: Path) -> None:
     spec.write_bytes(b"\xef\xbb\xbf" + BROKEN.encode())
     assert validate("--fix", str(spec)) == 0

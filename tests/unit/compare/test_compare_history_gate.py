@@ -48,6 +48,7 @@ class Machine:
         def make(folder: RunFolder, plan: Plan) -> Result:
             self.made += 1
             simulation = next(coming)
+            folder.release()
             folder.path.rmdir()
             simulation.write(folder.path)
             record = open_run(folder.path).record

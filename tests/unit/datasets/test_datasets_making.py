@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import textwrap
@@ -14,12 +15,13 @@ from pathlib import Path
 
 import pytest
 
-from data_bags import hash_content
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
+from r2bspec.bags.digest import hash_content
 from r2bspec.bags.errors import DataError
 from r2bspec.bags.recording import SyntheticDataset, Window
 from r2bspec.bags.verification import verify
+from r2bspec.datasets import entry_check
 from r2bspec.datasets.synthesis import GENERATOR_VERSION, make
 
 TOPICS = ["/d455_1_imu", "/d455_1_left_ir_image"]
@@ -229,6 +231,81 @@ def test_a_damaged_entry_is_made_anew(small: SyntheticDataset, tmp_path: Path) -
     assert again.content_sha256 == small.content_sha256
     assert entries(tmp_path) == [small.path.name]
     assert verify(again.path) == []
+
+
+def flip(path: Path, place: float, *, keep_time: bool = False) -> None:
+    """Change one bit of a file in place; its size stays."""
+    before = path.stat()
+    with path.open("r+b") as file:
+        file.seek(int(place * before.st_size))
+        byte = file.read(1)[0]
+        file.seek(-1, os.SEEK_CUR)
+        file.write(bytes([byte ^ 1]))
+    if keep_time:
+        os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+@pytest.mark.parametrize("known", [False, True], ids=["new", "found-intact-before"])
+@pytest.mark.parametrize("keep_time", [False, True])
+def test_a_message_that_was_changed_in_the_cache_is_never_used(
+    small: SyntheticDataset, tmp_path: Path, known: bool, keep_time: bool
+) -> None:
+    entry = tmp_path / small.path.name
+    shutil.copytree(small.path, entry)
+    if known:
+        assert not make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path).made
+    (storage,) = entry.glob("*.db3")
+    # Most of the file is messages.
+    flip(storage, 0.7, keep_time=keep_time)
+    again = make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path)
+    assert again.made
+    assert again.damaged
+    assert hash_content(again.path) == small.content_sha256 == again.content_sha256
+
+
+def test_a_record_that_was_changed_with_the_messages_unknown_to_the_cache_is_found(
+    small: SyntheticDataset, tmp_path: Path
+) -> None:
+    entry = tmp_path / small.path.name
+    shutil.copytree(small.path, entry)
+    text = (entry / "dataset.json").read_text()
+    (entry / "dataset.json").write_text(text.replace(small.content_sha256, "0" * 64))
+    again = make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path)
+    assert again.damaged
+    assert again.content_sha256 == small.content_sha256
+
+
+def test_an_unchanged_dataset_is_hashed_once_for_all_processes(
+    small: SyntheticDataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(small.path, tmp_path / small.path.name)
+    hashed: list[Path] = []
+
+    def count(path: Path) -> str:
+        hashed.append(path)
+        return hash_content(path)
+
+    monkeypatch.setattr(entry_check, "hash_content", count)
+    for _ in range(3):
+        assert not make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path).made
+    assert hashed == [tmp_path / small.path.name]
+    # What was remembered is the user's own, and only that is believed.
+    (memory,) = (tmp_path / entry_check.CHECKED_FOLDER).iterdir()
+    assert stat.S_IMODE(memory.stat().st_mode) == 0o600
+    content = memory.read_bytes()
+    memory.unlink()
+    (tmp_path / "elsewhere").write_bytes(content)
+    memory.symlink_to(tmp_path / "elsewhere")
+    make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path)
+    assert len(hashed) == 2
+
+
+def test_a_made_dataset_is_not_for_other_users(tmp_path: Path) -> None:
+    root = tmp_path / "cache" / "datasets"
+    made = make("r2b_storage", ["/d455_1_imu"], Window(end_ns=20_000_000), cache_dir=root)
+    assert stat.S_IMODE(made.path.stat().st_mode) == 0o700
+    assert {stat.S_IMODE(each.stat().st_mode) for each in made.path.iterdir()} == {0o600}
+    assert stat.S_IMODE(root.stat().st_mode) == 0o700
 
 
 def test_a_window_may_hold_no_message(tmp_path: Path) -> None:

@@ -46,12 +46,14 @@ def process(
     name: str = "python3",
     run_id: str = "",
     session: int = 0,
+    started: int = 1000,
 ) -> None:
     """Show a process the way /proc does."""
     folder = system.proc / str(pid)
     folder.mkdir()
     (folder / "stat").write_text(
-        f"{pid} ({name}) {state} {parent} {pid} {session or pid} 0 -1 4194304 1 0 0 0\n"
+        f"{pid} ({name}) {state} {parent} {pid} {session or pid} 0 -1 4194304 "
+        f"1 0 0 0 0 0 0 0 20 0 1 0 {started}\n"
     )
     (folder / "cmdline").write_bytes("\0".join([*argv, ""]).encode())
     variables = ["PATH=/bin", *([f"{RUN_ID_VARIABLE}={run_id}"] if run_id else [])]
@@ -107,6 +109,28 @@ def test_names_with_parentheses_and_vanished_processes_do_not_confuse(system: Sy
     (system.proc / "999").mkdir()
     assert orphans(system) == [102]
     assert find_runs(system).orphans[0].parent == 1
+
+
+def test_processes_of_another_user_are_not_ours_to_end(
+    system: System, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process(system, 102, "player", run_id="dead")
+    assert orphans(system) == [102]
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    assert orphans(system) == []
+
+
+def test_a_number_that_another_program_has_by_now_is_not_ended(
+    system: System, tmp_path: Path
+) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", "import time; time.sleep(600)"], start_new_session=True
+    ) as other:
+        # It was an orphan of a run when the doctor looked, and is another program now.
+        process(system, other.pid, "node", run_id="dead")
+        clean(system, tmp_path / "cache")
+        assert other.poll() is None
+        other.kill()
 
 
 def test_the_run_that_the_doctor_is_part_of_lives(system: System) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import stat
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from r2bspec.execute.processes import process_logs
-from r2bspec.execute.processes.process_logs import LogLimiter
+from r2bspec.execute.processes.process_logs import LogLimiter, open_log
 
 LIMIT, HEAD, TAIL = 4000, 500, 1000
 
@@ -88,3 +91,62 @@ def test_a_log_that_is_gone_or_no_file_disturbs_nobody(tmp_path: Path) -> None:
     kept.watch(tmp_path / "never made")
     kept.truncate_large()
     assert kept.truncated == []
+
+
+@pytest.mark.parametrize("kind", ["symlink", "hard link", "folder"])
+def test_a_link_to_a_file_elsewhere_does_not_get_it_cut(tmp_path: Path, kind: str) -> None:
+    elsewhere = tmp_path / "elsewhere" / "data.bin"
+    elsewhere.parent.mkdir()
+    elsewhere.write_bytes(lines(0, 2000))
+    logs = tmp_path / "logs"
+    if kind == "folder":
+        logs.mkdir()
+        (logs / "ros").symlink_to(elsewhere.parent)
+    else:
+        logs.mkdir()
+        link = logs / "node.log"
+        if kind == "symlink":
+            link.symlink_to(elsewhere)
+        else:
+            link.hardlink_to(elsewhere)
+    kept = LogLimiter()
+    kept.watch(logs)
+    kept.truncate_large()
+    assert elsewhere.read_bytes() == lines(0, 2000)
+    assert kept.truncated == []
+
+
+def test_a_log_that_was_replaced_by_a_link_while_it_was_looked_at_is_not_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elsewhere, log = tmp_path / "data.bin", tmp_path / "logs" / "node.log"
+    log.parent.mkdir()
+    for each in (elsewhere, log):
+        each.write_bytes(lines(0, 2000))
+    look = os.stat
+
+    def look_and_replace(*args: Any, **settings: Any) -> os.stat_result:
+        found = look(*args, **settings)
+        if args[0] == log.name:
+            log.unlink()
+            log.symlink_to(elsewhere)
+        return found
+
+    kept = LogLimiter()
+    kept.watch(log.parent)
+    monkeypatch.setattr(os, "stat", look_and_replace)
+    kept.truncate_large()
+    monkeypatch.undo()
+    assert log.is_symlink()
+    assert elsewhere.read_bytes() == lines(0, 2000)
+
+
+def test_a_log_is_not_opened_through_a_link_and_is_not_for_others(tmp_path: Path) -> None:
+    log = tmp_path / "node.log"
+    log.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OSError, match="symbolic links"):
+        open_log(log)
+    assert not (tmp_path / "elsewhere").exists()
+    log.unlink()
+    open_log(log).close()
+    assert stat.S_IMODE(log.stat().st_mode) == 0o600

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import pytest
 
 from r2bspec.execute.processes.process import ManagedProcess
 from r2bspec.execute.processes.redaction import make_redactor
+from r2bspec.ipc.sessions import SessionLeader
 
 ENVIRON = {
     "API_TOKEN": "abc.+(123",
@@ -61,6 +61,6 @@ def test_a_log_is_redacted_before_it_is_cut(tmp_path: Path) -> None:
     log = tmp_path / "node.log"
     log.write_text(f"{secret}\nended\n")
     redact = make_redactor(["A_KEY"], {"A_KEY": secret})
-    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
+    with SessionLeader([sys.executable, "-c", ""]) as ended:
         process = ManagedProcess("node", "host", ended, log, None, redact)
     assert process.log_tail() == "***\nended"

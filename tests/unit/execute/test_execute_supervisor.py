@@ -113,7 +113,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     make_impatient(monkeypatch)
     if found.children._watchdog.poll() is None:
         found.children.close()
-    assert run_processes(found.run_id, [record.pid for record in found.children.records()]) == []
+    assert run_processes(found.run_id, [each.session for each in found.children._all]) == []
     assert found.children._watchdog.poll() is not None
     assert open_files() == before
 

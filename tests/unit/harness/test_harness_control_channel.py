@@ -80,6 +80,7 @@ COMMANDS: list[protocol.Command] = [
     protocol.CountMatches(),
     protocol.Discover(topics=("/a", "/b")),
     protocol.Survey(),
+    protocol.ListForeign(),
     protocol.Load(max_output_gap_ns=5_000_000_000),
     protocol.Play(rate_hz=29.97, steps=100),
     protocol.Stop(),
@@ -96,6 +97,13 @@ REPLIES: list[protocol.Reply] = [
     protocol.Matched(counts={"/a": 0, "/b": 2}),
     protocol.Discovered(writers={"/a": (ENDPOINT,)}, readers={"/a": ()}),
     protocol.Surveyed(nodes=("/r2b/relay",), services=()),
+    protocol.ForeignPublishers(
+        publishers=(
+            protocol.ForeignPublisher(
+                topic="/a", node="/other", gid="010f", processes=("node (7) of user other",)
+            ),
+        )
+    ),
     protocol.Called(),
     protocol.Composed(nodes=("/r2b/relay",)),
     protocol.Loaded(published={"/a": 3}, recorded={"/b": 2}),

@@ -67,7 +67,7 @@ def test_the_end_of_the_controller_ends_the_run_and_its_scratch(
     people.start("plain")
     people.start("parent-of-stubborn-stranger", 2)
     people.start("parent-of-nameless", 2)
-    tell(watchdog, *(f"session {each}" for each in people.sessions))
+    tell(watchdog, *(f"session {each.pid} {each.started}" for each in people.sessions))
     assert hang_up(watchdog) == 0
     assert people.living() == []
     assert not scratch.exists()
@@ -82,11 +82,30 @@ def test_a_process_whose_session_it_was_never_told_is_found_by_its_id(
     assert people.living() == []
 
 
+def test_a_session_whose_number_was_used_again_is_left_alone(
+    watchdog: subprocess.Popen[str], people: Family, tmp_path: Path
+) -> None:
+    (tmp_path / "others").mkdir()
+    with family(tmp_path / "others", secrets.token_hex(8)) as others:
+        pids = others.start("plain")
+        (session,) = others.sessions
+        tell(
+            watchdog,
+            f"session {session.pid} {session.started - 1}",
+            f"collected {session.pid} {session.started}",
+        )
+        people.start("plain")
+        assert hang_up(watchdog) == 0
+        assert people.living() == []
+        assert others.living() == pids
+
+
 def test_after_done_it_does_nothing(
     watchdog: subprocess.Popen[str], people: Family, scratch: Path
 ) -> None:
     pids = people.start("plain")
-    tell(watchdog, f"session {people.sessions[0]}", "done")
+    (session,) = people.sessions
+    tell(watchdog, f"session {session.pid} {session.started}", "done")
     assert hang_up(watchdog) == 0
     assert people.living() == pids
     assert scratch.exists()
@@ -96,7 +115,7 @@ def test_signals_for_the_controller_do_not_end_it(
     watchdog: subprocess.Popen[str], people: Family
 ) -> None:
     people.start("plain")
-    tell(watchdog, "session 1234567")
+    tell(watchdog, "session 1234567 1")
     # Its first line can be written before it has set its handlers; a second look is enough.
     wait_for_handlers(watchdog.pid)
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

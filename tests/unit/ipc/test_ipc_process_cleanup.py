@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,9 +12,16 @@ from pathlib import Path
 
 import pytest
 
-from family_trees import Family, family
-from r2bspec.ipc.process_cleanup import clean_up, end_run_processes, run_processes
+from family_trees import Family, family, wait_for
+from r2bspec.execute.processes.process import ManagedProcess
+from r2bspec.ipc.process_cleanup import (
+    clean_up,
+    end_run_processes,
+    kill_process_groups,
+    run_processes,
+)
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.ipc.sessions import Session, SessionLeader, now_ticks, start_ticks
 from r2bspec.middleware import fast_dds_shm_files
 
 
@@ -85,10 +93,48 @@ def test_other_runs_are_left_alone(tmp_path: Path, people: Family, run_id: str) 
         assert others.living() == sorted(theirs)
 
 
+@pytest.mark.parametrize("kind", ["plain", "parent-of-nameless", "gone-parent-of-nameless"])
+def test_a_session_that_was_opened_after_the_runs_own_was_gone_is_left_alone(
+    people: Family, kind: str
+) -> None:
+    pids = people.start(kind, 2 if kind.startswith("parent") else 1)
+    people.collect()
+    (later,) = people.sessions
+    # The run once had a session of this number; its first process was collected before.
+    before = Session(later.pid, started=later.started - 2, held=later.started - 1)
+    assert run_processes("a run of long ago", [before]) == []
+    assert end_run_processes("a run of long ago", [before], grace_s=0.1) == []
+    kill_process_groups([before])
+    assert people.living() == sorted(pids)
+
+
+def test_who_was_there_before_the_first_process_was_collected_is_of_the_run(
+    people: Family,
+) -> None:
+    (pid,) = people.start("gone-parent-of-nameless")
+    # Clock ticks are coarse.
+    wait_for(lambda: now_ticks() > (start_ticks(pid) or 0) + 1)
+    people.collect()
+    (session,) = people.sessions
+    assert session.held is not None
+    assert start_ticks(session.pid) is None
+    assert [each.pid for each in run_processes("", [session])] == [pid]
+
+
+def test_the_group_of_a_process_that_was_collected_is_not_signalled(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    process = SessionLeader([sys.executable, "-c", ""])
+    process.wait(60.0)
+    monkeypatch.setattr(os, "killpg", lambda *_: pytest.fail("its number may be another's"))
+    ManagedProcess("node", "host", process, tmp_path / "log", None).signal(signal.SIGKILL)
+
+
 def test_the_calling_process_is_no_member(run_id: str) -> None:
     program = (
         "import os, sys; from r2bspec.ipc.process_cleanup import run_processes; "
-        "print([each.pid for each in run_processes(sys.argv[1], [os.getsid(0)]) "
+        "from r2bspec.ipc.sessions import Session; "
+        "print([each.pid for each in run_processes(sys.argv[1], [Session.of(os.getsid(0))]) "
         "if each.pid == os.getpid()])"
     )
     environment = os.environ | {RUN_ID_VARIABLE: run_id}
@@ -99,11 +145,11 @@ def test_the_calling_process_is_no_member(run_id: str) -> None:
 
 
 def test_a_zombie_is_no_member(run_id: str) -> None:
-    process = subprocess.Popen([sys.executable, "-c", ""], start_new_session=True)
+    process = SessionLeader([sys.executable, "-c", ""])
     os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
     try:
-        assert run_processes(run_id, [process.pid]) == []
-        assert end_run_processes(run_id, [process.pid], grace_s=30.0) == []
+        assert run_processes(run_id, [process.session]) == []
+        assert end_run_processes(run_id, [process.session], grace_s=30.0) == []
     finally:
         process.wait()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -145,3 +146,19 @@ def test_a_reader_sees_only_whole_rows_of_a_writer_that_is_killed(tmp_path: Path
     rows = reader.read()
     assert rows.size == reader.count() >= seen
     assert np.array_equal(rows["b"], 2 * np.arange(rows.size))
+
+
+def test_a_disk_without_room_is_named_with_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer = RowWriter(tmp_path / "rows", width=1, capacity=1)
+    writer.append(1)
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", refuse)
+    with pytest.raises(OSError, match="No space left") as raised:
+        writer.append(2)
+    assert raised.value.filename == str(tmp_path / "rows")
+    writer.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import mmap
 import os
+import stat
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +13,13 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.middleware.fast_dds_shm_files import dead_shm_files, remove_dead_shm_files, shm_files
+from r2bspec.middleware.fast_dds_shm_files import (
+    dead_shm_files,
+    make_shm_files_private,
+    readable_shm_files,
+    remove_dead_shm_files,
+    shm_files,
+)
 
 
 @pytest.fixture
@@ -133,3 +140,24 @@ def test_segments_lists_the_middlewares_files_whoever_owns_them(memory: Path) ->
     make(memory, "fastrtps_0123")
     (memory / "lttng-ust-wait-6").touch()
     assert shm_files(memory) == ["fastrtps_0123", "fastrtps_0123_el", "sem.fastrtps_0123_mutex"]
+
+
+def test_only_segments_that_these_processes_map_are_made_private(tmp_path: Path) -> None:
+    memory, proc = tmp_path / "shm", tmp_path / "proc"
+    for folder in (memory, proc / "7"):
+        folder.mkdir(parents=True)
+    elsewhere = tmp_path / "elsewhere"
+    for each in (memory / "fastrtps_mine", memory / "fastrtps_other", elsewhere):
+        each.touch()
+        each.chmod(0o644)
+    (memory / "fastrtps_link").symlink_to(elsewhere)
+    names = ("mine", "link", "gone")
+    (proc / "7" / "maps").write_text(
+        "".join(f"7f00-7f10 rw-s 0 00:1 42   {memory}/fastrtps_{each}\n" for each in names)
+    )
+    assert readable_shm_files(memory) == ["fastrtps_mine", "fastrtps_other"]
+    make_shm_files_private([7, 8], memory, proc)
+    assert stat.S_IMODE((memory / "fastrtps_mine").stat().st_mode) == 0o600
+    assert stat.S_IMODE((memory / "fastrtps_other").stat().st_mode) == 0o644
+    assert stat.S_IMODE(elsewhere.stat().st_mode) == 0o644
+    assert readable_shm_files(memory) == ["fastrtps_other"]
