@@ -104,6 +104,12 @@ def main(argv: list[str] | None = None) -> int:
         # interpreter must not try to flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitStatus.OUTPUT_CLOSED
+    except Exception as error:
+        # Not what was asked: no exit status that says something of a spec or a run may come of it.
+        from r2bspec.cli.internal_error import Crash, InternalError
+
+        _show(crash := InternalError(Crash.of(error)))
+        return crash.exit_code
     return status if isinstance(status, int) else ExitStatus.OK
 
 
