@@ -17,6 +17,7 @@ from r2bspec.cli.shared_options import (
 )
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
@@ -83,7 +84,7 @@ def command(
     found = compute_calibration(pairs)
     path = store_calibration(spec, pairs, found)
     _show(found, prepared.plan.name, pairs)
-    click.echo(f"kept in {path}", err=True)
+    echo(f"kept in {path}", err=True)
     _propose(selection, prepared, found, write=write)
     return ExitStatus.OK
 
@@ -115,9 +116,9 @@ def _show(found: Calibration, name: str, pairs: PairedComparison) -> None:
     """Print the noise: a line for each metric, the smallest change by the number of pairs."""
     from r2bspec.measure.units import show
 
-    click.echo(f"{name} on {found.machine}")
+    echo(f"{name} on {found.machine}")
     used = len(pairs.usable_pairs())
-    click.echo(
+    echo(
         f"{used} pairs of the graph with itself, at {show(found.confidence, 'share')} confidence; "
         "the smallest change that is found nine times in ten, by the number of pairs"
     )
@@ -138,9 +139,9 @@ def _show(found: Calibration, name: str, pairs: PairedComparison) -> None:
     for row in rows:
         cells = [row[0].ljust(widths[0])]
         cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
-        click.echo("  ".join(cells).rstrip())
+        echo("  ".join(cells).rstrip())
     if any(one.biased for one in found.metrics):
-        click.echo(
+        echo(
             "biased: the second side of a pair differs from the first, which noise alone does in "
             "one of ten metrics",
             err=True,
@@ -169,14 +170,14 @@ def _propose(
         return
     after, notes = propose_limits(prepared.loaded, found, before)
     for each in notes:
-        click.echo(each, err=True)
+        echo(each, err=True)
     if after == before:
         if not notes:
-            click.echo("every margin can be held: nothing is proposed", err=True)
+            echo("every margin can be held: nothing is proposed", err=True)
     elif write:
         write_text(file, after)
-        click.echo(f"{file} was changed", err=True)
+        echo(f"{file} was changed", err=True)
     else:
-        click.echo()
-        click.echo(unified_diff(before, after, file), nl=False)
-        click.echo("--write makes this change", err=True)
+        echo()
+        echo(unified_diff(before, after, file), nl=False)
+        echo("--write makes this change", err=True)

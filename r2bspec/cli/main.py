@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import io
 import keyword
 import os
 import signal
@@ -17,8 +18,10 @@ from collections.abc import Iterator
 import click
 
 from r2bspec._version import __version__
+from r2bspec.diagnostics.plain_text import plain
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus, exit_status_text
+from r2bspec.report.output import echo
 
 _VERBS = {
     "init": "Write a commented spec to begin with.",
@@ -85,6 +88,10 @@ def command() -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # What the encoding of a terminal lacks shows as a question mark, not as a crash.
+            stream.reconfigure(errors="replace")
     try:
         with _interruptible():
             status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
@@ -92,10 +99,12 @@ def main(argv: list[str] | None = None) -> int:
         _show(error)
         return error.exit_code
     except (click.exceptions.Abort, KeyboardInterrupt):
-        click.echo("interrupted", err=True)
+        echo("interrupted", err=True)
         return ExitStatus.INTERRUPTED
     except click.ClickException as error:
-        error.show()
+        shown = io.StringIO()
+        error.show(file=shown)
+        echo(shown.getvalue(), err=True, nl=False)
         return ExitStatus.USAGE
     except click.exceptions.Exit as error:
         return error.exit_code
@@ -132,6 +141,7 @@ def _show(error: R2bspecError) -> None:
 
     colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
     label = f"error[{code_with_slug(error.code)}]"
-    click.echo(f"{click.style(label, fg='red', bold=True) if colour else label}: {error}", err=True)
+    shown = click.style(label, fg="red", bold=True) if colour else label
+    echo(f"{shown}: {plain(str(error))}", err=True, styled=colour)
     if error.hint:
-        click.echo(f"  help: {error.hint}", err=True)
+        echo(f"  help: {error.hint}", err=True)

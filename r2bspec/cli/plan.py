@@ -15,6 +15,7 @@ from r2bspec.cli.shared_options import (
     variables_option,
 )
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -88,7 +89,7 @@ def command(
         differences = diff_plans(_plan(other, allow_paths=allow_paths), plan)
         _write("".join(f"{each}\n" for each in differences).encode(), output)
         return ExitStatus.FINDINGS_OR_FAILED if differences else ExitStatus.OK
-    _write(_render(plan, graph), output)
+    _write(_render(plan, graph), output, is_json=graph is None)
     return ExitStatus.OK
 
 
@@ -139,9 +140,12 @@ def _render(plan: Plan, graph: str | None) -> bytes:
     return canonical_json(plan)
 
 
-def _write(content: bytes, output: Path | None) -> None:
+def _write(content: bytes, output: Path | None, *, is_json: bool = False) -> None:
     if output is None:
-        click.echo(content, nl=False)
+        if is_json:
+            echo_document(content, nl=False)
+        else:
+            echo(content.decode(), nl=False)
         return
     from r2bspec.record.atomic_files import write_atomically
 
