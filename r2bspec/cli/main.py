@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
 import io
 import keyword
@@ -19,7 +20,7 @@ import click
 
 from r2bspec._version import __version__
 from r2bspec.diagnostics.plain_text import plain
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.exit_status import ExitStatus, exit_status_text
 from r2bspec.report.output import echo
 
@@ -41,6 +42,10 @@ _VERBS = {
     "schema": "Print a JSON Schema.",
 }
 """Each verb and its line in the help, so that listing them imports none."""
+
+
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
+"""No fault of r2bspec: the file system has no room."""
 
 
 class _Verbs(click.Group):
@@ -111,15 +116,25 @@ def main(argv: list[str] | None = None) -> int:
     except BrokenPipeError:
         # The reader of our output has gone, as `head` does: nothing is left to say, and the
         # interpreter must not try to flush at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         return ExitStatus.OUTPUT_CLOSED
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in _FULL:
+            _discard_output()
+            what = error.filename or "the output"
+            _show(full := UsageError(f"{what} cannot be written: {error.strerror}", code="R2B651"))
+            return full.exit_code
         # Not what was asked: no exit status that says something of a spec or a run may come of it.
         from r2bspec.cli.internal_error import Crash, InternalError
 
         _show(crash := InternalError(Crash.of(error)))
         return crash.exit_code
     return status if isinstance(status, int) else ExitStatus.OK
+
+
+def _discard_output() -> None:
+    """Let the flush at the exit of the interpreter succeed."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextlib.contextmanager

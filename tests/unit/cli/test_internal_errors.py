@@ -252,3 +252,18 @@ def test_the_place_is_the_last_line_of_the_package() -> None:
     crash = Crash.of(caught.value, "while testing")
     assert re.fullmatch(r"cli/worker_processes\.py:\d+", crash.place)
     assert "while testing; report it" in str(InternalError(crash))
+
+
+def test_an_output_without_room_is_no_internal_error() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "r2bspec", "explain", "R2B690"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error[R2B651 ")
+    assert line.endswith("the output cannot be written: No space left on device")
+    assert done.returncode == ExitStatus.USAGE
