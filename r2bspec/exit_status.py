@@ -26,6 +26,7 @@ class ExitStatus(IntEnum):
     USAGE = 2, "wrong usage, or an input or installation that cannot be used"
     INCONCLUSIVE = 3, "inconclusive"
     RUN_FAILED = 4, "the run itself failed or is invalid, safe to retry"
+    INTERNAL_ERROR = 70, "r2bspec itself failed, with a traceback in a file: please report it"
     INTERRUPTED = 130, "interrupted"
     OUTPUT_CLOSED = 141, "the program that read the output has ended"
 

@@ -56,19 +56,21 @@ def top_level_names(source: Path) -> frozenset[str] | None:
 
 def _bound_names(body: list[ast.stmt]) -> Iterator[str]:
     """The names that statements bind, including those in ``if``, ``try`` and ``with``."""
-    for statement in body:
-        match statement:
+    # Without recursion: each `elif` is one level deeper than the one before.
+    waiting: list[ast.AST] = list(body)
+    while waiting:
+        match statement := waiting.pop():
             case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef():
                 yield statement.name
             case ast.Import() | ast.ImportFrom():
                 for alias in statement.names:
                     yield (alias.asname or alias.name).partition(".")[0]
+            case ast.ExceptHandler():
+                waiting.extend(statement.body)
             case _:
                 for part in ast.iter_child_nodes(statement):
-                    if isinstance(part, ast.stmt):
-                        yield from _bound_names([part])
-                    elif isinstance(part, ast.ExceptHandler):
-                        yield from _bound_names(part.body)
+                    if isinstance(part, ast.stmt | ast.ExceptHandler):
+                        waiting.append(part)
                     else:
                         yield from _assigned_names(part)
 

@@ -11,6 +11,7 @@ import click
 from r2bspec.cli.shared_options import SpecValues, spec_options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
@@ -71,7 +72,7 @@ def command(
     found = compute_calibration(pairs)
     path = store_calibration(spec, pairs, found)
     _show(found, prepared.plan.name, pairs)
-    click.echo(f"stored in {path}", err=True)
+    echo(f"stored in {path}", err=True)
     _propose(selection, prepared, found, write=write)
     return ExitStatus.OK
 
@@ -103,9 +104,9 @@ def _show(found: Calibration, name: str, pairs: PairedComparison) -> None:
     """Print the noise: a line for each metric, the smallest change by the number of pairs."""
     from r2bspec.measure.units import show
 
-    click.echo(f"{name} on {found.machine}")
+    echo(f"{name} on {found.machine}")
     used = len(pairs.usable_pairs())
-    click.echo(
+    echo(
         f"{used} pairs of the graph with itself, at {show(found.confidence, 'share')} confidence; "
         "smallest change detected with 90 % probability, by the number of pairs"
     )
@@ -126,9 +127,9 @@ def _show(found: Calibration, name: str, pairs: PairedComparison) -> None:
     for row in rows:
         cells = [row[0].ljust(widths[0])]
         cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
-        click.echo("  ".join(cells).rstrip())
+        echo("  ".join(cells).rstrip())
     if any(one.biased for one in found.metrics):
-        click.echo(
+        echo(
             "biased: the second run of a pair differs from the first; noise alone causes this in "
             "one of ten metrics",
             err=True,
@@ -157,14 +158,14 @@ def _propose(
         return
     after, notes = propose_limits(prepared.loaded, found, before)
     for each in notes:
-        click.echo(each, err=True)
+        echo(each, err=True)
     if after == before:
         if not notes:
-            click.echo("every margin is above the noise: nothing is proposed", err=True)
+            echo("every margin is above the noise: nothing is proposed", err=True)
     elif write:
         write_text(file, after)
-        click.echo(f"{file} was changed", err=True)
+        echo(f"{file} was changed", err=True)
     else:
-        click.echo()
-        click.echo(unified_diff(before, after, file), nl=False)
-        click.echo("--write applies this change", err=True)
+        echo()
+        echo(unified_diff(before, after, file), nl=False)
+        echo("--write applies this change", err=True)

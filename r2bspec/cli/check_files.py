@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.waivers import may_contain_waiver
+from r2bspec.errors import R2bspecError
 from r2bspec.language.case_findings import merge_case_findings
 from r2bspec.language.load_spec import LoadedSpec, load_cases
 
@@ -27,7 +30,7 @@ MIN_PARALLEL_FILES = 100
 """From this number of files on several processes are faster than one. Starting them takes about as
 long as checking ten files."""
 
-_CHUNK_SIZE = 16  # files that a process takes at a time
+_MIN_FILES_PER_WORKER = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,16 +73,31 @@ def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileRep
     # Documents are trees: frequent collection of cycles takes time and frees nothing.
     gc.set_threshold(50_000, 20, 20)
     check_one = partial(check_file, options=options)
-    workers = min(len(os.sched_getaffinity(0)), len(files) // _CHUNK_SIZE)
+    workers = min(len(os.sched_getaffinity(0)), len(files) // _MIN_FILES_PER_WORKER)
     if len(files) < MIN_PARALLEL_FILES or workers < 2 or "-" in files:
-        yield from map(check_one, files)
+        yield from map(_naming_the_file(check_one), files)
         return
-    import multiprocessing
+    from r2bspec.cli.worker_processes import map_in_processes
 
     # The first file imports all modules, which the forked processes then share.
-    yield check_one(files[0])
-    with multiprocessing.get_context("fork").Pool(workers) as pool:
-        yield from pool.imap(check_one, files[1:], chunksize=_CHUNK_SIZE)
+    yield _naming_the_file(check_one)(files[0])
+    yield from map_in_processes(check_one, files[1:], workers)
+
+
+def _naming_the_file(check_one: Callable[[str], FileReport]) -> Callable[[str], FileReport]:
+    """The same check, whose unforeseen errors say which file led to them."""
+
+    def check(file: str) -> FileReport:
+        try:
+            return check_one(file)
+        except (R2bspecError, click.ClickException, click.exceptions.Exit):
+            raise
+        except Exception as error:
+            from r2bspec.cli.internal_error import Crash, InternalError
+
+            raise InternalError(Crash.of(error, f"while checking {file!r}")) from error
+
+    return check
 
 
 def check_file(file: str, options: CheckOptions) -> FileReport:

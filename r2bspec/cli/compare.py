@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo_document
 
 FORMATS = ("text", "json", "markdown", "html", "csv", "github")
 
@@ -54,5 +55,5 @@ def command(
     ]
     width = shutil.get_terminal_size((100, 24)).columns
     content = render(found, output_format, width)
-    click.echo(content, nl=False)
+    echo_document(content, nl=False)
     return ExitStatus.OK

@@ -14,6 +14,7 @@ import click
 from r2bspec.bags.recording import WritableStorage
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import console, echo, echo_document
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -180,9 +181,9 @@ def verify(context: click.Context, path: Path, output: str) -> None:
         _print_json({"path": str(path), "problems": problems})
     else:
         for problem in problems:
-            click.echo(problem)
+            echo(problem)
         if not problems:
-            click.echo(f"{path} is consistent")
+            echo(f"{path} is consistent")
     context.exit(ExitStatus.FINDINGS_OR_FAILED if problems else ExitStatus.OK)
 
 
@@ -220,18 +221,15 @@ def _progress_bar(title: str) -> Iterator[Progress | None]:
     if not sys.stderr.isatty() or os.environ.get("CI", "").lower() == "true":
         yield None
         return
-    from rich.console import Console
     from rich.progress import Progress as Bar
 
-    with Bar(console=Console(stderr=True), transient=True) as bar:
+    with Bar(console=console(sys.stderr), transient=True) as bar:
         task = bar.add_task(title, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def _console() -> Console:
-    from rich.console import Console
-
-    return Console(
+    return console(
         width=None if sys.stdout.isatty() else _PIPED_WIDTH, highlight=False, soft_wrap=False
     )
 
@@ -252,7 +250,7 @@ def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]], right
         console.print(table)
     # Without the padding of the last column, for diffs.
     for line in captured.get().splitlines():
-        click.echo(line.rstrip())
+        echo(line.rstrip())
 
 
 def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
@@ -274,10 +272,10 @@ def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
         *(("note", note) for note in index.notes),
     ):
         if value:
-            click.echo(f"{title:<9} {value}")
+            echo(f"{title:<9} {value}")
     if not index.topics:
         return
-    click.echo()
+    echo()
     rows = [
         (
             printable(topic.name),
@@ -302,4 +300,4 @@ def _storage_text(index: BagIndex) -> str:
 def _print_json(value: Any) -> None:
     import msgspec
 
-    click.echo(msgspec.json.format(msgspec.json.encode(value), indent=2))
+    echo_document(msgspec.json.format(msgspec.json.encode(value), indent=2))

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.diagnostics.plain_text import plain
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.doctor.checkup import CheckResult, Status
@@ -62,12 +64,12 @@ def command(clean: bool, runs: Path, output_format: str) -> int:
         import msgspec
 
         answer = {"r2bspec_doctor": 1, "status": status, "removed": removed, "checks": checks}
-        click.echo(msgspec.json.format(msgspec.json.encode(answer), indent=2))
+        echo_document(msgspec.json.format(msgspec.json.encode(answer), indent=2))
     else:
         for line in removed:
-            click.echo(f"removed {line}")
+            echo(f"removed {line}")
         if clean:
-            click.echo("" if removed else "nothing to remove\n")
+            echo("" if removed else "nothing to remove\n")
         _show(checks, status)
     return ExitStatus.FINDINGS_OR_FAILED if status == "problem" else ExitStatus.OK
 
@@ -78,13 +80,16 @@ def _show(checks: list[CheckResult], status: Status) -> None:
     topic = ""
     for check in checks:
         if check.topic != topic:
-            click.echo(("\n" if topic else "") + _style(check.topic, bold=True))
+            echo(("\n" if topic else "") + _style(check.topic, bold=True), styled=True)
             topic = check.topic
         mark, colour = _MARKS[check.status]
-        click.echo(f"  {_style(mark, fg=colour)} {check.name:<{width}}  {check.found}")
+        echo(
+            f"  {_style(mark, fg=colour)} {check.name:<{width}}  {plain(check.found)}",
+            styled=True,
+        )
         if check.advice:
-            click.echo(f"    {'':<{width}}  {_style(f'→ {check.advice}', dim=True)}")
-    click.echo()
+            echo(f"    {'':<{width}}  {_style(f'→ {plain(check.advice)}', dim=True)}", styled=True)
+    echo()
     counts = {each: sum(check.status == each for check in checks) for each in _MARKS}
     words = {
         "ok": "This machine is fit for benchmarking.",
@@ -94,7 +99,7 @@ def _show(checks: list[CheckResult], status: Status) -> None:
         f"{_pluralize(counts['warn'], 'warning')}.",
     }
     mark, colour = _MARKS[status]
-    click.echo(f"{_style(mark, fg=colour, bold=True)} {words[status]}")
+    echo(f"{_style(mark, fg=colour, bold=True)} {words[status]}", styled=True)
 
 
 def _pluralize(count: int, noun: str) -> str:

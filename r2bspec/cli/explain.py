@@ -13,6 +13,7 @@ from r2bspec.diagnostics.code_pages import FAMILIES
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics.code_pages import Page
@@ -29,7 +30,7 @@ def command(code: str | None) -> int:
 
     pages = all_pages()
     lines = _list(pages) if code is None else _explain(_find(code, pages))
-    click.echo("\n".join(lines))
+    echo("\n".join(lines), styled=True)
     return ExitStatus.OK
 
 

@@ -8,11 +8,10 @@ import secrets
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import click
-
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.edits import FixResult, fix, unified_diff
 from r2bspec.errors import UsageError
+from r2bspec.report.output import echo
 
 _BOM = "\ufeff"
 
@@ -50,11 +49,11 @@ def repair(
         if write:
             write_text(file, bom + fixed.text)
         else:
-            click.echo(unified_diff(before, bom + fixed.text, file), nl=False)
+            echo(unified_diff(before, bom + fixed.text, file), nl=False)
     if write or changed:
         verb = "repaired" if write else "can be repaired by --fix"
         problems = f"{fixes} problem" if fixes == 1 else f"{fixes} problems"
-        click.echo(f"{problems} {verb} in {changed} of {len(files)} files", err=True)
+        echo(f"{problems} {verb} in {changed} of {len(files)} files", err=True)
     return changed
 
 

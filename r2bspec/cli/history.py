@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.compare.history import HistoryEntry
@@ -58,10 +59,10 @@ def list_runs(file: str, name: str, output_format: str) -> int:
     if output_format == "json":
         import msgspec
 
-        click.echo(msgspec.json.format(msgspec.json.encode(runs), indent=2).decode())
+        echo_document(msgspec.json.format(msgspec.json.encode(runs), indent=2).decode())
         return ExitStatus.OK
     for line in _table(runs):
-        click.echo(line)
+        echo(line)
     return ExitStatus.OK
 
 
@@ -99,7 +100,7 @@ def accept(run_id: str, file: str) -> int:
             raise HistoryError(
                 f"the history has no run {run_id!r}", hint="'r2bspec history list' lists the runs."
             )
-    click.echo(f"run {run_id} now counts as a baseline", err=True)
+    echo(f"run {run_id} now counts as a baseline", err=True)
     return ExitStatus.OK
 
 
@@ -137,7 +138,7 @@ def prune(
             if keep is not None:
                 removed_ids |= {one.run_id for one in kept[: max(len(kept) - keep, 0)]}
         number = history.remove(sorted(removed_ids))
-    click.echo(f"{number} run{'' if number == 1 else 's'} deleted", err=True)
+    echo(f"{number} run{'' if number == 1 else 's'} deleted", err=True)
     return ExitStatus.OK
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
@@ -53,9 +54,9 @@ def command(report: Path, output_format: str, output: Path | None) -> int:
 
         write_atomically(output, to_json(found))
     elif output_format == "json":
-        click.echo(to_json(found), nl=False)
+        echo_document(to_json(found), nl=False)
     else:
-        click.echo(_text(found), nl=False)
+        echo(_text(found), nl=False)
     return ExitStatus.OK
 
 

@@ -9,6 +9,7 @@ import click
 
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo
 
 _SCHEMA = "r2bspec-v1.schema.json"
 _DEFAULT_NAME = "my_benchmark"
@@ -53,7 +54,7 @@ def command(name: str, template: str, show_list: bool) -> int:
 
     if show_list:
         for known, text in templates().items():
-            click.echo(f"{known:<14}{purpose(text)}")
+            echo(f"{known:<14}{purpose(text)}")
         return ExitStatus.OK
     spec_file = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
     benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
@@ -62,9 +63,9 @@ def command(name: str, template: str, show_list: bool) -> int:
     _write_new(spec_file, text)
     if not schema.exists():
         _write_new(schema, schema_text)
-    click.echo(f"created {spec_file}, and {schema} for editors. Next:")
-    click.echo(f"  r2bspec validate {spec_file}    checks it")
-    click.echo(f"  r2bspec run {spec_file}         runs it and judges it by its 'slos:'")
+    echo(f"created {spec_file}, and {schema} for editors. Next:")
+    echo(f"  r2bspec validate {spec_file}    checks it")
+    echo(f"  r2bspec run {spec_file}         runs it and judges it by its 'slos:'")
     return ExitStatus.OK
 
 

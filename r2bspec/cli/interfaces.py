@@ -9,6 +9,7 @@ import click
 
 from r2bspec.cli.shared_options import parse_variables, sets_option, variables_option
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo
 
 _HEAD = (
     "# Interface of the node {name}, recorded by 'r2bspec interfaces' for 'validate' and 'plan'.\n"
@@ -64,15 +65,15 @@ def command(
         spec.parent,
         only=only,
         timeout_s=timeout_s,
-        on_node=lambda name: click.echo(f"starting {name}", err=True),
+        on_node=lambda name: echo(f"starting {name}", err=True),
     ):
         if found.interface is None:
             failed += 1
-            click.echo(f"error: {found.node}: {found.problem}", err=True)
+            echo(f"error: {found.node}: {found.problem}", err=True)
             if found.hint:
-                click.echo(f"  help: {found.hint}", err=True)
+                echo(f"  help: {found.hint}", err=True)
             continue
-        click.echo(_write(spec.parent, found.node, found.interface))
+        echo(_write(spec.parent, found.node, found.interface))
     return ExitStatus.RUN_FAILED if failed else ExitStatus.OK
 
 

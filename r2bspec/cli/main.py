@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
+import io
 import keyword
 import os
 import signal
@@ -17,8 +19,10 @@ from collections.abc import Iterator
 import click
 
 from r2bspec._version import __version__
-from r2bspec.errors import R2bspecError
+from r2bspec.diagnostics.plain_text import plain
+from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.exit_status import ExitStatus, exit_status_text
+from r2bspec.report.output import echo
 
 _VERBS = {
     "init": "Create a commented spec to start from.",
@@ -38,6 +42,10 @@ _VERBS = {
     "schema": "Print a JSON Schema.",
 }
 """Each verb and its line in the help, so that listing them needs no import."""
+
+
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
+"""No fault of r2bspec: the file system has no room."""
 
 
 class _Verbs(click.Group):
@@ -85,6 +93,10 @@ def command() -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # What the encoding of a terminal lacks shows as a question mark, not as a crash.
+            stream.reconfigure(errors="replace")
     try:
         with _interruptible():
             status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
@@ -92,19 +104,37 @@ def main(argv: list[str] | None = None) -> int:
         _show(error)
         return error.exit_code
     except (click.exceptions.Abort, KeyboardInterrupt):
-        click.echo("interrupted", err=True)
+        echo("interrupted", err=True)
         return ExitStatus.INTERRUPTED
     except click.ClickException as error:
-        error.show()
+        shown = io.StringIO()
+        error.show(file=shown)
+        echo(shown.getvalue(), err=True, nl=False)
         return ExitStatus.USAGE
     except click.exceptions.Exit as error:
         return error.exit_code
     except BrokenPipeError:
         # The reader of our output has closed the pipe, as `head` does; the interpreter must not
         # try to flush at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         return ExitStatus.OUTPUT_CLOSED
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in _FULL:
+            _discard_output()
+            what = error.filename or "the output"
+            _show(full := UsageError(f"{what} cannot be written: {error.strerror}", code="R2B651"))
+            return full.exit_code
+        # Not what was asked: no exit status that says something of a spec or a run may come of it.
+        from r2bspec.cli.internal_error import Crash, InternalError
+
+        _show(crash := InternalError(Crash.of(error)))
+        return crash.exit_code
     return status if isinstance(status, int) else ExitStatus.OK
+
+
+def _discard_output() -> None:
+    """Let the flush at the exit of the interpreter succeed."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextlib.contextmanager
@@ -126,6 +156,7 @@ def _show(error: R2bspecError) -> None:
 
     colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
     label = f"error[{code_with_slug(error.code)}]"
-    click.echo(f"{click.style(label, fg='red', bold=True) if colour else label}: {error}", err=True)
+    shown = click.style(label, fg="red", bold=True) if colour else label
+    echo(f"{shown}: {plain(str(error))}", err=True, styled=colour)
     if error.hint:
-        click.echo(f"  help: {error.hint}", err=True)
+        echo(f"  help: {error.hint}", err=True)

@@ -10,6 +10,7 @@ import click
 from r2bspec.cli.shared_options import SpecValues, spec_options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -77,7 +78,7 @@ def command(
         differences = diff_plans(other_plan, plan)
         _write("".join(f"{each}\n" for each in differences).encode(), output)
         return ExitStatus.FINDINGS_OR_FAILED if differences else ExitStatus.OK
-    _write(_render(plan, graph), output)
+    _write(_render(plan, graph), output, is_json=graph is None)
     return ExitStatus.OK
 
 
@@ -113,9 +114,12 @@ def _render(plan: Plan, graph: str | None) -> bytes:
     return canonical_json(plan)
 
 
-def _write(content: bytes, output: Path | None) -> None:
+def _write(content: bytes, output: Path | None, *, is_json: bool = False) -> None:
     if output is None:
-        click.echo(content, nl=False)
+        if is_json:
+            echo_document(content, nl=False)
+        else:
+            echo(content.decode(), nl=False)
         return
     from r2bspec.record.atomic_files import write_atomically
 

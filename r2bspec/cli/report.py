@@ -9,6 +9,7 @@ import click
 
 from r2bspec.cli.shared_options import junit_option, reports_option
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
     from r2bspec.report.write_reports import ReportRequest
@@ -21,7 +22,7 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
 
     width = max(map(len, FORMATS))
     for name, each in FORMATS.items():
-        click.echo(f"{name:{width}}  {each.what}")
+        echo(f"{name:{width}}  {each.what}")
     ctx.exit()
 
 

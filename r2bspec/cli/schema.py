@@ -7,6 +7,7 @@ import importlib
 import click
 
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo_document
 
 _SCHEMAS = {
     "spec": "r2bspec.language.schema.derive_strict:published_schema_text",
@@ -21,5 +22,5 @@ _SCHEMAS = {
 def command(name: str) -> int:
     """Print the JSON Schema of a spec, a plan or a result."""
     module, function = _SCHEMAS[name].split(":")
-    click.echo(getattr(importlib.import_module(module), function)(), nl=False)
+    echo_document(getattr(importlib.import_module(module), function)(), nl=False)
     return ExitStatus.OK

@@ -14,6 +14,7 @@ import click
 from r2bspec.cli.shared_options import SpecValues, spec_options
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.findings.finding_formats import FORMATS
+from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.cli.check_files import FileReport
@@ -85,9 +86,12 @@ def _print_findings(checked: list[FileReport], output_format: str, *, offline: b
     colour = output_format == "text" and wants_colour(sys.stdout)
     names = [each.file for each in checked]
     shown = finding_formats.render(output_format, found, sources, names, colour=colour)
-    click.echo(shown, nl=False, color=colour)
+    if output_format in {"json", "sarif"}:
+        echo_document(shown, nl=False)
+    else:
+        echo(shown, nl=False, styled=colour, commands=output_format == "github")
     if output_format not in finding_formats.DOCUMENT_FORMATS:
-        click.echo(_summary(checked, found, offline=offline))
+        echo(_summary(checked, found, offline=offline))
 
 
 def _summary(checked: list[FileReport], found: list[Diagnostic], *, offline: bool) -> str:
@@ -117,5 +121,5 @@ def _print_resolved(checked: list[FileReport]) -> None:
     documents = [(name, text) for each in checked for name, text in each.resolved.items()]
     for number, (name, text) in enumerate(documents):
         if len(documents) > 1:
-            click.echo(f"{'---' if number else ''}\n# {name}".strip())
-        click.echo(text, nl=False)
+            echo(f"{'---' if number else ''}\n# {name}".strip())
+        echo(text, nl=False)

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 import msgspec
 
+from r2bspec.diagnostics.number_limits import check_numbers
 from r2bspec.judge.confirmation import judge_with_confirmation
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.history_comparison import judge_with_baseline
@@ -119,7 +120,12 @@ def from_json(content: bytes) -> Result:
     Raises:
         msgspec.DecodeError: it is not a result of this version.
     """
-    return msgspec.json.decode(content, type=Result)
+    result: Result = msgspec.json.decode(content, type=Result)
+    try:
+        check_numbers(result)
+    except ValueError as error:
+        raise msgspec.ValidationError(str(error)) from error
+    return result
 
 
 def _text(objective: Objective) -> ObjectiveText:

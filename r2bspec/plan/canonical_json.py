@@ -11,11 +11,15 @@ from pathlib import Path
 
 import msgspec
 
+from r2bspec.diagnostics.number_limits import check_numbers
 from r2bspec.language import value_codec
 from r2bspec.plan.errors import PLAN_BROKEN, PLAN_FOREIGN, PLAN_UNREADABLE, PlanError
-from r2bspec.plan.plan import Plan
+from r2bspec.plan.plan import Plan, PlayPlan
 
 PLAN_VERSION = 1
+
+_PASSED_ON = frozenset({"parameters", "request", "labels"})
+"""Fields whose numbers go to nodes and reports as they are."""
 
 
 class _PlanHeader(msgspec.Struct):
@@ -62,13 +66,40 @@ def parse_plan(data: bytes, name: str) -> Plan:
     """
     _check_header(data, name)
     try:
-        return msgspec.json.decode(data, type=Plan, dec_hook=_decode)
-    except msgspec.ValidationError as error:
+        plan = msgspec.json.decode(data, type=Plan, dec_hook=_decode)
+        check_numbers(plan, free=_PASSED_ON)
+        _check_ranges(plan)
+    except (msgspec.ValidationError, ValueError) as error:
         raise PlanError(
             f"{name} is an invalid plan: {error}",
             code=PLAN_BROKEN,
             hint="do not edit plans; write a new one with 'r2bspec plan SPEC -o FILE'",
         ) from error
+    return plan
+
+
+def _check_ranges(plan: Plan) -> None:
+    """See that the numbers of a plan are such as a compiled plan has.
+
+    Raises:
+        ValueError: one is not.
+    """
+    confidences = [("gate.confidence", plan.gate.confidence)]
+    if plan.search is not None:
+        confidences.append(("search.confidence", plan.search.confidence))
+    for place, confidence in confidences:
+        if not 0 < confidence < 1:
+            raise ValueError(f"a confidence is between 0 and 1 - at `$.{place}`")
+    for number, play in enumerate(plan.play):
+        _check_play(play, f"play[{number}]")
+    if plan.play_at_peak is not None:
+        _check_play(plan.play_at_peak, "play_at_peak")
+
+
+def _check_play(play: PlayPlan, place: str) -> None:
+    for name in ("rate_hz", "duration_ns", "iterations", "max_iterations"):
+        if getattr(play, name) < 0:
+            raise ValueError(f"a number is negative - at `$.{place}.{name}`")
 
 
 def _check_header(data: bytes, name: str) -> None:

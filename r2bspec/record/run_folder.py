@@ -17,6 +17,7 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
+from r2bspec.diagnostics.number_limits import check_numbers
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.errors import PlanError
 from r2bspec.plan.plan import Plan
@@ -273,9 +274,11 @@ def _read(path: Path) -> bytes:
 
 def _decode(path: Path, content: bytes, kind: Any) -> Any:
     try:
-        return msgspec.json.decode(content, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        decoded = msgspec.json.decode(content, type=kind)
+        check_numbers(decoded)
+    except (msgspec.DecodeError, ValueError) as error:
         raise RecordError(f"{path} is damaged: {error}", hint=_CHANGED_HINT) from error
+    return decoded
 
 
 def _segment_folder(folder: Path, segment: str) -> Path:

@@ -12,11 +12,13 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics import did_you_mean
+from r2bspec.diagnostics.plain_text import harmless, plain_values
 from r2bspec.report.errors import ReportError, ReportUsageError
 
 Renderer = Callable[[ReportInput], bytes]
@@ -32,18 +34,21 @@ class Format:
         needs: libraries of the extra ``report`` that the module imports.
         single: whether a file has one monitor at one rate; its path may then contain the
             placeholders ``{monitor}`` and ``{rate}``.
+        is_text: whether people or logs read it. Formats for programs, such as JSON, keep every
+            character of a text in their own way.
     """
 
     module: str
     what: str
     needs: tuple[str, ...] = ()
     single: bool = False
+    is_text: bool = True
 
 
 _FORMATS_PACKAGE = "r2bspec.report.formats"
 
 FORMATS: Final[dict[str, Format]] = {
-    "json": Format(f"{_FORMATS_PACKAGE}.json", "the content of result.json"),
+    "json": Format(f"{_FORMATS_PACKAGE}.json", "the content of result.json", is_text=False),
     "text": Format(f"{_FORMATS_PACKAGE}.text", "the terminal report, without colours"),
     "html": Format(
         "r2bspec.report.html", "one self-contained page with charts", ("jinja2", "matplotlib")
@@ -60,17 +65,27 @@ FORMATS: Final[dict[str, Format]] = {
         f"{_FORMATS_PACKAGE}.hdrhistogram", "percentile distribution of the latency", single=True
     ),
     "ros2_benchmark": Format(
-        f"{_FORMATS_PACKAGE}.ros2_benchmark", "the JSON format of NVIDIA's ros2_benchmark"
+        f"{_FORMATS_PACKAGE}.ros2_benchmark",
+        "the JSON format of NVIDIA's ros2_benchmark",
+        is_text=False,
     ),
-    "bencher": Format(f"{_FORMATS_PACKAGE}.bencher", "Bencher Metric Format"),
+    "bencher": Format(f"{_FORMATS_PACKAGE}.bencher", "Bencher Metric Format", is_text=False),
     "benchmark_smaller": Format(
-        f"{_FORMATS_PACKAGE}.benchmark_smaller", "github-action-benchmark, customSmallerIsBetter"
+        f"{_FORMATS_PACKAGE}.benchmark_smaller",
+        "github-action-benchmark, customSmallerIsBetter",
+        is_text=False,
     ),
     "benchmark_bigger": Format(
-        f"{_FORMATS_PACKAGE}.benchmark_bigger", "github-action-benchmark, customBiggerIsBetter"
+        f"{_FORMATS_PACKAGE}.benchmark_bigger",
+        "github-action-benchmark, customBiggerIsBetter",
+        is_text=False,
     ),
-    "trace": Format(f"{_FORMATS_PACKAGE}.trace", "a timeline for Perfetto or chrome://tracing"),
-    "mcap": Format(f"{_FORMATS_PACKAGE}.mcap", "metrics over time for Foxglove", ("mcap",)),
+    "trace": Format(
+        f"{_FORMATS_PACKAGE}.trace", "a timeline for Perfetto or chrome://tracing", is_text=False
+    ),
+    "mcap": Format(
+        f"{_FORMATS_PACKAGE}.mcap", "metrics over time for Foxglove", ("mcap",), is_text=False
+    ),
 }
 
 
@@ -113,5 +128,15 @@ def renderer(name: str) -> Renderer:
         ReportError: a library that it needs is missing.
     """
     check_installed(name)
-    found: Renderer = importlib.import_module(find_format(name).module).render
-    return found
+    known = find_format(name)
+    found: Renderer = importlib.import_module(known.module).render
+    return partial(_render_text, found, commands=name == "github") if known.is_text else found
+
+
+def _render_text(render: Renderer, report_input: ReportInput, *, commands: bool) -> bytes:
+    """A report without control characters, and without commands but its own."""
+    result = plain_values(report_input.result)
+    if result is not report_input.result:
+        report_input = replace(report_input, result=result)
+    shown = render(report_input).decode()
+    return harmless(shown, commands=commands).encode()

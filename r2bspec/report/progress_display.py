@@ -9,8 +9,10 @@ import time
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Protocol
 
+from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import printable
 from r2bspec.measure.units import show
+from r2bspec.report.output import console, write
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -68,8 +70,7 @@ class _PlainProgress:
         self._next = 0.0
 
     def _write_line(self, text: str) -> None:
-        sys.stderr.write(f"[{time.monotonic() - self._began:6.1f} s] {text}\n")
-        sys.stderr.flush()
+        write(sys.stderr, f"[{time.monotonic() - self._began:6.1f} s] {plain(text)}\n")
 
     def phase(self, _name: str, text: str) -> None:
         self._write_line(text)
@@ -161,8 +162,6 @@ def shown_progress(*, quiet: bool = False) -> Iterator[_PlainProgress | _LivePro
     elif not sys.stderr.isatty() or os.environ.get("CI"):
         yield _PlainProgress()
     else:
-        from rich.console import Console
-
-        console = Console(stderr=True)
-        with console.status("starting") as status:
-            yield _LiveProgress(console, status)
+        terminal = console(sys.stderr)
+        with terminal.status("starting") as status:
+            yield _LiveProgress(terminal, status)

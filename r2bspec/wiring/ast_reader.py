@@ -117,17 +117,17 @@ def _leaks_self(found: ast.ClassDef) -> bool:
 
 def _calls(found: ast.ClassDef) -> Iterator[tuple[ast.Call, bool]]:
     """Each call of a method of `self`, and whether it is certainly made exactly once."""
-
-    def below(node: ast.AST, certain: bool) -> Iterator[tuple[ast.Call, bool]]:
-        for child in ast.iter_child_nodes(node):
-            inside = certain and not isinstance(child, _CONDITIONAL_NODES)
-            if isinstance(child, ast.Call) and _self_method_name(child):
-                yield child, inside
-            yield from below(child, inside)
-
     for method in found.body:
         made = isinstance(method, ast.FunctionDef) and method.name == "__init__"
-        yield from below(method, made)
+        # Without recursion: each `elif` is one level deeper than the one before.
+        waiting: list[tuple[ast.AST, bool]] = [(method, made)]
+        while waiting:
+            node, certain = waiting.pop()
+            if node is not method:
+                certain = certain and not isinstance(node, _CONDITIONAL_NODES)
+                if isinstance(node, ast.Call) and _self_method_name(node):
+                    yield node, certain
+            waiting.extend(reversed([(each, certain) for each in ast.iter_child_nodes(node)]))
 
 
 def _self_method_name(call: ast.Call) -> str:
@@ -195,7 +195,7 @@ def _parameter(call: ast.Call) -> tuple[str, ParameterInfo] | None:
         return None
     try:
         default = None if value is None else ast.literal_eval(value)
-    except ValueError:
+    except (ValueError, TypeError, SyntaxError):  # a map with a list as key is a TypeError
         return name.value, ParameterInfo("")
     kind: ParameterType | Literal[""] = _TYPES.get(type(default), "")
     if any(keyword.arg == "descriptor" for keyword in call.keywords) or len(call.args) > 2:

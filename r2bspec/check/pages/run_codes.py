@@ -1,4 +1,4 @@
-"""R2B619 to R2B671: errors of a benchmark run and of its folder."""
+"""R2B619 to R2B691: errors of a run, of its folder, and of r2bspec itself."""
 
 from __future__ import annotations
 
@@ -227,5 +227,21 @@ RUN_PAGES = (
         "run was killed",
         "The controller was killed and could not record the reason. The run folder has what had "
         "been written until then.",
+    ),
+    error_page(
+        "internal-error",
+        "R2B690",
+        "error in r2bspec",
+        "r2bspec met a situation that it was not written for. Nothing is known of the spec or the "
+        "run: the exit status is 70, never that of a finding or of a verdict. Report it with the "
+        "file that has the traceback; that file can contain values of your input.",
+    ),
+    error_page(
+        "worker-ended",
+        "R2B691",
+        "process that checked a file ended",
+        "'validate' shares many files out among processes. One of them was killed or crashed, so "
+        "that nothing is known of the file that it checked. On a machine with too little memory "
+        "the kernel kills processes.",
     ),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from r2bspec.compare.comparison import Comparison
+from r2bspec.diagnostics.plain_text import harmless, plain_values
 
 
 def render(comparisons: Sequence[Comparison], name: str, width: int = 100) -> bytes:
@@ -15,11 +16,16 @@ def render(comparisons: Sequence[Comparison], name: str, width: int = 100) -> by
         name: of the format, as `r2bspec compare --format` lists them.
         width: of lines of text, in columns.
     """
-    match name:
-        case "json":
-            from r2bspec.report.comparison.text import to_json
+    if name == "json":
+        from r2bspec.report.comparison.text import to_json
 
-            return to_json(comparisons)
+        return to_json(comparisons)
+    shown = _render(plain_values(list(comparisons)), name, width).decode()
+    return harmless(shown, commands=name == "github").encode()
+
+
+def _render(comparisons: Sequence[Comparison], name: str, width: int) -> bytes:
+    match name:
         case "markdown":
             from r2bspec.report.comparison.text import to_markdown
 

@@ -10,6 +10,7 @@ import msgspec
 from r2bspec.compare.comparison import ADVICE, Comparison, ComparisonLine, Outcome
 from r2bspec.measure.units import at_rate, show
 from r2bspec.report.formats.markdown import code, escaped, folded, table
+from r2bspec.report.output import console
 
 OUTCOME_TEXTS: dict[Outcome, str] = {
     "improved": "▲ improved",
@@ -28,26 +29,25 @@ def to_json(comparisons: Sequence[Comparison]) -> bytes:
 
 def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
     """A table for each, its lines in the order of rates and metrics."""
-    from rich.console import Console
     from rich.text import Text
 
     from r2bspec.report.terminal.style import DIM_STYLE, heading
     from r2bspec.report.terminal.style import table as frame
 
     buffer = io.StringIO()
-    console = Console(file=buffer, width=max(width, 60), color_system=None, legacy_windows=False)
+    page = console(buffer, width=max(width, 60), color_system=None, legacy_windows=False)
     for one in comparisons:
-        console.print(heading(title(one), ""))
+        page.print(heading(title(one), ""))
         for difference in one.differences:
-            console.print(f"  ! {difference}", markup=False, highlight=False)
+            page.print(f"  ! {difference}", markup=False, highlight=False)
         made = frame(["", "metric", "base", "head", "ratio", "bounds"])
         for line in one.lines:
             cells = (metric_text(line), *numbers(line))
             made.add_row(Text(OUTCOME_TEXTS[line.outcome]), *map(Text, cells))
-        console.print(made)
-        console.print(summary(one), highlight=False)
-        console.print()
-    console.print(Text(ADVICE, style=DIM_STYLE))
+        page.print(made)
+        page.print(summary(one), highlight=False)
+        page.print()
+    page.print(Text(ADVICE, style=DIM_STYLE))
     return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())
 
 

@@ -9,6 +9,7 @@ from typing import TextIO
 
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.report.findings import text
+from r2bspec.report.output import write
 
 
 def show(
@@ -16,8 +17,7 @@ def show(
 ) -> None:
     """Write findings as text to `stream`, standard error by default."""
     target = sys.stderr if stream is None else stream
-    target.write(text.render(diagnostics, sources, colour=wants_colour(target)))
-    target.flush()
+    write(target, text.render(diagnostics, sources, colour=wants_colour(target)))
 
 
 def wants_colour(stream: TextIO) -> bool:

@@ -117,9 +117,12 @@ def _region(span: Span) -> dict[str, int]:
 
 def _location(file: str) -> dict[str, str]:
     path = PurePosixPath(file)
-    if path.is_absolute():
-        return {"uri": path.as_uri()}
-    return {"uri": quote(str(path))}
+    # A name need not be UTF-8; surrogates then stand for its bytes.
+    try:
+        encoded = quote(str(path).encode("utf-8", "surrogateescape"))
+    except UnicodeEncodeError:  # of no byte: no file system gives such a name
+        encoded = quote(str(path).encode("utf-8", "surrogatepass"))
+    return {"uri": f"file://{encoded}" if path.is_absolute() else encoded}
 
 
 def _fingerprint(found: Diagnostic, path: str) -> str:

@@ -43,9 +43,9 @@ def to_xml(report_input: ReportInput, *, lenient: bool) -> bytes:
     result = report_input.result
     name = printable(result.name)
     suite = TestSuite(name)
-    suite.timestamp = result.started_at
-    suite.add_property("plan_hash", result.plan_hash)
-    suite.add_property("run_id", result.run_id)
+    suite.timestamp = printable(result.started_at)
+    suite.add_property("plan_hash", printable(result.plan_hash))
+    suite.add_property("run_id", printable(result.run_id))
     for key, value in result.labels.items():
         suite.add_property(printable(f"label.{key}"), printable(str(value)))
     suite.add_testcase(_run_case(report_input, name))

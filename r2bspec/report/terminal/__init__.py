@@ -14,6 +14,7 @@ from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.report.findings.print_findings import wants_colour
+from r2bspec.report.output import console
 from r2bspec.report.report_wording import own_pace
 from r2bspec.report.terminal.cost_tables import harness_overhead_section, load_section
 from r2bspec.report.terminal.header_and_footer import header, notes_section, overall, search_section
@@ -53,11 +54,11 @@ def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
         sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(verdict), indent=2) + b"\n")
         sys.stdout.flush()
         return
-    console = _standard_output()
-    section = verdict_section(verdict, max(console.width, _MIN_WIDTH))
+    terminal = _standard_output()
+    section = verdict_section(verdict, max(terminal.width, _MIN_WIDTH))
     for each in (Text(title, style="bold"), section, overall(verdict)):
         if each is not None:
-            console.print(each)
+            terminal.print(each)
 
 
 def _standard_output() -> Console:
@@ -66,7 +67,7 @@ def _standard_output() -> Console:
         # A terminal that cannot show ✔ gets a question mark, not a traceback.
         sys.stdout.reconfigure(errors="replace")
     colour = wants_colour(sys.stdout)
-    return Console(color_system="auto" if colour else None)
+    return console(color_system="auto" if colour else None)
 
 
 def print_report(result: Result, folder: Path | None, console: Console) -> None:
@@ -101,6 +102,6 @@ def print_report(result: Result, folder: Path | None, console: Console) -> None:
 def to_text(result: Result, folder: Path | None = None, width: int = 100) -> str:
     """The report as plain text, without colours."""
     buffer = io.StringIO()
-    console = Console(file=buffer, width=width, color_system=None, legacy_windows=False)
-    print_report(result, folder, console)
+    page = console(buffer, width=width, color_system=None, legacy_windows=False)
+    print_report(result, folder, page)
     return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())

@@ -101,6 +101,7 @@ def test_the_numbers_are_the_promised_ones() -> None:
         "USAGE": 2,
         "INCONCLUSIVE": 3,
         "RUN_FAILED": 4,
+        "INTERNAL_ERROR": 70,
         "INTERRUPTED": 130,
         "OUTPUT_CLOSED": 141,
     }

@@ -1,0 +1,114 @@
+"""What becomes of an error that no code foresaw: a line for the user, the traceback in a file."""
+
+from __future__ import annotations
+
+import os
+import platform
+import tempfile
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+
+from r2bspec._version import __version__
+from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
+
+_PACKAGE = Path(__file__).parents[1]
+
+_ISSUE_LABELS = ("issues", "issue tracker", "bug tracker", "bugs", "repository", "source")
+"""Labels of project URLs at which a problem can be reported, the most precise first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crash:
+    """An unforeseen error as another process can be told of it.
+
+    Attributes:
+        kind: the name of its class.
+        place: the last line of r2bspec on the way to it, such as ``cli/run.py:12``.
+        doing: what was being done, such as the name of the file that was checked; may be empty.
+        trace: the traceback.
+    """
+
+    kind: str
+    place: str
+    doing: str
+    trace: str
+
+    @classmethod
+    def of(cls, error: BaseException, doing: str = "") -> Crash:
+        """Describe an error that was raised."""
+        return cls(type(error).__name__, _place(error), doing, "".join(_formatted(error)))
+
+
+class InternalError(R2bspecError):
+    """An error of r2bspec itself.
+
+    The message has neither the text of the exception nor a value of the input, which may be a
+    secret or hostile: those are in the file with the traceback, which only its owner can read.
+    """
+
+    code = "R2B690"
+    exit_code = ExitStatus.INTERNAL_ERROR
+
+    def __init__(self, crash: Crash) -> None:
+        doing = f" {crash.doing}" if crash.doing else ""
+        super().__init__(
+            f"{crash.kind} in r2bspec ({crash.place}){doing}; report it to {_issue_tracker()}, "
+            f"with the traceback {_keep(crash)}"
+        )
+
+
+class WorkerEndedError(R2bspecError):
+    """A process that checks files ended without an answer."""
+
+    code = "R2B691"
+    exit_code = ExitStatus.INTERNAL_ERROR
+
+
+def _formatted(error: BaseException) -> list[str]:
+    try:
+        return traceback.format_exception(error)
+    except (RecursionError, MemoryError, ValueError):
+        # A chain of causes can be too long as well; what happened last says enough then.
+        return traceback.format_exception(error, chain=False, limit=-100)
+
+
+def _place(error: BaseException) -> str:
+    found = ""
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        file = Path(frame.f_code.co_filename)
+        if file.is_relative_to(_PACKAGE):
+            found = f"{file.relative_to(_PACKAGE)}:{line}"
+    return found or "before its first line"
+
+
+def _issue_tracker() -> str:
+    """The address of the project that its installed metadata has, or words for it."""
+    from importlib import metadata
+
+    try:
+        entries = metadata.metadata("r2bspec").get_all("Project-URL") or []
+    except (metadata.PackageNotFoundError, OSError):
+        entries = []
+    labelled = {
+        label.strip().lower(): url.strip()
+        for label, _, url in (str(entry).partition(",") for entry in entries)
+    }
+    found = next((labelled[label] for label in _ISSUE_LABELS if label in labelled), "")
+    return found or "the issue tracker of r2bspec"
+
+
+def _keep(crash: Crash) -> str:
+    """Write the traceback to a new file that only its owner can read; says where it is."""
+    system = f"r2bspec {__version__}, Python {platform.python_version()}, {platform.platform()}"
+    text = f"{system}\n{crash.doing}\n{crash.trace}"
+    try:
+        # A new name, made exclusively and with mode 0600: another user can neither read the file
+        # nor have a link there.
+        number, name = tempfile.mkstemp(prefix="r2bspec-crash-", suffix=".txt")
+        with os.fdopen(number, "w", encoding="utf-8", errors="backslashreplace") as stream:
+            stream.write(text)
+    except OSError as error:
+        return f"(which could not be written: {error.strerror or type(error).__name__})"
+    return f"in {name}"

@@ -1,0 +1,180 @@
+"""Sharing out work among processes: answers in order, and no wait for a process that has died.
+
+`multiprocessing.Pool` waits for ever for the answer of a worker that was killed, and the executor
+of `concurrent.futures` does not know which task ended it. Here each worker answers task by task on
+a pipe of its own, so that the end of a pipe names the task.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from multiprocessing import connection
+from multiprocessing.context import ForkProcess
+from typing import Any, TypeVar
+
+from r2bspec.cli.internal_error import Crash, InternalError, WorkerEndedError
+from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
+
+T = TypeVar("T")
+
+_INTERRUPTS = frozenset({signal.SIGINT, signal.SIGTERM})
+
+_TASKS_AHEAD = 16
+"""Tasks that a worker has at most, so that it need not wait for the next one."""
+
+
+@dataclass(slots=True)
+class _Worker:
+    process: ForkProcess
+    pipe: connection.Connection
+    tasks: list[int] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class _Answer:
+    """What a worker says of a task: its result, a foreseen error, or a crash."""
+
+    task: int
+    result: Any = None
+    error: R2bspecError | None = None
+    crash: Crash | None = None
+
+
+def map_in_processes(function: Callable[[str], T], names: Sequence[str], count: int) -> Iterator[T]:
+    """`function` of every name, by `count` processes, in the order of the names.
+
+    Interrupts are the caller's: the workers ignore them, and are killed when the iterator is
+    closed or left by an exception.
+
+    Raises:
+        InternalError: `function` raised an exception that is no `R2bspecError`.
+        WorkerEndedError: a worker died; the message has the name it was at.
+    """
+    workers: list[_Worker] = []
+    try:
+        for _ in range(count):
+            workers.append(_start(function, names, workers))
+        yield from _collect(workers, names)
+    finally:
+        for worker in workers:
+            worker.pipe.close()
+            worker.process.kill()
+        for worker in workers:
+            worker.process.join()
+
+
+def _start(
+    function: Callable[[str], T], names: Sequence[str], others: Sequence[_Worker]
+) -> _Worker:
+    own, theirs = multiprocessing.Pipe()
+    inherited = [own, *(each.pipe for each in others)]
+    # Blocked until the worker ignores them: no moment is left in which an interrupt of the whole
+    # process group shows as a traceback of the worker.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
+    try:
+        process = multiprocessing.get_context("fork").Process(
+            target=_work, args=(function, names, theirs, inherited), daemon=True
+        )
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    theirs.close()
+    return _Worker(process, own)
+
+
+def _collect(workers: Sequence[_Worker], names: Sequence[str]) -> Iterator[Any]:
+    waiting = iter(range(len(names)))
+    by_pipe = {worker.pipe: worker for worker in workers}
+    for worker in workers:
+        _assign(worker, waiting)
+    done: dict[int, Any] = {}
+    following = 0
+    while following < len(names):
+        for ready in connection.wait(list(by_pipe)):
+            worker = by_pipe[ready]  # type: ignore[index]  # only pipes were waited for
+            answer = _receive(worker, names)
+            done[answer.task] = answer.result
+            worker.tasks.remove(answer.task)
+            _assign(worker, waiting)
+        while following in done:
+            yield done.pop(following)
+            following += 1
+
+
+def _assign(worker: _Worker, waiting: Iterator[int]) -> None:
+    """Give a worker tasks; one that has died is noticed when its answer is read."""
+    with contextlib.suppress(OSError):
+        while len(worker.tasks) < _TASKS_AHEAD and (number := next(waiting, None)) is not None:
+            worker.tasks.append(number)
+            worker.pipe.send(number)
+
+
+def _receive(worker: _Worker, names: Sequence[str]) -> _Answer:
+    try:
+        found: _Answer = worker.pipe.recv()
+    except (EOFError, OSError):
+        worker.process.join()
+        raise WorkerEndedError(
+            f"the process that checked {_first(worker, names)} ended {_how(worker)}",
+            hint="Check that file by itself. SIGKILL often means that memory was short.",
+        ) from None
+    if found.error is not None:
+        raise found.error
+    if found.crash is not None:
+        raise InternalError(found.crash)
+    return found
+
+
+def _first(worker: _Worker, names: Sequence[str]) -> str:
+    return repr(names[worker.tasks[0]]) if worker.tasks else "nothing yet"
+
+
+def _how(worker: _Worker) -> str:
+    status = worker.process.exitcode or 0
+    if status >= 0:
+        return f"with status {status}"
+    try:
+        return f"by {signal.Signals(-status).name}"
+    except ValueError:
+        return f"by signal {-status}"
+
+
+def _work(
+    function: Callable[[str], T],
+    names: Sequence[str],
+    pipe: connection.Connection,
+    inherited: Sequence[connection.Connection],
+) -> None:
+    """The life of a worker: it ends with its pipe, or with the first task that fails."""
+    for number in _INTERRUPTS:
+        signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _INTERRUPTS)
+    for each in inherited:
+        # Held here, they would keep other pipes open after the caller has gone.
+        each.close()
+    try:
+        while True:
+            task: int = pipe.recv()
+            pipe.send(_done(function, names[task], task))
+    except (EOFError, OSError):
+        os._exit(ExitStatus.OK)
+    except BaseException:
+        # Too little memory even to describe what went wrong: the caller names the task.
+        os._exit(ExitStatus.INTERNAL_ERROR)
+
+
+def _done(function: Callable[[str], T], name: str, task: int) -> _Answer:
+    try:
+        return _Answer(task, result=function(name))
+    except R2bspecError as error:
+        plain = R2bspecError(str(error), hint=error.hint, code=error.code)
+        plain.exit_code = error.exit_code
+        return _Answer(task, error=plain)
+    except Exception as error:
+        return _Answer(task, crash=Crash.of(error, f"while checking {name!r}"))

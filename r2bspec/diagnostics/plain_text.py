@@ -1,0 +1,93 @@
+"""Making text of unknown origin harmless for a terminal, a log and a pipeline.
+
+Three things do harm. Control characters, among them escape sequences, change what a terminal shows
+or is called. Bidirectional marks show text in another order than it has. A line that begins with
+``::``, or has ``##[`` anywhere, is a command to the runner of a workflow.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from typing import Any, Final, TypeVar
+
+import msgspec
+
+T = TypeVar("T")
+
+REPLACEMENT: Final = "\N{REPLACEMENT CHARACTER}"
+
+_BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
+# Line feed and tab stay, and a carriage return before a line feed.
+_CONTROL = rf"\r(?!\n)|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff{_BIDI}]"
+_ANY_CONTROL = re.compile(_CONTROL)
+_STYLE = re.compile(r"(\x1b\[[0-9;]*m)")
+# The runner ignores space before a command; our own styles may be there, too.
+_LINE_COMMAND = re.compile(r"(?m)^((?:\x1b\[[0-9;]*m|[^\S\n])*):(?=:)")
+_MARK_COMMAND = re.compile(r"#(?=#\w*\[)")
+
+
+def plain(text: str) -> str:
+    """The text with every character that controls a terminal replaced; lines stay."""
+    if text.isascii() and text.isprintable():
+        return text
+    return _ANY_CONTROL.sub(REPLACEMENT, text)
+
+
+def without_commands(text: str) -> str:
+    """The text with a space inside what a runner would take for a command."""
+    if "::" in text:
+        text = _LINE_COMMAND.sub(r"\1: ", text)
+    return _MARK_COMMAND.sub("# ", text) if "##" in text else text
+
+
+def harmless(text: str, *, styled: bool = False, commands: bool = False) -> str:
+    """The text without control characters and commands.
+
+    Args:
+        text: what is to be shown.
+        styled: keep sequences that colour text. What has been put between them must be plain.
+        commands: keep lines that begin with ``::``: r2bspec made them, and escaped their values.
+    """
+    if commands:
+        return _MARK_COMMAND.sub("# ", plain(text))
+    if styled:
+        parts = _STYLE.split(text)
+        parts[::2] = map(plain, parts[::2])
+        return without_commands("".join(parts))
+    return without_commands(plain(text))
+
+
+def plain_values(value: T) -> T:
+    """The same value with every text inside it plain: keys, too."""
+    changed: Any = _plain_value(value)
+    return value if changed is None else changed
+
+
+def _plain_value(value: Any) -> Any:
+    """A changed copy; None where nothing changes, which is the usual case."""
+    if isinstance(value, str):
+        changed = plain(value)
+        return None if changed == value else changed
+    if isinstance(value, dict):
+        pairs = {plain_values(key): plain_values(one) for key, one in value.items()}
+        same = all(pairs.get(key, pairs) is one for key, one in value.items())
+        return None if same else pairs
+    if isinstance(value, list | tuple):
+        entries = [plain_values(one) for one in value]
+        if all(new is old for new, old in zip(entries, value, strict=True)):
+            return None
+        return entries if isinstance(value, list) else tuple(entries)
+    if isinstance(value, msgspec.Struct):
+        fields = {name: _plain_value(getattr(value, name)) for name in value.__struct_fields__}
+        given = {name: one for name, one in fields.items() if one is not None}
+        return msgspec.structs.replace(value, **given) if given else None
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        named = {
+            one.name: _plain_value(getattr(value, one.name))
+            for one in dataclasses.fields(value)
+            if one.init
+        }
+        given = {name: one for name, one in named.items() if one is not None}
+        return dataclasses.replace(value, **given) if given else None
+    return None

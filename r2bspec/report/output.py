@@ -1,0 +1,79 @@
+"""The one way to write text to standard output and standard error.
+
+Texts of others are in almost everything that is printed: names of files and topics, messages of
+exceptions, titles of results. What goes through here is harmless (see
+`r2bspec.diagnostics.plain_text`), so that no writer has to think of it.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any, TextIO, cast
+
+import click
+
+from r2bspec.diagnostics.plain_text import harmless, plain, without_commands
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def echo(
+    text: str = "",
+    *,
+    err: bool = False,
+    nl: bool = True,
+    styled: bool = False,
+    commands: bool = False,
+) -> None:
+    """Print a text.
+
+    Args:
+        text: what to print.
+        err: to standard error instead of standard output.
+        nl: end the line.
+        styled: the text has colours, around values that are plain.
+        commands: the text is workflow commands that r2bspec made, with escaped values.
+    """
+    shown = harmless(text, styled=styled, commands=commands)
+    click.echo(shown, err=err, nl=nl, color=True if styled else None)
+
+
+def echo_document(content: str | bytes, *, nl: bool = True) -> None:
+    """Print a document for programs, such as JSON, which has rules of its own for its texts."""
+    click.echo(content, nl=nl)
+
+
+def write(stream: TextIO, text: str) -> None:
+    """Write a text, with or without colours around plain values, to a stream, at once."""
+    stream.write(harmless(text, styled=True))
+    stream.flush()
+
+
+def console(stream: TextIO | None = None, **options: Any) -> Console:
+    """A console of rich for standard output, or for `stream`, that prints harmless text."""
+    from rich.console import Console
+    from rich.segment import Segment
+
+    class PlainConsole(Console):
+        """Replaces control characters where styles are not part of the text yet."""
+
+        def render(self, *arguments: Any, **named: Any) -> Any:
+            for each in super().render(*arguments, **named):
+                yield each if each.control else Segment(plain(each.text), each.style)
+
+    target = _WithoutCommands(sys.stdout if stream is None else stream)
+    return PlainConsole(file=cast("TextIO", target), **options)
+
+
+class _WithoutCommands:
+    """A stream whose lines are no commands, however a console has wrapped them."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        return self._stream.write(without_commands(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)

@@ -1,0 +1,133 @@
+"""Inputs that once ended in a traceback of r2bspec are answered with a finding or an error."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from r2bspec.check.example_spec import example
+from r2bspec.cli.main import main
+from r2bspec.exit_status import ExitStatus
+from r2bspec.judge.judge_run import from_json, result_of, to_json
+from r2bspec.plan.canonical_json import canonical_json, parse_plan
+from r2bspec.plan.errors import PlanError
+from r2bspec.record.errors import RecordError
+from r2bspec.record.run_folder import open_run
+from report_runs import USUAL
+
+SPEC = Path(__file__).parents[3] / "specs" / "relay.r2b.yaml"
+
+_MANY_BRANCHES = "if x == 0: pass\n" + "".join(f"{{0}}elif x == {n}: pass\n" for n in range(2500))
+
+SOURCES = {
+    "2,500 branches of a module": "x = 1\n" + _MANY_BRANCHES.format("") + "class Slow: ...\n",
+    "2,500 branches of a constructor": "from rclpy.node import Node\nclass Slow(Node):\n"
+    " def __init__(self, x=1):\n  " + _MANY_BRANCHES.format("  "),
+    "a list as the key of a default": "from rclpy.node import Node\nclass Slow(Node):\n"
+    " def __init__(self):\n  self.declare_parameter('a', {[]: 1})\n",
+    "an operator in a default": "from rclpy.node import Node\nclass Slow(Node):\n"
+    " def __init__(self):\n  self.declare_parameter('a', {{}: {[]}})\n",
+}
+
+
+@pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
+def test_the_source_of_a_node_breaks_nothing(
+    source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "node.py").write_text(source)
+    file = tmp_path / "a.r2b.yaml"
+    file.write_text(example().replace("r2bspec.nodes.RelayNode", "./node.py:Slow"))
+    assert "./node.py:Slow" in file.read_text()
+    status = main(["validate", "--offline", str(file)])
+    assert status in {ExitStatus.OK, ExitStatus.FINDINGS_OR_FAILED}
+    assert "R2B690" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("output_format", ["text", "json", "github", "sarif", "junit"])
+def test_a_file_name_that_is_not_utf_8(
+    output_format: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = os.fsencode(tmp_path) + b"/\xff\xfe.r2b.yaml"
+    Path(os.fsdecode(name)).write_text("r2bspec: 3\n")
+    status = main(["validate", "--format", output_format, os.fsdecode(name)])
+    shown = capsys.readouterr()
+    assert status == ExitStatus.FINDINGS_OR_FAILED, shown.err
+    if output_format == "sarif":
+        uri = json.loads(shown.out)["runs"][0]["artifacts"][0]["location"]["uri"]
+        assert uri.endswith("/%FF%FE.r2b.yaml")
+
+
+def _put(document: Any, place: tuple[str | int, ...], value: object) -> Any:
+    inside: Any = document
+    for key in place[:-1]:
+        inside = inside[key]
+    assert place[-1] in inside
+    inside[place[-1]] = value
+    return document
+
+
+EXTREME = [10**40, -(10**40), 10**400, 1e308, -1e308]
+
+PLAN_PLACES: dict[tuple[str | int, ...], list[object]] = {
+    ("gate", "confidence"): [-1, 0, 1, 2**63, *EXTREME],
+    ("search", "confidence"): [-1, 0, 1, *EXTREME],
+    ("play", 0, "iterations"): [-1, 2**63, *EXTREME],
+    ("play", 0, "max_iterations"): [-1, *EXTREME],
+    ("play", 0, "duration_ns"): [-1, *EXTREME],
+    ("play", 0, "rate_hz"): [-1, *EXTREME],
+    ("start_timeout_ns",): list(EXTREME),
+}
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [(place, value) for place, values in PLAN_PLACES.items() for value in values],
+    ids=lambda each: "-".join(map(str, each)) if isinstance(each, tuple) else str(each)[:20],
+)
+def test_a_number_that_no_plan_has_is_refused(place: tuple[str | int, ...], value: object) -> None:
+    plan = json.loads(canonical_json(_searching_plan()))
+    with pytest.raises(PlanError) as caught:
+        parse_plan(json.dumps(_put(plan, place, value)).encode(), "p.json")
+    assert caught.value.code in {"R2B611", "R2B612"}
+    assert str(place[-1]) in str(caught.value)
+
+
+def _searching_plan() -> Any:
+    from r2bspec.api import prepare
+
+    spec = Path(__file__).parents[3] / "specs" / "apriltag_node.r2b.yaml"
+    return prepare(spec).plan
+
+
+@pytest.mark.parametrize("value", EXTREME, ids=lambda each: str(each)[:20])
+@pytest.mark.parametrize(
+    "place",
+    [
+        ("segments", 0, "began_ns"),
+        ("segments", 0, "monitor_held_ns"),
+        ("search", "confidence"),
+        ("machine", "cores"),
+    ],
+)
+def test_a_number_that_no_record_has_is_refused(
+    place: tuple[str | int, ...], value: object, tmp_path: Path
+) -> None:
+    USUAL.write(tmp_path / "run")
+    file = tmp_path / "run" / "record.json"
+    record = json.loads(file.read_text())
+    file.write_text(json.dumps(_put(record, place, value)))
+    with pytest.raises(RecordError, match="is damaged"):
+        open_run(tmp_path / "run")
+
+
+@pytest.mark.parametrize("value", EXTREME, ids=lambda each: str(each)[:20])
+def test_a_number_that_no_result_has_is_refused(value: object, tmp_path: Path) -> None:
+    result = json.loads(to_json(result_of(USUAL.write(tmp_path / "run"))))
+    changed = _put(result, ("verdict", "requirements", 0, "limit"), value)
+    with pytest.raises(msgspec.DecodeError):
+        from_json(json.dumps(changed).encode())

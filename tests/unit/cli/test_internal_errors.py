@@ -1,0 +1,269 @@
+"""What no code foresaw ends as one line with a code and exit status 70, in workers, too."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import re
+import signal
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import r2bspec.cli.check_files as check_files_module
+from r2bspec.check.example_spec import example
+from r2bspec.cli import main as cli
+from r2bspec.cli.internal_error import Crash, InternalError, WorkerEndedError
+from r2bspec.cli.worker_processes import map_in_processes
+from r2bspec.errors import UsageError
+from r2bspec.exit_status import ExitStatus
+
+LONGEST_S = 60
+"""Ends only what would not end."""
+
+
+@pytest.fixture(autouse=True)
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of temporary files of the test's own."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    return folder
+
+
+@pytest.fixture
+def many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Files that several processes check."""
+    names = []
+    for number in range(60):
+        file = tmp_path / f"{number:02}.r2b.yaml"
+        file.write_text(example())
+        names.append(str(file))
+    monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
+    return names
+
+
+def _nested(depth: int = 0) -> int:
+    return _nested(depth + 1) + 1
+
+
+def _raise(error: Exception) -> None:
+    raise error
+
+
+CRASHES: dict[str, Callable[[], object]] = {
+    "RecursionError": _nested,
+    "MemoryError": lambda: _raise(MemoryError()),
+    "TypeError": lambda: len(5),  # type: ignore[arg-type]
+    "UnicodeEncodeError": lambda: "\ud800".encode(),
+}
+
+
+@pytest.mark.parametrize("kind", CRASHES)
+def test_a_crash_is_a_line_a_file_and_status_70(
+    kind: str, temporary: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli.command, "main", lambda **_: CRASHES[kind]())
+    assert cli.main(["validate"]) == ExitStatus.INTERNAL_ERROR
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    (line,) = shown.err.splitlines()
+    assert line.startswith(f"error[R2B690 internal-error]: {kind} in r2bspec (")
+    assert "report it to the issue tracker of r2bspec" in line or "report it to http" in line
+    (file,) = temporary.iterdir()
+    assert line.endswith(f"with the traceback in {file}")
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert "Traceback (most recent call last):" in file.read_text()
+    assert kind in file.read_text()
+
+
+def test_the_line_has_nothing_of_the_input(
+    temporary: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(
+        cli.command, "main", lambda **_: _raise(ValueError("\x1b[2J\n::error::hunter2"))
+    )
+    assert cli.main(["validate"]) == ExitStatus.INTERNAL_ERROR
+    shown = capsys.readouterr().err
+    assert "hunter2" not in shown
+    assert "\x1b" not in shown
+    (file,) = temporary.iterdir()
+    assert "hunter2" in file.read_text()
+
+
+def test_without_room_for_the_traceback_the_line_is_said_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(**_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tempfile.mkstemp", full)
+    monkeypatch.setattr(cli.command, "main", lambda **_: CRASHES["TypeError"]())
+    assert cli.main(["validate"]) == ExitStatus.INTERNAL_ERROR
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "could not be written: No space left on device" in line
+
+
+def _crash_on(
+    monkeypatch: pytest.MonkeyPatch, names: list[str], crash: Callable[[], object]
+) -> str:
+    """Let the check of one of the files crash, which is not the first; returns its name."""
+    chosen = names[37]
+    before = check_files_module._load
+
+    def load(source: Path | str, file: str, options: check_files_module.CheckOptions) -> object:
+        if file == chosen:
+            crash()
+        return before(source, file, options)
+
+    monkeypatch.setattr(check_files_module, "_load", load)
+    return chosen
+
+
+@pytest.mark.parametrize("together", [True, False])
+@pytest.mark.parametrize("kind", CRASHES)
+def test_a_crash_while_a_file_is_checked_names_the_file(
+    kind: str,
+    together: bool,
+    many: list[str],
+    temporary: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if not together:
+        monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 1000)
+    chosen = _crash_on(monkeypatch, many, CRASHES[kind])
+    assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"while checking '{chosen}'" in line
+    (file,) = temporary.iterdir()
+    assert "in load" in file.read_text()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT])
+def test_a_worker_that_dies_is_an_error_that_names_its_file(
+    number: signal.Signals,
+    many: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def die() -> None:
+        faulthandler.disable()  # that of pytest would write to the terminal
+        os.kill(os.getpid(), number)
+
+    chosen = _crash_on(monkeypatch, many, die)
+    assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == (
+        f"error[R2B691 worker-ended]: the process that checked '{chosen}' ended by {number.name}"
+    )
+    assert second.startswith("  help: ")
+
+
+def test_a_worker_that_exits_is_an_error() -> None:
+    with pytest.raises(WorkerEndedError, match="'b' ended with status 5"):
+        list(map_in_processes(lambda name: os._exit(5) if name == "b" else name, ["a", "b"], 1))
+
+
+def test_workers_answer_in_order_and_pass_on_foreseen_errors() -> None:
+    names = [str(number) for number in range(200)]
+    assert list(map_in_processes(lambda name: name * 1000, names, 3)) == [n * 1000 for n in names]
+
+    def refuse(name: str) -> str:
+        raise UsageError(f"not {name}", hint="another", code="R2B610")
+
+    with pytest.raises(Exception, match="not 0") as caught:
+        list(map_in_processes(refuse, names, 1))
+    assert getattr(caught.value, "exit_code", None) == ExitStatus.USAGE
+    assert getattr(caught.value, "hint", None) == "another"
+    assert getattr(caught.value, "code", None) == "R2B610"
+
+
+def test_no_worker_is_left_when_the_answers_are_not_wanted() -> None:
+    answers = map_in_processes(lambda _: str(os.getpid()), [str(n) for n in range(100)], 2)
+    worker = int(next(answers))
+    os.kill(worker, 0)
+    answers.close()  # type: ignore[attr-defined]
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+
+
+_SLOW_CHECK = """
+import sys, time
+import r2bspec.cli.check_files as module
+from r2bspec.cli.main import main
+
+before = module._load
+def load(source, file, options):
+    if not file.endswith("/00.r2b.yaml"):
+        if file.endswith("/01.r2b.yaml"):
+            print("started", flush=True)
+        time.sleep(600)
+    return before(source, file, options)
+module._load = load
+module.MIN_PARALLEL_FILES = 2
+module.os.sched_getaffinity = lambda _: {0, 1}
+sys.exit(main(["validate", "--offline", *sys.argv[1:]]))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("whole_group", [True, False])
+def test_an_interrupt_shows_no_traceback_of_a_worker(
+    number: signal.Signals, whole_group: bool, many: list[str]
+) -> None:
+    running = subprocess.Popen(
+        [sys.executable, "-c", _SLOW_CHECK, *many],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        assert running.stdout is not None
+        assert running.stdout.readline() == "started\n"
+        (os.killpg if whole_group else os.kill)(running.pid, number)
+        _out, shown = running.communicate(timeout=LONGEST_S)
+    finally:
+        if running.poll() is None:
+            os.killpg(running.pid, signal.SIGKILL)
+            running.wait()
+    assert shown.strip() == "interrupted"
+    assert running.returncode == ExitStatus.INTERRUPTED
+    deadline = time.monotonic() + LONGEST_S
+    while time.monotonic() < deadline:
+        try:
+            os.killpg(running.pid, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.01)
+    pytest.fail("a worker was left")
+
+
+def test_the_place_is_the_last_line_of_the_package() -> None:
+    with pytest.raises(TypeError) as caught:
+        list(map_in_processes(str, 5, 0))  # type: ignore[arg-type]
+    crash = Crash.of(caught.value, "while testing")
+    assert re.fullmatch(r"cli/worker_processes\.py:\d+", crash.place)
+    assert "while testing; report it" in str(InternalError(crash))
+
+
+def test_an_output_without_room_is_no_internal_error() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "r2bspec", "explain", "R2B690"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error[R2B651 ")
+    assert line.endswith("the output cannot be written: No space left on device")
+    assert done.returncode == ExitStatus.USAGE

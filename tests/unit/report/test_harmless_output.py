@@ -1,0 +1,238 @@
+"""No text of a stranger reaches a terminal or a log as a control sequence or a command."""
+
+from __future__ import annotations
+
+import ast
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from rich.text import Text
+
+from r2bspec.check.example_spec import example
+from r2bspec.cli.main import main
+from r2bspec.compare.comparison import ComparedSource, Comparison, ComparisonLine
+from r2bspec.compare.history import HistoryEntry, open_history
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.diagnostics.plain_text import harmless, plain, plain_values
+from r2bspec.errors import R2bspecError
+from r2bspec.judge.judge_run import result_of
+from r2bspec.judge.result import Result
+from r2bspec.report.findings import finding_formats
+from r2bspec.report.format_registry import FORMATS, renderer
+from r2bspec.report.output import console, echo, write
+from report_runs import USUAL
+
+PACKAGE = Path(__file__).parents[3] / "r2bspec"
+
+ATTACK = (
+    "\x1b]0;owned\x07\x1b[2J\x9b31m\u202eevil\u2066\r"
+    "::error::first\n::stop-commands::x\n  ::add-mask::y\n##[add-path]z\x00\x7f\u2028::w"
+)
+OURS = re.compile(r"::(?:error|warning|notice) [^\n]*::")
+CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\u2028]")
+
+
+def check_harmless(text: str, *, commands: bool = False) -> None:
+    assert not CONTROL.search(text.replace("\r\n", "\n"))
+    assert "\r" not in text.replace("\r\n", "\n")
+    for line in re.split(r"[\n\r\x85\u2028]", text):
+        if line.lstrip().startswith("::"):
+            assert commands, line
+            assert OURS.match(line), line
+        assert "##[" not in line
+
+
+def attacked(value: Any) -> Any:
+    """The same value with the attack in every text and every key that a format leaves free."""
+    if isinstance(value, msgspec.Struct):
+        kinds = {each.name: each.type for each in msgspec.structs.fields(value)}
+        return msgspec.structs.replace(
+            value,
+            **{
+                name: attacked(getattr(value, name))
+                for name in value.__struct_fields__
+                if "Literal" not in str(kinds[name])
+                # What says which calculation it was, and the keys that other fields refer to.
+                and name not in {"method", "unit", "metric", "monitor", "pace", "spec"}
+            },
+        )
+    if isinstance(value, dict):
+        return {key: attacked(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)([attacked(each) for each in value])
+    return value + ATTACK if isinstance(value, str) else value
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return attacked(result_of(USUAL.write(tmp_path_factory.mktemp("runs") / "run")))  # type: ignore[no-any-return]
+
+
+def test_the_result_is_hostile(hostile: Result) -> None:
+    assert repr(hostile).count("stop-commands") > 40
+
+
+TEXT_FORMATS = [name for name, known in FORMATS.items() if known.is_text]
+
+
+def test_formats_for_programs_are_the_few_that_are_known() -> None:
+    assert set(FORMATS) - set(TEXT_FORMATS) == {
+        *("json", "ros2_benchmark", "bencher", "benchmark_smaller", "benchmark_bigger"),
+        *("trace", "mcap"),
+    }
+
+
+@pytest.mark.parametrize("name", [each for each in TEXT_FORMATS if each != "hdrhistogram"])
+def test_no_report_of_a_hostile_result_does_harm(name: str, hostile: Result) -> None:
+    shown = renderer(name)(ReportInput(result=hostile)).decode()
+    check_harmless(shown, commands=name == "github")
+    assert "stop-commands" in shown or name == "openmetrics"
+
+
+@pytest.mark.parametrize("name", ["text", "markdown", "html", "csv", "github"])
+def test_no_comparison_of_hostile_results_does_harm(name: str) -> None:
+    from r2bspec.report.comparison.comparison_formats import render
+
+    source = ComparedSource(source=ATTACK, name=ATTACK, run_id=ATTACK, started_at=ATTACK)
+    numbers = dict.fromkeys(("base", "head", "ratio", "lower", "upper", "offered_hz"), 1.0)
+    line = ComparisonLine(
+        **numbers,
+        monitor=ATTACK,
+        metric=ATTACK,
+        unit="s",
+        margin=0.1,
+        outcome="worse",
+        reason=ATTACK,
+    )
+    made = Comparison(
+        base=source, head=source, confidence=0.95, differences=(ATTACK,), lines=(line,)
+    )
+    shown = render([made], name).decode()
+    check_harmless(shown, commands=name == "github")
+
+
+FINDING = Diagnostic(
+    "R2B204",
+    Severity.ERROR,
+    ATTACK,
+    Span(f"::add-mask::{ATTACK}", 1, 1, 1, 4),
+    help=ATTACK,
+)
+
+
+@pytest.mark.parametrize("name", ["text", "github", "junit"])
+@pytest.mark.parametrize("colour", [True, False])
+def test_no_finding_does_harm(name: str, colour: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    file = FINDING.span.file
+    sources = {file: f"::error::{ATTACK}\n"}
+    shown = finding_formats.render(name, [FINDING], sources, [file], colour=colour)
+    echo(shown, styled=colour and name == "text", commands=name == "github")
+    printed = capsys.readouterr().out
+    check_harmless(re.sub(r"\x1b\[[0-9;]*m", "", printed), commands=name == "github")
+    assert "add-mask" in printed
+
+
+def test_a_file_with_a_hostile_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = "::add-mask::\x1b[2J.r2b.yaml"
+    Path(name).write_text(example().replace("R2B", "x") + "nonsense: 1\n")
+    for each in ("text", "github", "junit"):
+        main(["validate", "--format", each, "--offline", name])
+        shown = capsys.readouterr()
+        check_harmless(shown.out, commands=each == "github")
+        assert "add-mask" in shown.out
+    for verb in ("plan", "judge", "run"):
+        main([verb, name])
+        shown = capsys.readouterr()
+        check_harmless(shown.out + shown.err)
+        assert "add-mask" in shown.err
+
+
+def test_errors_are_harmless(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(**_: object) -> None:
+        raise R2bspecError(ATTACK, hint=ATTACK)
+
+    main([f"::error::{ATTACK}"])
+    monkeypatch.setattr("r2bspec.cli.main.command.main", fail)
+    main([])
+    shown = capsys.readouterr().err
+    assert shown.count("stop-commands") >= 2
+    check_harmless(shown)
+
+
+def test_the_list_of_a_hostile_history(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "history.db"
+    entry = HistoryEntry(
+        run_id=f"{ATTACK}run",
+        name=f"{ATTACK}name",
+        started_at=ATTACK,
+        host=ATTACK,
+        machine=ATTACK,
+        plan=ATTACK,
+        dataset=ATTACK,
+        version=ATTACK,
+        outcome=ATTACK,
+    )
+    with open_history(file, create=True) as history:
+        history.add(entry)
+    main(["history", "list", "--file", str(file)])
+    shown = capsys.readouterr()
+    assert "stop-commands" in shown.out + shown.err
+    check_harmless(shown.out + shown.err)
+
+
+def test_a_console_that_wraps_lines_makes_no_command() -> None:
+    buffer = io.StringIO()
+    page = console(buffer, width=20, color_system=None)
+    page.print(Text(f"{'x' * 19} ::error::hello {ATTACK}"))
+    check_harmless(buffer.getvalue())
+    assert "error" in buffer.getvalue()
+
+
+def test_colours_of_a_console_stay_and_those_of_others_go() -> None:
+    buffer = io.StringIO()
+    page = console(buffer, width=80, color_system="standard", force_terminal=True)
+    page.print(Text("red", style="red"), Text("\x1b[8mhidden"))
+    assert buffer.getvalue() == "\x1b[31mred\x1b[0m \ufffd[8mhidden\n"
+
+
+def test_a_stream_gets_harmless_text() -> None:
+    buffer = io.StringIO()
+    write(buffer, ATTACK)
+    check_harmless(buffer.getvalue())
+
+
+@pytest.mark.parametrize(
+    "text", ["plain\n", "a::B\n", "tab\there\r\n", "µs → ✔ 👩\u200d🚀", "## [1]"]
+)
+def test_usual_text_stays(text: str) -> None:
+    assert harmless(text) == plain(text) == text
+    assert plain_values({"a": [text]}) == {"a": [text]}
+
+
+_ALLOWED = {"report/output.py", "doctor/import_probe.py", "pytest_plugin.py"}
+
+
+def test_nothing_else_writes_text() -> None:
+    found = []
+    for module in PACKAGE.rglob("*.py"):
+        name = module.relative_to(PACKAGE).as_posix()
+        if name in _ALLOWED or name.startswith(("harness/", "nodes/")):
+            continue
+        for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                called = ast.unparse(node.func)
+                if called in {"print", "click.echo", "click.secho", "Console"} or re.fullmatch(
+                    r"sys\.std(out|err)\.write", called
+                ):
+                    found.append(f"{name}:{node.lineno}: {called}")
+    assert found == []
