@@ -19,7 +19,7 @@ from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mea
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.located_tree import Entry, ListNode, MapNode, ScalarNode, TreeNode, child
-from r2bspec.language.variable_declarations import equal_values, with_variable
+from r2bspec.language.variable_declarations import equal_values, with_variables
 
 KEY = "matrix"
 MAX_CASES = 1000
@@ -74,9 +74,7 @@ def matrix_of(root: TreeNode) -> Matrix | None:
 
 def with_case_values(root: TreeNode, matrix_case: MatrixCase) -> TreeNode:
     """The document with the values of a case."""
-    for name, value in matrix_case.values.items():
-        root = with_variable(root, name, value)
-    return root
+    return with_variables(root, matrix_case.values)
 
 
 def _expand_cases(

@@ -51,7 +51,8 @@ YAML_PAGES = (
         "R2B005",
         "further problems are not shown",
         Severity.INFO,
-        "Thousands of problems usually have one cause. Fix it, and validate again.",
+        "Thousands of problems usually have one cause. Fix it, and validate again. A rule stops after "
+        "a thousand findings; where the rest may include an error, this is one, too.",
         "",
         "",
     ),
