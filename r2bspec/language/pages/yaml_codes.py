@@ -23,7 +23,8 @@ YAML_PAGES = (
         "the document is too large",
         _ERROR,
         "A spec has a few thousand bytes and refers to its data by path. The limit keeps a wrong "
-        "path, for example to a bag, from filling the memory. The number of waivers is limited, too.",
+        "path, for example to a bag, from filling the memory. The number of waivers is limited, "
+        "too.",
         "",
         "",
     ),
