@@ -25,6 +25,8 @@ from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
 
+_STOPPED = "R2B005"
+
 
 def check(loaded: LoadedSpec, *, offline: bool = False) -> list[Diagnostic]:
     """All findings about a spec, sorted by place.
@@ -110,7 +112,7 @@ def _rule_stopped(rule: Rule, made: Sequence[Diagnostic]) -> Diagnostic:
     """Says that a rule was stopped. What it would have found then may include an error."""
     may_be_error = rule.severity == "error" or any(one.severity == "error" for one in made)
     return Diagnostic(
-        "R2B005",
+        _STOPPED,
         Severity.ERROR if may_be_error else Severity.WARNING,
         f"more than {MAX_PROBLEMS:,} findings of {rule.code}; the rest was not searched for",
         made[-1].span,
@@ -120,11 +122,13 @@ def _rule_stopped(rule: Rule, made: Sequence[Diagnostic]) -> Diagnostic:
 
 def _shown(found: Sequence[Diagnostic]) -> list[Diagnostic]:
     """The findings sorted by place; of too many, the most severe, and how many there are."""
-    ordered = sorted(found, key=lambda each: each.sort_key)
+    # That a rule was stopped is shown in any case: nothing else says that there may be more.
+    stopped = [one for one in found if one.code == _STOPPED]
+    ordered = sorted((one for one in found if one.code != _STOPPED), key=lambda one: one.sort_key)
     if len(ordered) <= MAX_PROBLEMS:
-        return ordered
+        return sorted(found, key=lambda one: one.sort_key)
     severities = list(Severity)
     by_severity = sorted(ordered, key=lambda each: severities.index(each.severity))
-    kept = sorted(by_severity[:MAX_PROBLEMS], key=lambda each: each.sort_key)
+    kept = sorted([*by_severity[:MAX_PROBLEMS], *stopped], key=lambda one: one.sort_key)
     message = f"{len(ordered):,} findings; only {MAX_PROBLEMS:,} are shown, errors first"
-    return [*kept, Diagnostic("R2B005", Severity.INFO, message, kept[-1].span)]
+    return [*kept, Diagnostic(_STOPPED, Severity.INFO, message, kept[-1].span)]
