@@ -124,11 +124,10 @@ def _type(connection: Connection) -> str:
 
 
 def _check_size(types: Typestore, recorded: str) -> None:
-    """Refuse a type of which a few bytes of definition, or of data, make very many values.
+    """Refuse a type of which a short definition makes very many values.
 
     Raises:
-        ValueError: arrays in arrays have too many values, a type contains itself, or a sequence
-            has elements without content, of which any number takes no bytes.
+        ValueError: arrays in arrays have too many values, or a type contains itself.
     """
     from rosbags.interfaces import Nodetype
 
@@ -154,8 +153,6 @@ def _check_size(types: Typestore, recorded: str) -> None:
         if element[0] == Nodetype.BASE and element[1][0] != "string":
             return 1
         size = of_field(element, within)
-        if kind == Nodetype.SEQUENCE and size == 0:
-            raise ValueError("a sequence has elements without content")
         return 1 if kind == Nodetype.SEQUENCE else number * max(size, 1)
 
     of_type(recorded, frozenset())
