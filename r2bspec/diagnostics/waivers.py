@@ -30,7 +30,7 @@ NOT_WAIVABLE = "R2B043"
 MAX_FINDINGS = 1000
 """Findings beyond which no findings about waivers are added: more would not help."""
 
-MAX_WAIVERS = 10_000
+MAX_WAIVERS = 25_000
 """Waivers of one document; one that lists several codes counts as often."""
 
 _WAIVER_SYNTAX = "# r2bspec: ignore[CODE] reason"

@@ -210,11 +210,11 @@ LIMITS: dict[str, tuple[str, str, str]] = {
         "R2B139",
         "1,001 exclusions",
     ),
-    "waivers": (MINIMAL + "# r2bspec: ignore[R2B512] x\n" * 350_000, "R2B002", "10,000 waivers"),
+    "waivers": (MINIMAL + "# r2bspec: ignore[R2B512] x\n" * 350_000, "R2B002", "25,000 waivers"),
     "codes of one waiver": (
         MINIMAL + f"title: x # r2bspec: ignore[{'R2B512,' * 1_400_000}] x\n",
         "R2B002",
-        "10,000 waivers",
+        "25,000 waivers",
     ),
     "findings of a rule": (
         FAMILIES["equal requirements"][0](2000),

@@ -36,7 +36,10 @@ def topics(number: int, name: str = "/t") -> str:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (f"  relative_file_paths: [{'a.db3, ' * 20_000}]\n{topics(1)}", "'a.db3' more than once"),
+        (
+            f"  relative_file_paths: [{'a.db3, ' * 20_000}]\n{topics(1)}",
+            "the file a.db3 more than once",
+        ),
         (f"  relative_file_paths: [a.db3]\n{topics(MAX_ENTRIES + 1)}", "the limit is 10,000"),
         (
             f"  relative_file_paths: [{', '.join(f'a{i}.db3' for i in range(MAX_ENTRIES + 1))}]\n"
