@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -16,12 +17,16 @@ from r2bspec.bags.errors import (
     error_hint,
     error_text,
 )
+from r2bspec.diagnostics.quote import clip
 from r2bspec.language.bag_formats import SUFFIXES_TEXT
 
 METADATA_NAME = "metadata.yaml"
 
 _LFS_MAGIC = b"version https://git-lfs.github.com/spec/"
 _MAX_VERSION = 9
+MAX_ENTRIES = 10_000
+"""Files or topics of a bag."""
+_MAX_NAME_LENGTH = 1000
 _OLD_TYPE = re.compile(r"(?P<package>[^/]+)/(?P<name>[^/]+)")
 
 
@@ -135,6 +140,7 @@ def _from_document(info: Any) -> BagMetadata:
     if version > _MAX_VERSION:
         msg = f"its version is {version}, the newest supported one is {_MAX_VERSION}"
         raise ValueError(msg)
+    _check_numbers(info)
     compression_mode = info.get("compression_mode", "").lower()
     return BagMetadata(
         version=version,
@@ -149,6 +155,26 @@ def _from_document(info: Any) -> BagMetadata:
         compression_mode="" if compression_mode == "none" else compression_mode,
         spans=tuple(_span(entry) for entry in info.get("files") or () if _has_messages(entry)),
     )
+
+
+def _check_numbers(info: Any) -> None:
+    """Refuse what would have a short file cost long work.
+
+    Raises:
+        ValueError: a file is listed twice, or there are too many files or topics.
+    """
+    names = [PurePath(name).name for name in info["relative_file_paths"] or ()]
+    if len(set(names)) < len(names):
+        twice = next(name for name, count in Counter(names).items() if count > 1)
+        raise ValueError(f"it lists the file {clip(twice)} more than once")
+    topics = info["topics_with_message_count"] or ()
+    for what, number in (("files", len(names)), ("topics", len(topics))):
+        if number > MAX_ENTRIES:
+            raise ValueError(f"it lists {number:,} {what}; the limit is {MAX_ENTRIES:,}")
+    for topic in topics:
+        longest = max(len(topic["topic_metadata"][key]) for key in ("name", "type"))
+        if longest > _MAX_NAME_LENGTH:
+            raise ValueError(f"it has a name of {longest:,} characters")
 
 
 def _has_messages(entry: Any) -> bool:

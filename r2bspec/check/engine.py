@@ -10,17 +10,22 @@ earlier rule suppresses is dropped.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.finding_location import to_diagnostic
+from r2bspec.check.rule import Rule
 from r2bspec.check.rule_registry import all_rules
-from r2bspec.diagnostics.diagnostic import Diagnostic
+from r2bspec.diagnostics.diagnostic import Diagnostic, Severity
 from r2bspec.diagnostics.waivers import apply_waivers
 from r2bspec.language.case_findings import merge_case_findings
+from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
+
+_STOPPED = "R2B005"
 
 
 def check(loaded: LoadedSpec, *, offline: bool = False) -> list[Diagnostic]:
@@ -72,7 +77,7 @@ def _unwaived_findings(
     texts = {name: text for one in cases for name, text in one.texts.items()}
     complete = complete and all(each is not None and not each.offline for each in contexts)
     left = apply_waivers(found, texts, known=_slugs_by_code, complete=complete)
-    return sorted(left, key=lambda each: each.sort_key)
+    return _shown(left)
 
 
 def _check_document(loaded: LoadedSpec, context: Context | None) -> list[Diagnostic]:
@@ -90,8 +95,40 @@ def _apply_rules(context: Context) -> list[Diagnostic]:
     suppressed: set[str] = set()
     for rule in all_rules():
         # A rule suppresses findings of later rules, but not its own.
-        kept = [each for each in rule.find(context) if not each.suppressed_by & suppressed]
+        unsuppressed = (
+            each for each in rule.find(context) if suppressed.isdisjoint(each.suppressed_by)
+        )
+        kept = list(islice(unsuppressed, MAX_PROBLEMS + 1))
+        made = [to_diagnostic(each, rule.code, rule.severity, context.loaded) for each in kept]
         for finding in kept:
             suppressed |= finding.suppresses
-            found.append(to_diagnostic(finding, rule.code, rule.severity, context.loaded))
+        if len(made) > MAX_PROBLEMS:
+            made[MAX_PROBLEMS:] = [_rule_stopped(rule, made)]
+        found += made
     return found
+
+
+def _rule_stopped(rule: Rule, made: Sequence[Diagnostic]) -> Diagnostic:
+    """Says that a rule was stopped. What it would have found then may include an error."""
+    may_be_error = rule.severity == "error" or any(one.severity == "error" for one in made)
+    return Diagnostic(
+        _STOPPED,
+        Severity.ERROR if may_be_error else Severity.WARNING,
+        f"more than {MAX_PROBLEMS:,} findings of {rule.code}; the rest was not searched for",
+        made[-1].span,
+        help="correct these first; they usually have one cause",
+    )
+
+
+def _shown(found: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """The findings sorted by place; of too many, the most severe, and how many there are."""
+    # That a rule was stopped is shown in any case: nothing else says that there may be more.
+    stopped = [one for one in found if one.code == _STOPPED]
+    ordered = sorted((one for one in found if one.code != _STOPPED), key=lambda one: one.sort_key)
+    if len(ordered) <= MAX_PROBLEMS:
+        return sorted(found, key=lambda one: one.sort_key)
+    severities = list(Severity)
+    by_severity = sorted(ordered, key=lambda each: severities.index(each.severity))
+    kept = sorted([*by_severity[:MAX_PROBLEMS], *stopped], key=lambda one: one.sort_key)
+    message = f"{len(ordered):,} findings; only {MAX_PROBLEMS:,} are shown, errors first"
+    return [*kept, Diagnostic(_STOPPED, Severity.INFO, message, kept[-1].span)]

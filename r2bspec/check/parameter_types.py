@@ -10,6 +10,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.located_tree import ListNode
 from r2bspec.language.spec import ParameterValue
 from r2bspec.wiring.node_interface import ParameterType
+from r2bspec.wiring.parameter_files import ParameterFile
 from r2bspec.wiring.wiring import NodeWiring
 
 # bool comes before int, because it is a subclass of int.
@@ -47,14 +48,17 @@ class ParameterOverride:
 
 def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[ParameterOverride]:
     """The effective parameters of a node, each with the place that sets it."""
+    files = [
+        context.companion_files.parameter_files.get(source.file, ParameterFile()).names
+        for source in node.node.parameter_sources
+    ]
     for name, value in node.parameters.items():
         path = context.parameter_path(node, name)
         if path is not None and name in node.node.parameters:
             yield ParameterOverride(name, value, path)
             continue
         for index, source in enumerate(node.node.parameter_sources):
-            file = context.companion_files.parameter_files.get(source.file)
-            if file is not None and any(name in values for _, values in file.nodes):
+            if name in files[index]:
                 place: Path = (*node.path, "parameters")
                 listed = isinstance(context.value_at(place), ListNode)
                 path = (*place, index) if listed else place

@@ -13,6 +13,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 from r2bspec.diagnostics.diagnostic import Diagnostic, Severity, Span
@@ -20,6 +21,7 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.diagnostics.source_lines import split_lines
 from r2bspec.diagnostics.suggest import did_you_mean
 
+TOO_LARGE = "R2B002"
 WAIVER_WITHOUT_REASON = "R2B040"
 UNKNOWN_CODE = "R2B041"
 UNUSED_WAIVER = "R2B042"
@@ -27,6 +29,9 @@ NOT_WAIVABLE = "R2B043"
 
 MAX_FINDINGS = 1000
 """Findings beyond which no findings about waivers are added: more would not help."""
+
+MAX_WAIVERS = 25_000
+"""Waivers of one document; one that lists several codes counts as often."""
 
 _WAIVER_SYNTAX = "# r2bspec: ignore[CODE] reason"
 _COMMENT = re.compile(r"(?<![^\s\ufeff])#[ \t]*r2bspec[ \t]*:[ \t]*ignore\b")
@@ -71,7 +76,11 @@ def apply_waivers(
         complete: whether everything was checked, so that a waiver without a finding is unused.
     """
     found = list(found)
-    waivers = [one for file, text in texts.items() for one in waivers_in(text, file)]
+    waivers: list[Waiver] = []
+    for file, text in texts.items():
+        waivers += islice(waivers_in(text, file), MAX_WAIVERS + 1)
+        if len(waivers) > MAX_WAIVERS or _has_too_many_comments(text):
+            return [*found, _too_many(Span.of_file(file))]
     if not waivers:
         return found
     slugs = known()
@@ -96,6 +105,20 @@ def apply_waivers(
     return left
 
 
+def _has_too_many_comments(text: str) -> bool:
+    return next(islice(_COMMENT.finditer(text), MAX_WAIVERS, None), None) is not None
+
+
+def _too_many(place: Span) -> Diagnostic:
+    return Diagnostic(
+        TOO_LARGE,
+        Severity.ERROR,
+        f"more than {MAX_WAIVERS:,} waivers; none of them has an effect",
+        place,
+        help="correct what they waive",
+    )
+
+
 def may_contain_waiver(text: str) -> bool:
     """Whether a text may contain a waiver: quick; a value that looks like a comment counts, too."""
     return _COMMENT.search(text) is not None
@@ -103,7 +126,7 @@ def may_contain_waiver(text: str) -> bool:
 
 def waivers_in(text: str, file: str) -> Iterator[Waiver]:
     """Every waiver in the comments of a text."""
-    if not may_contain_waiver(text):
+    if not may_contain_waiver(text) or _has_too_many_comments(text):
         return
     lines = split_lines(text)
     hidden = _value_spans(text)

@@ -28,6 +28,7 @@ from r2bspec.language.located_tree import (
     UnknownNode,
     child,
     lookup,
+    scalars_of,
     span_at,
     to_plain,
     without,
@@ -39,9 +40,11 @@ from r2bspec.language.shorthand import expand_shorthands
 from r2bspec.language.source_columns import inner_span
 from r2bspec.language.source_text import Source
 from r2bspec.language.spec import Spec
+from r2bspec.language.spec_limits import exceeded_limits
 from r2bspec.language.substitution import substitute
 from r2bspec.language.value_codec import decode
 from r2bspec.language.value_origins import ValueOrigins
+from r2bspec.language.variable_references import OPENING
 
 if TYPE_CHECKING:
     from r2bspec.language.untrusted_environment import UntrustedSpecs
@@ -198,9 +201,29 @@ def load_cases(
         document = open_document(source, file, sets, variables or {}, allow_paths)
         matrix = matrix_of(document.tree) if document.tree is not None else None
         matrix_cases = _select_cases(document, matrix, case)
-        return tuple(
-            _load_case(document, each, environ, untrusted) for each in matrix_cases or (None,)
+        if not matrix_cases:
+            return (_load_case(document, None, environ, untrusted),)
+        first = _load_case(document, matrix_cases[0], environ, untrusted)
+        _drop_checked_matrix(document, first)
+        return (
+            first,
+            *(_load_case(document, each, environ, untrusted) for each in matrix_cases[1:]),
         )
+
+
+def _drop_checked_matrix(document: ParsedDocument, first: LoadedSpec) -> None:
+    """Remove the matrix once one case was loaded: it is the same, and as long, in every case.
+
+    Its problems are those of the document. A matrix with references, which is rare, stays: what
+    they refer to may differ.
+    """
+    tree = document.tree
+    if not isinstance(tree, MapNode) or MATRIX not in tree.entries:
+        return
+    if any(OPENING in each.text for each in scalars_of(tree.entries[MATRIX].value)):
+        return
+    document.diagnostics += [one for one in first.diagnostics if one.path[:1] == (MATRIX,)]
+    document.tree = without(tree, MATRIX)
 
 
 def _select_cases(
@@ -265,6 +288,9 @@ def _load_case(
         if all(one.severity is not Severity.ERROR for one in found):
             # An error here would be a bug: the schema accepted what the types refuse.
             spec = msgspec.convert(expand_shorthands(plain), Spec, dec_hook=decode)
+            too_many = exceeded_limits(spec, tree)
+            found += too_many
+            spec = None if too_many else spec
     if document.incomplete:
         found = [one for one in found if not _is_consequence(one, document.incomplete)]
     origins = ValueOrigins(document.files, entries)

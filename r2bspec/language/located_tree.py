@@ -6,6 +6,7 @@ written; the composer limits the size of the tree with all aliases expanded.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,6 +102,41 @@ def replace_at(root: TreeNode, path: Path, value: TreeNode) -> TreeNode:
         items[index] = replace_at(items[index], rest, value)
         return ListNode(tuple(items), root.span)
     return root
+
+
+def size_of(root: TreeNode) -> int:
+    """The number of values of a tree; one that an alias repeats counts every time."""
+    known: dict[int, int] = {}
+
+    def count(node: TreeNode) -> int:
+        if isinstance(node, ScalarNode | UnknownNode):
+            return 1
+        if id(node) not in known:
+            below = (
+                node.items
+                if isinstance(node, ListNode)
+                else (entry.value for entry in node.entries.values())
+            )
+            known[id(node)] = 1 + sum(map(count, below))
+        return known[id(node)]
+
+    return count(root)
+
+
+def scalars_of(root: TreeNode) -> Iterator[ScalarNode]:
+    """The single values of a tree, those that an alias repeats once."""
+    visited: set[int] = set()
+    pending: list[TreeNode] = [root]
+    while pending:
+        node = pending.pop()
+        if isinstance(node, ScalarNode):
+            yield node
+        elif id(node) not in visited:
+            visited.add(id(node))
+            if isinstance(node, MapNode):
+                pending += [entry.value for entry in node.entries.values()]
+            elif isinstance(node, ListNode):
+                pending += node.items
 
 
 def without(node: MapNode, key: str) -> MapNode:

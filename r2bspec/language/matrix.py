@@ -18,12 +18,24 @@ from dataclasses import dataclass, field
 from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.diagnostic_collector import DiagnosticCollector
-from r2bspec.language.located_tree import Entry, ListNode, MapNode, ScalarNode, TreeNode, child
-from r2bspec.language.variable_declarations import equal_values, with_variable
+from r2bspec.language.located_tree import (
+    Entry,
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    child,
+    size_of,
+    without,
+)
+from r2bspec.language.variable_declarations import with_variables
 
 KEY = "matrix"
 MAX_CASES = 1000
 """Cases of one document."""
+
+MAX_CASE_VALUES = 100_000
+"""Values of all cases together: every case is a document of its own."""
 
 Values = Mapping[str, ScalarNode]
 
@@ -68,15 +80,14 @@ def matrix_of(root: TreeNode) -> Matrix | None:
     declared = child(root, "variables")
     known = declared.entries if isinstance(declared, MapNode) else {}
     if _check_names(found.problems, known, axes, cases, excluded):
-        found.matrix_cases = _expand_cases(found, axes, cases, excluded)
+        size = size_of(without(root, KEY))
+        found.matrix_cases = _expand_cases(found, axes, cases, excluded, size)
     return found
 
 
 def with_case_values(root: TreeNode, matrix_case: MatrixCase) -> TreeNode:
     """The document with the values of a case."""
-    for name, value in matrix_case.values.items():
-        root = with_variable(root, name, value)
-    return root
+    return with_variables(root, matrix_case.values)
 
 
 def _expand_cases(
@@ -84,6 +95,7 @@ def _expand_cases(
     axes: Mapping[str, Entry],
     cases: Mapping[str, tuple[Span, Values]],
     excluded: list[tuple[Span, Values]],
+    values_in_case: int,
 ) -> tuple[MatrixCase, ...]:
     problems = found.problems
     lists = {name: _scalars(entry.value) for name, entry in axes.items()}
@@ -92,13 +104,18 @@ def _expand_cases(
         message = f"the matrix has {number:,} cases; the limit is {MAX_CASES:,}"
         problems.error("R2B139", message, found.span, "remove values, or split the spec")
         return ()
+    if len(excluded) > MAX_CASES:
+        message = f"the matrix has {len(excluded):,} exclusions; the limit is {MAX_CASES:,}"
+        problems.error("R2B139", message, found.span, "select values instead of excluding them")
+        return ()
     for name, listed in lists.items():
         _check_duplicate_values(problems, name, listed)
     made: list[MatrixCase] = []
     used: set[int] = set()
+    rules = _rules_by_values(excluded)
     for combination in itertools.product(*lists.values()) if lists else ():
         values: Values = dict(zip(lists, combination, strict=True))
-        matching = [i for i, (_, rule) in enumerate(excluded) if _matches(rule, values)]
+        matching = _matching_rules(rules, values)
         used.update(matching)
         if not matching:
             name = ",".join(f"{key}={value.text}" for key, value in values.items())
@@ -117,14 +134,42 @@ def _expand_cases(
                 )
             )
     made += [MatrixCase(name, given, span) for name, (span, given) in cases.items()]
+    total = len(made) * values_in_case
+    if total > MAX_CASE_VALUES:
+        message = (
+            f"{len(made):,} cases of {values_in_case:,} values are {total:,} values; "
+            f"the limit is {MAX_CASE_VALUES:,}"
+        )
+        problems.error("R2B139", message, found.span, "remove cases, or split the spec")
+        return ()
     if not made:
         message = "the matrix has no cases" + (": all combinations are excluded" if lists else "")
         problems.error("R2B139", message, found.span, "for example: axes: {threads: [1, 2]}")
     return tuple(made)
 
 
-def _matches(rule: Values, values: Values) -> bool:
-    return all(equal_values(values[name].value, wanted.value) for name, wanted in rule.items())
+_RulesByValues = Mapping[tuple[str, ...], Mapping[tuple[object, ...], list[int]]]
+"""Positions of exclusions, by the axes that they name and the values of these."""
+
+
+def _rules_by_values(excluded: list[tuple[Span, Values]]) -> _RulesByValues:
+    found: dict[tuple[str, ...], dict[tuple[object, ...], list[int]]] = {}
+    for index, (_, rule) in enumerate(excluded):
+        names = tuple(sorted(rule))
+        found.setdefault(names, {}).setdefault(_key(names, rule), []).append(index)
+    return found
+
+
+def _matching_rules(rules: _RulesByValues, values: Values) -> list[int]:
+    """The positions of the exclusions that match a combination."""
+    return [
+        index for names, by_key in rules.items() for index in by_key.get(_key(names, values), ())
+    ]
+
+
+def _key(names: tuple[str, ...], values: Values) -> tuple[object, ...]:
+    """The values of some axes; unlike in Python, true is not 1."""
+    return tuple((isinstance(values[name].value, bool), values[name].value) for name in names)
 
 
 def _check_duplicate_values(

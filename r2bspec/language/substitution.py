@@ -266,6 +266,8 @@ class _Substitution:
             value = self._value(found, node)
             if value is None:
                 failed = True
+                if self.problems.full:
+                    break
                 continue
             if isinstance(found, Reference) and (found.start, found.end) == (0, len(text)):
                 return replace(value, span=node.span)

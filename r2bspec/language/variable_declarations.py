@@ -10,6 +10,7 @@ and one of the choices.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from r2bspec.diagnostics import Related, Span, did_you_mean
@@ -68,10 +69,20 @@ def with_value(declared: TreeNode, value: TreeNode) -> TreeNode:
 
 def with_variable(root: TreeNode, name: str, value: TreeNode) -> TreeNode:
     """The document with another value for a variable that it declares."""
+    return with_variables(root, {name: value})
+
+
+def with_variables(root: TreeNode, values: Mapping[str, TreeNode]) -> TreeNode:
+    """The document with other values for those variables that it declares."""
     declared = child(root, "variables")
-    if not isinstance(declared, MapNode) or name not in declared.entries:
+    if not isinstance(declared, MapNode):
         return root
-    return replace_at(root, ("variables", name), with_value(declared.entries[name].value, value))
+    changed = {
+        name: replace(entry, value=with_value(entry.value, values[name]))
+        for name, entry in declared.entries.items()
+        if name in values
+    }
+    return replace_at(root, ("variables",), replace(declared, entries=declared.entries | changed))
 
 
 def is_declared_text(declared: TreeNode) -> bool:

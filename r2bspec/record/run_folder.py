@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -234,7 +235,19 @@ def open_run(path: Path) -> Run:
     content = _read(folder / "record.json")
     _check_version(folder / "record.json", content)
     record: RunRecord = _decode(folder / "record.json", content, RunRecord)
+    _check_segments(folder / "record.json", record)
     return Run(folder=folder, record=record, plan=_open_plan(folder / "plan.json", record))
+
+
+def _check_segments(path: Path, record: RunRecord) -> None:
+    """Each segment has samples of its own: a short record must not have a few read many times."""
+    names = Counter(each.id for each in record.segments)
+    twice = next((name for name, count in names.items() if count > 1), None)
+    if twice is not None:
+        raise RecordError(
+            f"{path} is damaged: it lists the segment {twice!r} {names[twice]:,} times",
+            hint=_CHANGED_HINT,
+        )
 
 
 class _VersionHeader(msgspec.Struct):

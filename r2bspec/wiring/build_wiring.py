@@ -15,7 +15,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, QoS, Spec
 from r2bspec.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
 from r2bspec.wiring.known_packages import catalogue_entry
-from r2bspec.wiring.name_resolution import expand, join_namespaces, node_name, remap
+from r2bspec.wiring.name_resolution import Remapper, expand, join_namespaces, node_name
 from r2bspec.wiring.node_interface import (
     Interface,
     InterfaceEntry,
@@ -228,23 +228,30 @@ def _play_endpoints(spec: Spec, namespace: str) -> Iterator[Endpoint]:
 def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[Endpoint]:
     for node in nodes:
         interface = node.interface
+        remapper = Remapper(node.node.remappings, node.key, node.namespace)
         for own_name, kind in (interface.subscribes or {}).items():
             declared = interface.subscribes_from == "spec"
             yield _endpoint(
-                node, own_name, kind, "subscribes" if declared else "", is_publisher=False
+                node, remapper, own_name, kind, "subscribes" if declared else "", is_publisher=False
             )
         for own_name, kind in (interface.publishes or {}).items():
             declared = interface.publishes_from == "spec"
             yield _endpoint(
-                node, own_name, kind, "publishes" if declared else "", is_publisher=True
+                node, remapper, own_name, kind, "publishes" if declared else "", is_publisher=True
             )
 
 
 def _endpoint(
-    node: NodeWiring, own_name: str, kind: str, declared_under: str, *, is_publisher: bool
+    node: NodeWiring,
+    remapper: Remapper,
+    own_name: str,
+    kind: str,
+    declared_under: str,
+    *,
+    is_publisher: bool,
 ) -> Endpoint:
     """An endpoint of a node, with the place that decides its topic: remapping, key or node."""
-    topic, rule = remap(own_name, node.node.remappings, node.key, node.namespace)
+    topic, rule = remapper.resolve(own_name)
     declared = (*node.path, declared_under, own_name) if declared_under else ()
     path = (*node.path, "remappings", rule) if rule is not None else declared or node.path
     parameter = "" if declared else node.interface.type_parameters.get(own_name, "")

@@ -6,6 +6,7 @@ parameter files that the spec names, nothing outside of the folder of the spec i
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,7 @@ from pathlib import Path
 from r2bspec.language.spec import Node, Spec
 from r2bspec.wiring.ast_reader import read_node_source
 from r2bspec.wiring.node_interface import InterfaceEntry, parse_interface_entry, read_yaml
-from r2bspec.wiring.parameter_files import ParameterFile, read_parameter_file
+from r2bspec.wiring.parameter_files import ParameterFile, limited, read_parameter_file
 
 INTERFACES_FOLDER = "interfaces"
 """The folder next to a spec with recorded interfaces, one file for each node."""
@@ -57,6 +58,7 @@ def read_companion_files(spec: Spec, base_dir: Path) -> CompanionFiles:
     interface_errors: dict[str, str] = {}
     sources: dict[str, InterfaceEntry] = {}
     files: dict[str, ParameterFile] = {}
+    named: Counter[str] = Counter()
     recorded = (base_dir / INTERFACES_FOLDER).is_dir()
     for key, node in _nodes(spec):
         if recorded:
@@ -65,8 +67,9 @@ def read_companion_files(spec: Spec, base_dir: Path) -> CompanionFiles:
             found = _source(base_dir, node.python)
             if found is not None:
                 sources[node.python] = found
-        for path in node.parameter_files:
-            files.setdefault(path, read_parameter_file(base_dir / path))
+        named.update(set(node.parameter_files))
+    for path, number_of_nodes in named.items():
+        files[path] = limited(read_parameter_file(base_dir / path), number_of_nodes)
     return CompanionFiles(interfaces, interface_errors, files, sources)
 
 

@@ -60,8 +60,30 @@ def remap(name: str, rules: Mapping[str, str], node: str, namespace: str) -> Res
     As in rcl, both sides of a rule are expanded in the node's namespace, the first rule whose left
     side equals the expanded name is applied, and its result is not remapped again.
     """
-    full = expand(name, node, namespace)
-    for left, right in rules.items():
-        if expand(left, node, namespace) == full:
-            return ResolvedName(expand(right, node, namespace), left)
-    return ResolvedName(full, None)
+    return Remapper(rules, node, namespace).resolve(name)
+
+
+class Remapper:
+    """The remapping rules of one node, expanded once for all of its topics.
+
+    Args:
+        rules: the rules in their order.
+        node: the node's name without namespace.
+        namespace: the node's absolute namespace.
+    """
+
+    def __init__(self, rules: Mapping[str, str], node: str, namespace: str) -> None:
+        self._rules = rules
+        self._node = node
+        self._namespace = namespace
+        self._first: dict[str, str] = {}
+        for left in rules:
+            self._first.setdefault(expand(left, node, namespace), left)
+
+    def resolve(self, name: str) -> ResolvedName:
+        """The topic of the node after its remapping rules; see `remap`."""
+        full = expand(name, self._node, self._namespace)
+        left = self._first.get(full)
+        if left is None:
+            return ResolvedName(full, None)
+        return ResolvedName(expand(self._rules[left], self._node, self._namespace), left)

@@ -13,9 +13,9 @@ precedence.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +27,16 @@ _MAX_DEPTH = 50
 _MAX_VALUES = 10_000
 """The most keys of a file; aliases could expand a small file to very many."""
 
+_MAX_WILDCARD_KEYS = 100
+"""Keys with ``*``: each is compared with the name of every node."""
+MAX_VALUES_OF_NODES = 200_000
+"""Values of one file for all nodes that name it."""
+
+_ANY_TOKENS = "**"
 _PARAMETERS_KEY = "ros__parameters"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ParameterFile:
     """The content of a parameter file, or why it cannot be used.
 
@@ -43,6 +49,30 @@ class ParameterFile:
     nodes: tuple[tuple[str, Mapping[str, ParameterValue]], ...] = ()
     missing: bool = False
     problem: str = ""
+
+    @cached_property
+    def number_of_values(self) -> int:
+        """How many parameters all keys have together."""
+        return sum(len(values) for _, values in self.nodes)
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """The names of the parameters of all keys."""
+        return frozenset(name for _, values in self.nodes for name in values)
+
+    @cached_property
+    def _positions(self) -> dict[str, list[int]]:
+        """The positions of each key without wildcards, and below the empty key all others."""
+        found: dict[str, list[int]] = {"": []}
+        for position, (key, _) in enumerate(self.nodes):
+            found.setdefault("" if "*" in key else key, []).append(position)
+        return found
+
+    def matching(self, full_name: str) -> list[Mapping[str, ParameterValue]]:
+        """The parameters of every key that matches a full node name, in the order of the file."""
+        same = self._positions.get(full_name, []) if full_name else []
+        wild = [at for at in self._positions[""] if node_key_matches(self.nodes[at][0], full_name)]
+        return [self.nodes[position][1] for position in sorted((*same, *wild))]
 
 
 def read_parameter_file(path: Path) -> ParameterFile:
@@ -62,9 +92,23 @@ def read_parameter_file(path: Path) -> ParameterFile:
     if not isinstance(document, dict):
         return ParameterFile(problem="is not a map of nodes")
     try:
-        return ParameterFile(tuple(_nodes(document, "", 0, _Budget())))
+        nodes = tuple(_nodes(document, "", 0, _Budget()))
     except ValueError as error:
         return ParameterFile(problem=str(error))
+    if sum("*" in key for key, _ in nodes) > _MAX_WILDCARD_KEYS:
+        return ParameterFile(problem=f"has more than {_MAX_WILDCARD_KEYS} keys with wildcards")
+    return ParameterFile(nodes)
+
+
+def limited(file: ParameterFile, number_of_nodes: int) -> ParameterFile:
+    """The file, or why it cannot be used by that many nodes: each gets values of its own."""
+    total = file.number_of_values * number_of_nodes
+    if total <= MAX_VALUES_OF_NODES:
+        return file
+    return ParameterFile(
+        problem=f"has {file.number_of_values:,} values for {number_of_nodes:,} nodes; "
+        f"the limit is {MAX_VALUES_OF_NODES:,} together"
+    )
 
 
 class _Budget:
@@ -114,9 +158,46 @@ def _flatten(
 
 
 def node_key_matches(key: str, full_name: str) -> bool:
-    """Whether a node key of a `ParameterFile` matches a full node name."""
-    pattern = re.escape(key).replace(r"/\*\*", "(/[^/]+)*").replace(r"\*", "[^/]+")
-    return re.fullmatch(pattern, full_name) is not None
+    """Whether a node key of a `ParameterFile` matches a full node name.
+
+    Time is proportional to the product of their numbers of tokens: of several ``**``, only the last
+    one that was met is extended. An earlier one never needs to be, because the tokens between the
+    two match at their first place, and a later place leaves fewer tokens to the rest.
+    """
+    pattern, name = key.split("/"), full_name.split("/")
+    at = start = 0
+    any_number = -1
+    for_any = 0
+    while start < len(name):
+        if at < len(pattern) and pattern[at] == _ANY_TOKENS:
+            any_number, for_any = at, start
+            at += 1
+        elif at < len(pattern) and _token_matches(pattern[at], name[start]):
+            at += 1
+            start += 1
+        elif any_number >= 0:
+            for_any += 1
+            at, start = any_number + 1, for_any
+        else:
+            return False
+    return all(token == _ANY_TOKENS for token in pattern[at:])
+
+
+def _token_matches(pattern: str, token: str) -> bool:
+    """Whether a token matches; ``*`` is one character or more. Time is linear."""
+    first, *others = pattern.split("*")
+    if not others:
+        return pattern == token
+    *middle, last = others
+    if not token.startswith(first):
+        return False
+    at = len(first)
+    for part in middle:
+        found = token.find(part, at + 1)
+        if found < 0:
+            return False
+        at = found + len(part)
+    return token.endswith(last) and len(token) - len(last) > at
 
 
 def merged_parameters(
@@ -134,8 +215,7 @@ def merged_parameters(
     found: dict[str, ParameterValue] = {}
     for source in node.parameter_sources:
         if source.file and source.file in files:
-            for key, values in files[source.file].nodes:
-                if node_key_matches(key, full_name):
-                    found |= values
+            for values in files[source.file].matching(full_name):
+                found |= values
         found |= source.values
     return found

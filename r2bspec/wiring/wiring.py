@@ -89,6 +89,20 @@ class PhaseWiring:
         return found
 
     @cached_property
+    def _publishers(self) -> dict[str, tuple[Endpoint, ...]]:
+        return {
+            topic: tuple(each for each in found if each.is_publisher)
+            for topic, found in self._by_topic.items()
+        }
+
+    @cached_property
+    def _subscriptions(self) -> dict[str, tuple[Endpoint, ...]]:
+        return {
+            topic: tuple(each for each in found if not each.is_publisher)
+            for topic, found in self._by_topic.items()
+        }
+
+    @cached_property
     def _by_owner(self) -> dict[str, list[Endpoint]]:
         found: dict[str, list[Endpoint]] = {}
         for endpoint in self.endpoints:
@@ -102,11 +116,11 @@ class PhaseWiring:
 
     def publishers(self, topic: str) -> tuple[Endpoint, ...]:
         """The known publishers of a topic."""
-        return tuple(each for each in self._by_topic.get(topic, ()) if each.is_publisher)
+        return self._publishers.get(topic, ())
 
     def subscriptions(self, topic: str) -> tuple[Endpoint, ...]:
         """The known subscriptions of a topic."""
-        return tuple(each for each in self._by_topic.get(topic, ()) if not each.is_publisher)
+        return self._subscriptions.get(topic, ())
 
     @cached_property
     def _by_name(self) -> dict[str, NodeWiring]:

@@ -17,11 +17,14 @@ from r2bspec.bags.recording import Message
 from r2bspec.bags.storage.storage import StoredTopic
 
 if TYPE_CHECKING:
-    from rosbags.interfaces import Connection
+    from rosbags.interfaces import Connection, Typestore
     from rosbags.rosbag1 import Reader
 
 # Types that ROS 2 has under another name.
 _ROS2_NAMES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+
+MAX_FIXED_VALUES = 100_000
+"""Values of a message without those of its sequences; an array of numbers counts as one."""
 
 _Converter = Callable[[bytes], bytes]
 
@@ -120,6 +123,41 @@ def _type(connection: Connection) -> str:
     return _ROS2_NAMES.get(connection.msgtype, connection.msgtype)
 
 
+def _check_size(types: Typestore, recorded: str) -> None:
+    """Refuse a type of which a short definition makes very many values.
+
+    Raises:
+        ValueError: arrays in arrays have too many values, or a type contains itself.
+    """
+    from rosbags.interfaces import Nodetype
+
+    sizes: dict[str, int] = {}
+
+    def of_type(name: str, within: frozenset[str]) -> int:
+        if name in within:
+            raise ValueError(f"{name} contains itself")
+        if name not in sizes:
+            fields = types.fielddefs[name][1]
+            sizes[name] = sum(of_field(field, within | {name}) for _, field in fields)
+            if sizes[name] > MAX_FIXED_VALUES:
+                raise ValueError(f"{name} has more than {MAX_FIXED_VALUES:,} values")
+        return sizes[name]
+
+    def of_field(field: Any, within: frozenset[str]) -> int:
+        kind, content = field
+        if kind == Nodetype.BASE:
+            return 1
+        if kind == Nodetype.NAME:
+            return of_type(content, within)
+        element, number = content
+        if element[0] == Nodetype.BASE and element[1][0] != "string":
+            return 1
+        size = of_field(element, within)
+        return 1 if kind == Nodetype.SEQUENCE else number * max(size, 1)
+
+    of_type(recorded, frozenset())
+
+
 @cache
 def _converter(recorded: str, definition: str, wanted: str) -> _Converter:
     """The conversion of messages of one recorded type to CDR.
@@ -134,6 +172,7 @@ def _converter(recorded: str, definition: str, wanted: str) -> _Converter:
 
     source = get_typestore(Stores.EMPTY)
     source.register(get_types_from_msg(definition, recorded))
+    _check_size(source, recorded)
     target = get_typestore(Stores.ROS2_JAZZY)
     # A user-defined type is assumed to be equal in ROS 2, except for types that it contains.
     own = {name: each for name, each in source.fielddefs.items() if name not in target.fielddefs}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from r2bspec.check.parameter_types import parameter_file_paths
 from r2bspec.check.rule_api import Context, Finding, Findings, NodeWiring, Rule, quote, quoted_list
-from r2bspec.wiring.parameter_files import node_key_matches
 
 
 def _find(context: Context) -> Findings:
@@ -15,7 +14,7 @@ def _find(context: Context) -> Findings:
         for path, name in parameter_file_paths(context, node):
             file = context.companion_files.parameter_files.get(name)
             keys = [] if file is None or file.problem else [key for key, _ in file.nodes]
-            if keys and not any(node_key_matches(key, node.name) for key in keys):
+            if file is not None and keys and not file.matching(node.name):
                 yield Finding(
                     message=f"parameter file {quote(name)} has no parameters of {quote(node.name)}",
                     path=path,

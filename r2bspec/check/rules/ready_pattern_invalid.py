@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
-
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+from r2bspec.language.line_pattern import PatternError, compile_line_pattern
 
 
 def _find(context: Context) -> Findings:
@@ -12,14 +11,12 @@ def _find(context: Context) -> Findings:
         if probe.log is None:
             continue
         try:
-            re.compile(probe.log.pattern)
-        except (re.error, RecursionError, OverflowError) as error:
-            position = getattr(error, "pos", None) or 0
+            compile_line_pattern(probe.log.pattern)
+        except PatternError as error:
             yield Finding(
-                message=f"{quote(probe.log.pattern)} is not a valid regular expression: "
-                f"{getattr(error, 'msg', '') or error}",
+                message=f"{quote(probe.log.pattern)} is not a valid regular expression: {error}",
                 path=("ready", name, "log", "pattern"),
-                part=(min(position, len(probe.log.pattern) - 1), 1),
+                part=error.part,
                 help="escape special characters with a backslash",
             )
 
@@ -28,7 +25,8 @@ RULE = Rule(
     code="R2B609",
     title="pattern is not a valid regular expression",
     severity="error",
-    why="A probe searches the output of a process with a regular expression in Python syntax.",
+    why="A probe searches the output of a process with a regular expression in the syntax of RE2. "
+    "It is that of Python without lookaround and backreferences, which can take forever to match.",
     failing=example(ready="{up: {log: {process: relay, pattern: 'started ('}}}"),
     passing=example(ready="{up: {log: {process: relay, pattern: 'started \\('}}}"),
     find=_find,

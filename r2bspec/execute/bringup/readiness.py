@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import re
+import os
 import time
 from pathlib import Path
 
 from r2bspec.execute.errors import NotReadyError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.language.line_pattern import LinePattern, PatternError, compile_line_pattern
 from r2bspec.plan.plan import ProbePlan
 from r2bspec.record.run_folder import RunFolder
 
 _POLL_S = 0.05
 _REPLY_TIMEOUT_S = 10.0
+_CHUNK_BYTES = 1 << 16
+_MAX_LINE_BYTES = 1 << 16
+"""The end of an unfinished line that is searched again with what follows."""
 
 
 def wait_for_probe(
@@ -36,7 +40,12 @@ def wait_for_probe(
         NotReadyError: it was not met in time.
     """
     deadline = time.monotonic() + plan.timeout_ns / 1e9
-    while not _is_ready(plan, supervisor, observer, folder, base_dir):
+    search = _log_search(plan, folder) if plan.kind == "log" else None
+    while not (
+        search.finds(deadline)
+        if search is not None
+        else _is_ready(plan, supervisor, observer, base_dir)
+    ):
         if time.monotonic() > deadline:
             what = (
                 f"the log of {plan.target}" if plan.kind == "log" else f"{plan.kind} {plan.target}"
@@ -52,18 +61,28 @@ def wait_for_probe(
         supervisor.pump(_POLL_S)
 
 
+def _log_search(plan: ProbePlan, folder: RunFolder) -> LogSearch:
+    try:
+        pattern = compile_line_pattern(plan.pattern)
+    except PatternError as error:
+        raise NotReadyError(
+            f"ready.{plan.name}: {plan.pattern!r} is not a valid regular expression: {error}",
+            code="R2B646",
+        ) from None
+    return LogSearch(folder.log_path(plan.target), pattern)
+
+
 def _is_ready(
     plan: ProbePlan,
     supervisor: ProcessSupervisor,
     observer: ManagedProcess,
-    folder: RunFolder,
     base_dir: Path,
 ) -> bool:
     match plan.kind:
         case "file":
             return (base_dir / plan.target).exists()
         case "log":
-            return _log_matches(folder.log_path(plan.target), plan.pattern)
+            raise AssertionError("a log is searched by LogSearch")
         case "service":
             survey = supervisor.request(
                 observer, protocol.Survey(), protocol.Surveyed, _REPLY_TIMEOUT_S
@@ -75,9 +94,42 @@ def _is_ready(
             return bool(found.writers[plan.target] and found.readers[plan.target])
 
 
-def _log_matches(log: Path, pattern: str) -> bool:
-    try:
-        text = log.read_text(errors="replace")
-    except OSError:
+class LogSearch:
+    """Searches a log for a line, reading only what was added since the last time.
+
+    Args:
+        log: the file.
+        pattern: what a line must contain.
+    """
+
+    def __init__(self, log: Path, pattern: LinePattern) -> None:
+        self._log = log
+        self._pattern = pattern
+        self._at = 0
+        self._last_line = b""
+
+    def finds(self, deadline: float) -> bool:
+        """Whether a line has it; at the deadline what is left is not read."""
+        try:
+            with self._log.open("rb") as stream:
+                if stream.seek(0, os.SEEK_END) < self._at:  # the log was cut
+                    self._at, self._last_line = 0, b""
+                stream.seek(self._at)
+                while chunk := stream.read(_CHUNK_BYTES):
+                    self._at += len(chunk)
+                    if self._is_in(chunk):
+                        return True
+                    if time.monotonic() > deadline:
+                        return False
+        except OSError:
+            return False
         return False
-    return any(re.search(pattern, line) for line in text.splitlines())
+
+    def _is_in(self, chunk: bytes) -> bool:
+        lines = (self._last_line + chunk).split(b"\n")
+        self._last_line = lines[-1][-_MAX_LINE_BYTES:]
+        return any(
+            self._pattern.is_in(part)
+            for line in lines
+            for part in line.decode(errors="replace").splitlines()
+        )

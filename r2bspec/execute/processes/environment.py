@@ -42,11 +42,13 @@ _HARNESS_ALLOCATOR = {
 
 def inherited_environment(environ: Mapping[str, str], named: Iterable[str]) -> dict[str, str]:
     """The part of an environment that processes of a run get."""
-    patterns = (*_INHERITED_PATTERNS, *inherited_variables(), *named)
+    names = frozenset(named)
+    wildcards = (name for name in names if set(name) & set("*?["))
+    patterns = (*_INHERITED_PATTERNS, *inherited_variables(), *wildcards)
     return {
         name: value
         for name, value in environ.items()
-        if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
+        if name in names or any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
     }
 
 

@@ -94,7 +94,8 @@ REUSE_PAGES = (
         "matrix-empty-or-too-large",
         "R2B139",
         "a matrix without cases, or with too many",
-        "Without a case there is nothing to run; the number of cases is limited.",
+        "Without a case there is nothing to run; the number of cases is limited, and so is that of "
+        "their values together: each case is checked as a document of its own.",
         "variables: {threads: 1}\nmatrix: {axes: {threads: [2]}, exclude: [{threads: 2}]}\n",
         "variables: {threads: 1}\nmatrix: {axes: {threads: [2]}}\n",
     ),

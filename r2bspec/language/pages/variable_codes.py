@@ -93,7 +93,7 @@ VARIABLE_PAGES = (
         "R2B129",
         "a document that is too large after substitution",
         "Long values that are inserted often, and 'repeat' with many instances, can fill the "
-        "memory.",
+        "memory. The numbers of nodes, inputs, monitors and requirements are limited, too.",
         "",
         "",
     ),

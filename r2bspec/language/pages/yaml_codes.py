@@ -23,7 +23,8 @@ YAML_PAGES = (
         "the document is too large",
         _ERROR,
         "A spec has a few thousand bytes and refers to its data by path. The limit keeps a wrong "
-        "path, for example to a bag, from filling the memory.",
+        "path, for example to a bag, from filling the memory. The number of waivers is limited, "
+        "too.",
         "",
         "",
     ),
@@ -51,7 +52,8 @@ YAML_PAGES = (
         "R2B005",
         "further problems are not shown",
         Severity.INFO,
-        "Thousands of problems usually have one cause. Fix it, and validate again.",
+        "Thousands of problems usually have one cause. Fix it, and validate again. A rule stops "
+        "after a thousand findings; where the rest may include an error, this is one, too.",
         "",
         "",
     ),

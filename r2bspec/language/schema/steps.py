@@ -86,7 +86,7 @@ READY: Schema = name_map(
                         examples=["detector"],
                     ),
                     "pattern": text(
-                        "A regular expression to find in the line.",
+                        "A regular expression to find in the line, in RE2 syntax.",
                         form=name_patterns.SOME_TEXT,
                         examples=["model loaded"],
                     ),
