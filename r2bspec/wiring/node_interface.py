@@ -19,10 +19,10 @@ import msgspec
 
 from r2bspec.language import value_codec
 from r2bspec.language.spec import Node, ParameterValue, QoS
+from r2bspec.untrusted.safe_yaml import load_values
 from r2bspec.wiring.name_resolution import expand, remap
 
 _TABLE = Path(__file__).parents[1] / "nodes" / "interfaces.yaml"
-_MAX_DEPTH = 100
 _PARAMETER = re.compile(r"\$\(parameter ([^)]*)\)")
 _DERIVED_TOPIC = re.compile(r"\$\(beside ([^)]*)\)")
 
@@ -129,29 +129,10 @@ def read_interface_table(
     file: Path, *, origin: InterfaceSource = "table", described_package: str = ""
 ) -> InterfaceTable:
     """Read an interface table that is part of r2bspec, and therefore valid."""
-    rows: dict[str, Any] = read_yaml(file.read_text(encoding="utf-8"))
+    rows: dict[str, Any] = load_values(file.read_text(encoding="utf-8"))
     return {
         name: parse_interface_entry(row, origin, described_package) for name, row in rows.items()
     }
-
-
-def read_yaml(text: str) -> Any:
-    """The values of a YAML document, as plain data.
-
-    Raises:
-        yaml.YAMLError: the text is not YAML, or nested too deeply.
-    """
-    import yaml
-
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    depth = 0
-    # Loading recurses once per level, in C.
-    for event in yaml.parse(text, Loader=loader):
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > _MAX_DEPTH:
-            raise yaml.YAMLError(f"it is nested more than {_MAX_DEPTH} levels deep")
-    return yaml.load(text, Loader=loader)  # noqa: S506 -- both are safe
 
 
 class _InterfaceRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
