@@ -16,6 +16,7 @@ from r2bspec.datasets.scene.render import camera_pose
 from r2bspec.datasets.scene.rig import IMAGE, STEREO_PAIRS, Camera, TopicSource
 from r2bspec.datasets.scene.scenes import Scene
 from r2bspec.datasets.scene.tag import FAMILY, Tag
+from r2bspec.untrusted.safe_json import read_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -110,8 +111,7 @@ def read_ground_truth(folder: Path) -> GroundTruth:
     Raises:
         OSError, msgspec.MsgspecError: it is not there, or not what `make` writes.
     """
-    text = (Path(folder) / GROUND_TRUTH_NAME).read_bytes()
-    return msgspec.json.decode(text, type=GroundTruth)
+    return read_json(Path(folder) / GROUND_TRUTH_NAME, GroundTruth)
 
 
 def read_disparity(folder: Path, pair: str, stamp_ns: int) -> NDArray[np.float32]:

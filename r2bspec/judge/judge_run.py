@@ -21,6 +21,7 @@ from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.baseline_file import BaselineRecord, read_baseline, read_confirmation
 from r2bspec.record.run_folder import Run
+from r2bspec.untrusted.safe_json import decode_json
 
 
 def result_of(
@@ -119,7 +120,7 @@ def from_json(content: bytes) -> Result:
     Raises:
         msgspec.DecodeError: it is no result of this version.
     """
-    return msgspec.json.decode(content, type=Result)
+    return decode_json(content, Result)
 
 
 def _text(objective: Objective) -> ObjectiveText:

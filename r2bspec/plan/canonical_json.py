@@ -14,6 +14,8 @@ import msgspec
 from r2bspec.language import value_codec
 from r2bspec.plan.errors import PLAN_BROKEN, PLAN_FOREIGN, PLAN_UNREADABLE, PlanError
 from r2bspec.plan.plan import Plan
+from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
 
 PLAN_VERSION = 1
 
@@ -44,10 +46,10 @@ def read_plan(path: Path) -> Plan:
             plan with a fault in it (R2B612).
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, max_bytes=MAX_JSON_BYTES)
     except OSError as error:
         raise PlanError(
-            f"{path} cannot be read: {error.strerror}",
+            f"{path} cannot be read: {error.strerror or error}",
             code=PLAN_UNREADABLE,
             hint="'r2bspec plan SPEC -o FILE' writes one",
         ) from error
@@ -62,8 +64,8 @@ def parse_plan(data: bytes, name: str) -> Plan:
     """
     _check_header(data, name)
     try:
-        return msgspec.json.decode(data, type=Plan, dec_hook=_decode)
-    except msgspec.ValidationError as error:
+        return decode_json(data, Plan, dec_hook=_decode)
+    except msgspec.DecodeError as error:
         raise PlanError(
             f"{name} is a plan with a fault in it: {error}",
             code=PLAN_BROKEN,
@@ -74,14 +76,14 @@ def parse_plan(data: bytes, name: str) -> Plan:
 def _check_header(data: bytes, name: str) -> None:
     hint = "'r2bspec plan SPEC -o FILE' writes a plan"
     try:
-        head = msgspec.json.decode(data, type=_PlanHeader)
+        head = decode_json(data, _PlanHeader)
     except msgspec.ValidationError as error:
         raise PlanError(
             f"{name} is JSON, but no plan of r2bspec: it has no 'r2bspec_plan'",
             code=PLAN_FOREIGN,
             hint=hint,
         ) from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except msgspec.DecodeError as error:
         raise PlanError(f"{name} is not JSON: {error}", code=PLAN_FOREIGN, hint=hint) from error
     if head.r2bspec_plan != PLAN_VERSION:
         raise PlanError(

@@ -32,8 +32,12 @@ from r2bspec.record.sample_arrays import (
     read_rows,
     write_rows,
 )
+from r2bspec.untrusted.safe_file import is_folder, read_bytes, read_text
+from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
 
 FORMAT_VERSION = 1
+
+_MAX_SPEC_BYTES = 10_000_000
 
 _CHANGED_HINT = "The folder was changed after the run, or is not one that r2bspec wrote."
 
@@ -187,7 +191,7 @@ class Run:
     def spec_text(self) -> str:
         """The resolved spec, as YAML; empty if the folder has none."""
         path = self.folder / "spec.yaml"
-        return path.read_text(encoding="utf-8") if path.exists() else ""
+        return read_spec_text(path)
 
 
 def open_run(path: Path) -> Run:
@@ -198,7 +202,7 @@ def open_run(path: Path) -> Run:
             they were written in a format that this version does not know.
     """
     folder = path.absolute()
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise RecordError(
             f"{path} is not a folder", hint="Name a run folder, the one that holds record.json."
         )
@@ -240,7 +244,7 @@ def _open_plan(path: Path, record: RunRecord) -> Plan:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_bytes(path, max_bytes=MAX_JSON_BYTES)
     except OSError as error:
         raise RecordError(
             f"{path} cannot be read: {error.strerror or error}",
@@ -250,9 +254,25 @@ def _read(path: Path) -> bytes:
 
 def _decode(path: Path, content: bytes, kind: Any) -> Any:
     try:
-        return msgspec.json.decode(content, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        return decode_json(content, kind)
+    except msgspec.DecodeError as error:
         raise RecordError(f"{path} is damaged: {error}", hint=_CHANGED_HINT) from error
+
+
+def read_spec_text(path: Path) -> str:
+    """The resolved spec of a run or comparison; empty if the folder has none.
+
+    Raises:
+        RecordError: it is no regular file, too large, or not UTF-8.
+    """
+    try:
+        return read_text(path, max_bytes=_MAX_SPEC_BYTES, folders=(path.parent,))
+    except FileNotFoundError:
+        return ""
+    except OSError as error:
+        raise RecordError(
+            f"{path} cannot be read: {error.strerror or error}", hint=_CHANGED_HINT
+        ) from error
 
 
 def _segment_folder(folder: Path, segment: str) -> Path:

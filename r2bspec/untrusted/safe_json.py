@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -48,3 +49,17 @@ def decode_json(
         raise msgspec.DecodeError("it is nested too deeply") from None
     except UnicodeDecodeError as error:
         raise msgspec.DecodeError(f"it is not UTF-8 (byte {error.start})") from None
+
+
+def decode_python_json(content: bytes) -> object:
+    """Decode JSON that Python's own module wrote, which also knows NaN and Infinity.
+
+    Raises:
+        msgspec.DecodeError: it is not JSON or not UTF-8, or nested too deeply.
+    """
+    try:
+        return json.loads(content)
+    except RecursionError:
+        raise msgspec.DecodeError("it is nested too deeply") from None
+    except ValueError as error:
+        raise msgspec.DecodeError(str(error)) from None
