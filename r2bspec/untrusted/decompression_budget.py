@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, Final
+from typing import Any, Final, TypeVar, cast
 
 from r2bspec.untrusted.errors import RefusedDataError
 
@@ -30,6 +30,8 @@ MAX_RATIO: Final = 1_000
 """Unpacked bytes for each stored byte; camera images reach 100."""
 
 _MAX_FRAME_HEADER_BYTES: Final = 18
+T = TypeVar("T")
+
 _HINT: Final = "copy or record it again; if it is meant, convert it without compression"
 
 
@@ -63,6 +65,22 @@ class DecompressionBudget:
             yield
         finally:
             _ACTIVE.reset(token)
+
+
+def spend_for_each(pieces: Iterator[T], budget: DecompressionBudget) -> Iterator[T]:
+    """Everything of an iterator; what is unpacked for it counts.
+
+    Raises:
+        RefusedDataError: as `DecompressionBudget.spend`.
+    """
+    end = object()
+    while True:
+        # Only until the next piece is there: what the caller does with it does not count.
+        with budget.active():
+            piece = next(pieces, end)
+        if piece is end:
+            return
+        yield cast("T", piece)
 
 
 _ACTIVE: ContextVar[DecompressionBudget | None] = ContextVar("_ACTIVE", default=None)

@@ -16,12 +16,12 @@ from typing import Final
 
 from r2bspec.untrusted.errors import RefusedDataError
 
-MAX_QUERY_S: Final = 60.0
-"""The longest that one query of a foreign database may take."""
+MAX_SCHEMA_S: Final = 60.0
+"""The longest that the check of a schema may take, and what is done before it is complete."""
+MAX_VALUE_BYTES: Final = 256 << 20
 
-_STEPS_BETWEEN_CALLS: Final = 100_000
+STEPS_BETWEEN_CALLS: Final = 100_000
 _MAX_OBJECTS: Final = 1_000
-_MAX_VALUE_BYTES: Final = 256 << 20
 _GENERATED: Final = frozenset((2, 3))
 """What the column `hidden` of table_xinfo says of a generated column."""
 _VIRTUAL: Final = re.compile(r"\s*CREATE\s+VIRTUAL\s+TABLE", re.IGNORECASE)
@@ -37,7 +37,7 @@ def open_read_only(path: Path, *, tables: Collection[str]) -> Iterator[sqlite3.C
         tables: what will be read; each that exists must be a table.
 
     Raises:
-        RefusedDataError: it contains more than plain tables, or a query takes too long.
+        RefusedDataError: it contains more than plain tables.
         sqlite3.Error: it is damaged.
     """
     # It may be on a read-only disk, where no lock file can be made.
@@ -45,27 +45,30 @@ def open_read_only(path: Path, *, tables: Collection[str]) -> Iterator[sqlite3.C
     try:
         restrict(connection)
         check_schema(connection, tables)
+        end_deadline(connection)
         yield connection
     finally:
         connection.close()
 
 
-def restrict(connection: sqlite3.Connection, max_query_s: float = MAX_QUERY_S) -> None:
+def restrict(connection: sqlite3.Connection, max_s: float = MAX_SCHEMA_S) -> None:
     """Let a connection run nothing that a foreign schema brings, and no query without end.
 
-    The time counts from this call. Python handles signals in the handler too, so that a long
-    query can be interrupted.
+    The time counts from this call, and until `end_deadline`.
     """
+    end = time.monotonic() + max_s
+    connection.set_progress_handler(lambda: time.monotonic() > end, STEPS_BETWEEN_CALLS)
     connection.execute("PRAGMA trusted_schema = OFF")
     connection.execute("PRAGMA cell_size_check = ON")
-    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_VALUE_BYTES)
-    set_deadline(connection, max_query_s)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
 
 
-def set_deadline(connection: sqlite3.Connection, max_query_s: float) -> None:
-    """Interrupt what a connection still executes after this time."""
-    end = time.monotonic() + max_query_s
-    connection.set_progress_handler(lambda: time.monotonic() > end, _STEPS_BETWEEN_CALLS)
+def end_deadline(connection: sqlite3.Connection) -> None:
+    """Let queries of plain tables, which come to an end, take the time that their size needs.
+
+    Python handles signals in the handler, so that a long query can still be interrupted.
+    """
+    connection.set_progress_handler(lambda: False, STEPS_BETWEEN_CALLS)
 
 
 def check_schema(connection: sqlite3.Connection, tables: Collection[str]) -> None:

@@ -28,6 +28,12 @@ monitors: {output: {topic: output, format: std_msgs/msg/String}}
 benchmark: {rates: [30 Hz]}
 """
 COMMAND = "command: [x]"
+UNHASHABLE = """\
+from rclpy.node import Node
+class N(Node):
+  def __init__(self):
+    self.declare_parameter('a', {[]: 1})
+"""
 
 pytestmark = pytest.mark.timeout(LONGEST_S + 30)
 
@@ -199,8 +205,7 @@ def test_a_hostile_name_of_a_python_file_is_answered(target: str, tmp_path: Path
         "import rclpy.node\nclass N(rclpy.node.Node):\n  def __init__(self):\n    if 0: pass\n"
         + "    elif 0: pass\n" * 2_000,
         "if 0: pass\n" + "elif 0: pass\n" * 2_000 + "class N: pass\n",
-        "from rclpy.node import Node\nclass N(Node):\n  def __init__(self):\n"
-        + "    self.declare_parameter('a', {[]: 1})\n",
+        UNHASHABLE,
         "x = " + "(" * 150 + ")" * 150 + "\n",
         "x = " + "-" * 50_000 + "1\n",
     ],
