@@ -8,6 +8,7 @@ incomplete so that a killed run still counts as one.
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -186,7 +187,7 @@ class Run:
 
     def _read_optional(self, name: str, dtype: np.dtype[np.void]) -> Rows:
         path = self.folder / name
-        return read_rows(path, dtype) if path.exists() else np.empty(0, dtype)
+        return read_rows(path, dtype) if os.path.lexists(path) else np.empty(0, dtype)
 
     def spec_text(self) -> str:
         """The resolved spec, as YAML; empty if the folder has none."""

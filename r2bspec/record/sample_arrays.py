@@ -65,8 +65,8 @@ def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
             whole = not file.read(1)
     except FileNotFoundError as error:
         raise RecordError(f"{path} is missing", hint=_HINT) from error
-    except (OSError, ValueError, EOFError, MemoryError, RecursionError, SyntaxError) as error:
-        # NumPy says ValueError for a truncated file and for one that is no array at all.
+    except Exception as error:
+        # NumPy parses headers as Python: what is wrong with one shows in any error of a parser.
         raise RecordError(f"{path} is damaged: {error}", hint=_HINT) from error
     if whole and rows.ndim == 1 and rows.dtype != dtype:
         rows = _with_missing_fields(rows, dtype)
