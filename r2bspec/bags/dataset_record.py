@@ -8,10 +8,13 @@ from typing import Literal
 import msgspec
 
 from r2bspec.bags.recording import BagIndex, Window, WritableStorage
+from r2bspec.untrusted.safe_json import read_json
 
 RECORD_NAME = "dataset.json"
 GROUND_TRUTH_NAME = "ground_truth.json"
 DISPARITY_NAME = "disparity.npz"
+
+_MAX_RECORD_BYTES = 16_000_000
 
 
 class TopicRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -68,7 +71,7 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
 def read_provenance(folder: Path) -> DatasetRecord | None:
     """The provenance of a bag folder; None if r2bspec did not synthesise it."""
     try:
-        return msgspec.json.decode((folder / RECORD_NAME).read_bytes(), type=DatasetRecord)
+        return read_json(folder / RECORD_NAME, DatasetRecord, max_bytes=_MAX_RECORD_BYTES)
     except (OSError, msgspec.MsgspecError):
         return None
 

@@ -10,6 +10,7 @@ from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import Message, Window
 from r2bspec.bags.storage.storage import storage_errors, storage_paths
+from r2bspec.untrusted.safe_file import open_regular
 
 _BLOCK_BYTES = 1 << 20
 
@@ -59,7 +60,7 @@ def hash_files(path: Path) -> str:
     whole = hashlib.sha256()
     for each in paths:
         name = each.relative_to(path if path.is_dir() else path.parent).as_posix().encode()
-        with storage_errors(each), each.open("rb") as stream:
+        with storage_errors(each), open_regular(each) as stream:
             whole.update(_encode_int(len(name)) + name + _encode_int(each.stat().st_size))
             while block := stream.read(_BLOCK_BYTES):
                 whole.update(block)

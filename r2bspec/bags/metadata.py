@@ -19,6 +19,8 @@ from r2bspec.bags.errors import (
 )
 from r2bspec.diagnostics.quote import clip
 from r2bspec.language.bag_formats import SUFFIXES_TEXT
+from r2bspec.untrusted.safe_file import open_regular, read_text
+from r2bspec.untrusted.safe_yaml import load_texts
 
 METADATA_NAME = "metadata.yaml"
 
@@ -27,6 +29,8 @@ _MAX_VERSION = 9
 MAX_ENTRIES = 10_000
 """Files or topics of a bag."""
 _MAX_NAME_LENGTH = 1000
+_MAX_METADATA_BYTES = 16_000_000
+_MAX_DIGITS = 30
 _OLD_TYPE = re.compile(r"(?P<package>[^/]+)/(?P<name>[^/]+)")
 
 
@@ -79,7 +83,7 @@ def check_not_lfs_pointer(path: Path) -> None:
     Raises:
         OSError: the file cannot be opened.
     """
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         head = stream.read(len(_LFS_MAGIC))
     if head == _LFS_MAGIC:
         raise DataError(
@@ -99,22 +103,22 @@ def read_metadata(folder: Path) -> BagMetadata:
     reindex = f"write a new one from the storage files with 'ros2 bag reindex {folder}'"
     try:
         check_not_lfs_pointer(path)
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, max_bytes=_MAX_METADATA_BYTES)
     except FileNotFoundError:
         raise DataError(
             f"{folder} has no {METADATA_NAME}, so it is not a complete rosbag",
             code=METADATA_UNREADABLE,
             hint=f"{reindex}, or give the {SUFFIXES_TEXT} file itself",
         ) from None
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise DataError(
             f"{path} cannot be read: {error_text(error)}",
             code=METADATA_UNREADABLE,
             hint=error_hint(error, reindex),
         ) from error
     try:
-        # BaseLoader reads every scalar as a string, so a topic 'on' or '010' is not converted.
-        document: Any = yaml.load(text, Loader=_loader())  # noqa: S506 -- builds strings only
+        # Every scalar is a string, so a topic 'on' or '010' is not converted.
+        document: Any = load_texts(text)
         return _from_document(document["rosbag2_bagfile_information"])
     except yaml.YAMLError as error:
         raise DataError(
@@ -130,13 +134,9 @@ def read_metadata(folder: Path) -> BagMetadata:
         ) from error
 
 
-def _loader() -> type[yaml.BaseLoader]:
-    return getattr(yaml, "CBaseLoader", yaml.BaseLoader)
-
-
 def _from_document(info: Any) -> BagMetadata:
     """Build the value; missing keys and wrong kinds raise what Python raises for them."""
-    version = int(info["version"])
+    version = _int(info["version"])
     if version > _MAX_VERSION:
         msg = f"its version is {version}, the newest supported one is {_MAX_VERSION}"
         raise ValueError(msg)
@@ -147,9 +147,9 @@ def _from_document(info: Any) -> BagMetadata:
         storage=info["storage_identifier"],
         # Early versions included the name of the folder.
         files=tuple(PurePath(name).name for name in info["relative_file_paths"] or ()),
-        start_ns=int(info["starting_time"]["nanoseconds_since_epoch"]),
-        duration_ns=int(info["duration"]["nanoseconds"]),
-        message_count=int(info["message_count"]),
+        start_ns=_int(info["starting_time"]["nanoseconds_since_epoch"]),
+        duration_ns=_int(info["duration"]["nanoseconds"]),
+        message_count=_int(info["message_count"]),
         topics=tuple(_topic(entry) for entry in info["topics_with_message_count"] or ()),
         compression_format=info.get("compression_format", ""),
         compression_mode="" if compression_mode == "none" else compression_mode,
@@ -177,16 +177,28 @@ def _check_numbers(info: Any) -> None:
             raise ValueError(f"it has a name of {longest:,} characters")
 
 
+def _int(text: str) -> int:
+    """A number of 64 bits, as rosbag2 has them."""
+    if len(text) > _MAX_DIGITS:
+        msg = f"a number in it has {len(text):,} digits"
+        raise ValueError(msg)
+    number = int(text)
+    if not -(2**63) <= number < 2**63:
+        msg = f"the number {number} in it has more than 64 bits"
+        raise ValueError(msg)
+    return number
+
+
 def _has_messages(entry: Any) -> bool:
-    return int(entry["message_count"]) > 0
+    return _int(entry["message_count"]) > 0
 
 
 def _span(entry: Any) -> FileSpan:
-    start_ns = int(entry["starting_time"]["nanoseconds_since_epoch"])
+    start_ns = _int(entry["starting_time"]["nanoseconds_since_epoch"])
     return FileSpan(
         name=PurePath(entry["path"]).name,
         start_ns=start_ns,
-        end_ns=start_ns + int(entry["duration"]["nanoseconds"]),
+        end_ns=start_ns + _int(entry["duration"]["nanoseconds"]),
     )
 
 
@@ -199,5 +211,5 @@ def _topic(entry: Any) -> TopicMetadata:
         serialization=topic["serialization_format"],
         # Version 9 nests the profiles instead of quoting them as a block of YAML.
         qos=qos if isinstance(qos, str) else yaml.safe_dump(qos, sort_keys=False).strip(),
-        count=int(entry["message_count"]),
+        count=_int(entry["message_count"]),
     )

@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
+from r2bspec.untrusted.safe_file import read_bytes
+
 _MAX_SOURCE_BYTES = 1_000_000
 _PACKAGE_INDEX = "share/ament_index/resource_index/packages"
 
@@ -45,12 +47,10 @@ def top_level_names(source: Path) -> frozenset[str] | None:
         SyntaxError: this interpreter cannot parse the file.
     """
     try:
-        if source.stat().st_size > _MAX_SOURCE_BYTES:
-            return None
-        tree = ast.parse(source.read_bytes())
+        tree = ast.parse(read_bytes(source, max_bytes=_MAX_SOURCE_BYTES))
+        names = set(_bound_names(tree.body))
     except (OSError, ValueError, RecursionError, MemoryError):
         return None
-    names = set(_bound_names(tree.body))
     return None if names & {"*", "__getattr__"} else frozenset(names)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from r2bspec.untrusted.safe_file import real_path
+
 
 @dataclass(frozen=True, slots=True)
 class PythonTarget:
@@ -32,5 +34,5 @@ def python_target(text: str, base_dir: Path) -> PythonTarget:
         module, _, name = text.rpartition(".")
         return PythonTarget(text, module, Path(), name, readable=False)
     file = base_dir / place
-    inside = file.resolve().is_relative_to(base_dir.resolve())
+    inside = real_path(file).is_relative_to(real_path(base_dir))
     return PythonTarget(text, "", file, name, readable=inside)

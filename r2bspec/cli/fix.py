@@ -64,13 +64,13 @@ def _apply_fixes(
 
 
 def read_text(file: str) -> str | None:
-    """The text of a file; None if it cannot be read, or is too large for a spec."""
+    """The text of a file; None if `validate` cannot read it, or if it is a link elsewhere."""
     from r2bspec.language.source_text import MAX_DOCUMENT_BYTES
+    from r2bspec.untrusted import safe_file
 
+    path = Path(file)
     try:
-        with Path(file).open("rb") as stream:
-            data = stream.read(MAX_DOCUMENT_BYTES + 1)
-        return data.decode("utf-8") if len(data) <= MAX_DOCUMENT_BYTES else None
+        return safe_file.read_text(path, max_bytes=MAX_DOCUMENT_BYTES, folders=(path.parent,))
     except (OSError, ValueError):
         return None
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import click
 
+from r2bspec.untrusted.safe_file import is_folder, is_regular
+
 SUFFIX = ".r2b.yaml"
 
 
@@ -25,16 +27,16 @@ def _expand_path(path: str) -> list[str]:
     if path == "-":
         return [path]
     place = Path(path)
-    if place.is_dir():
+    if is_folder(place):
         return _require_files(
             sorted(_find_specs(path)), f"the folder {path!r} has no *{SUFFIX} file"
         )
-    if place.exists() or place.is_symlink():
+    if os.path.lexists(place):
         return [path]
     if glob.has_magic(path):
         # Path.glob refuses absolute patterns.
         matches = glob.glob(path, recursive=True)  # noqa: PTH207
-        files = sorted(each for each in matches if Path(each).is_file())
+        files = sorted(each for each in matches if is_regular(Path(each)))
         return _require_files(files, f"no file matches {path!r}")
     raise click.UsageError(f"{path!r} does not exist")
 

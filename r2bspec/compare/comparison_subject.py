@@ -20,6 +20,8 @@ from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.percentiles import rank
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import SearchRecord
+from r2bspec.untrusted.safe_file import is_folder, read_bytes
+from r2bspec.untrusted.safe_json import MAX_JSON_BYTES
 
 SeriesKey = tuple[float | None, str, str]
 """Offered rate, monitor, and the metric's name in the catalogue."""
@@ -64,11 +66,11 @@ def read_compared_result(path: Path) -> ComparedResult:
         RecordError: a folder is neither that of a run nor of a comparison.
         UnreadableResultError: a file is none of these.
     """
-    if path.is_dir():
+    if is_folder(path):
         found = read_folder(path)
         return _of_result(str(path), found.result, found.run.plan if found.run else None)
     try:
-        content = path.read_bytes()
+        content = read_bytes(path, max_bytes=MAX_JSON_BYTES)
     except OSError as error:
         raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
     try:

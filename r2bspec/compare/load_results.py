@@ -15,6 +15,8 @@ from r2bspec.judge.result import Result
 from r2bspec.language.spec import Objective
 from r2bspec.record.comparison_folder import is_comparison, open_comparison
 from r2bspec.record.run_folder import Run, open_run
+from r2bspec.untrusted.safe_file import is_folder, read_bytes
+from r2bspec.untrusted.safe_json import MAX_JSON_BYTES
 
 
 def read_report_input(
@@ -26,7 +28,7 @@ def read_report_input(
         RecordError: a folder is neither that of a run nor of a comparison.
         UnreadableResultError: a file is not a result.
     """
-    if path.is_dir():
+    if is_folder(path):
         return read_folder(path, spec_file=spec_file, baseline=baseline)
     return ReportInput(result=read_result(path), spec_file=spec_file, baseline=baseline)
 
@@ -71,10 +73,10 @@ def read_result(path: Path) -> Result:
         UnreadableResultError: it does not exist, or is not a result.
     """
     try:
-        return from_json(path.read_bytes())
+        return from_json(read_bytes(path, max_bytes=MAX_JSON_BYTES))
     except OSError as error:
         raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except msgspec.DecodeError as error:
         raise UnreadableResultError(
             f"{path} is not a result of this version: {error}",
             hint="Name a run folder or the result.json in it.",

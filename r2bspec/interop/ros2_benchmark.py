@@ -11,7 +11,6 @@ number of messages and the duration are given.
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from pathlib import Path
@@ -21,6 +20,8 @@ import msgspec
 
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
+from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_python_json
 
 BASIC_PREFIX: Final = "BasicPerformanceMetrics"
 RESOURCE_PREFIX: Final = "ResourceMetrics"
@@ -104,7 +105,7 @@ def read_report(path: Path) -> ReferenceReport:
         NotAReportError: it does not exist, is not JSON, or not such a report.
     """
     try:
-        content = path.read_bytes()
+        content = read_bytes(path, max_bytes=MAX_JSON_BYTES)
     except OSError as error:
         raise NotAReportError(f"{path} cannot be read: {error.strerror or error}") from error
     return parse_report(content, str(path))
@@ -117,8 +118,8 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
         NotAReportError: it is not such a report.
     """
     try:
-        report = json.loads(content)
-    except (ValueError, RecursionError) as error:
+        report = decode_python_json(content)
+    except msgspec.DecodeError as error:
         raise NotAReportError(f"{file} is not JSON: {error}") from error
     if isinstance(report, dict) and report.get("r2bspec_reference") == 1:
         try:

@@ -22,6 +22,7 @@ from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.baseline_file import BaselineRecord, read_baseline, read_confirmation
 from r2bspec.record.run_folder import Run
+from r2bspec.untrusted.safe_json import decode_json
 
 
 def result_of(
@@ -120,7 +121,7 @@ def from_json(content: bytes) -> Result:
     Raises:
         msgspec.DecodeError: it is not a result of this version.
     """
-    result: Result = msgspec.json.decode(content, type=Result)
+    result = decode_json(content, Result)
     try:
         check_numbers(result)
     except ValueError as error:

@@ -9,7 +9,7 @@ from pathlib import Path as FilePath
 from r2bspec.diagnostics import Diagnostic, Path, Related
 from r2bspec.language.extend import extend, extend_siblings
 from r2bspec.language.extension_keys import without_extensions
-from r2bspec.language.located_tree import TreeNode
+from r2bspec.language.located_tree import ScalarNode, TreeNode
 from r2bspec.language.overrides import apply_overrides
 from r2bspec.language.schema_validator import schema
 from r2bspec.language.source_text import ReadResult, Source, decode, read_file, read_text
@@ -52,7 +52,8 @@ def open_document(
     allow_paths: Iterable[FilePath],
 ) -> ParsedDocument:
     """Read a document, up to its matrix."""
-    read = _read(source, file)
+    allow_paths = tuple(allow_paths)
+    read = _read(source, file, allow_paths)
     document = ParsedDocument(
         read.source.file, None, list(read.diagnostics), {read.source.file: read.source}
     )
@@ -60,6 +61,10 @@ def open_document(
         composed = compose(read.source)
         document.diagnostics += composed.diagnostics
         document.tree = composed.tree
+        if isinstance(composed.tree, ScalarNode):
+            # It is no spec, and perhaps a file of secrets: findings show no line of it.
+            blank = "\n" * (len(read.source.lines) - 1)
+            document.sources[read.source.file] = Source(read.source.file, blank)
     if document.tree is None:
         return document
     extended = extend(document.tree, document.file, schema(), allow_paths)
@@ -74,9 +79,9 @@ def open_document(
     return document
 
 
-def _read(source: FilePath | str | bytes, file: str) -> ReadResult:
+def _read(source: FilePath | str | bytes, file: str, allow_paths: Iterable[FilePath]) -> ReadResult:
     if isinstance(source, FilePath):
-        return read_file(source)
+        return read_file(source, allow_paths)
     if isinstance(source, bytes):
         return decode(source, file)
     return read_text(source, file)

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from r2bspec.diagnostics import Diagnostic, Edit, Severity, Span
 from r2bspec.diagnostics.source_lines import split_lines
+from r2bspec.untrusted.errors import OutsideFolderError, RefusedFileError, TooLargeError
+from r2bspec.untrusted.safe_file import read_bytes
 
 MAX_DOCUMENT_BYTES = 10_000_000
 """Size of the largest document that is read; a spec has a few thousand bytes."""
@@ -60,20 +63,34 @@ class ReadResult:
         return all(found.severity is not Severity.ERROR for found in self.diagnostics)
 
 
-def read_file(path: Path) -> ReadResult:
-    """Read and decode one file; ``-`` is standard input. Problems become diagnostics."""
+def read_file(path: Path, folders: Iterable[Path] = ()) -> ReadResult:
+    """Read and decode one file; ``-`` is standard input. Problems become diagnostics.
+
+    Args:
+        path: the file. If it is a link, the file itself must be below the folder of the link.
+        folders: further folders in which the file itself may be.
+    """
     file = "<stdin>" if str(path) == "-" else str(path)
     try:
         if str(path) == "-":
             data = sys.stdin.buffer.read(MAX_DOCUMENT_BYTES + 1)
         else:
-            with path.open("rb") as stream:
-                data = stream.read(MAX_DOCUMENT_BYTES + 1)
+            allowed = (path.parent, *folders)
+            data = read_bytes(path, max_bytes=MAX_DOCUMENT_BYTES, folders=allowed)
+    except TooLargeError:
+        return decode(b" " * (MAX_DOCUMENT_BYTES + 1), file)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        found = _error("R2B001", f"cannot read the file: {reason}", Span.of_file(file))
+        message = f"cannot read the file: {reason}"
+        found = _error("R2B001", message, Span.of_file(file), _reading_help(error))
         return ReadResult(Source(file, ""), (found,))
     return decode(data, file)
+
+
+def _reading_help(error: Exception) -> str:
+    if isinstance(error, OutsideFolderError):
+        return "copy the file here, or allow the folder that it is in with --allow-path"
+    return error.hint if isinstance(error, RefusedFileError) else ""
 
 
 def decode(data: bytes, file: str) -> ReadResult:

@@ -15,6 +15,8 @@ from r2bspec.diagnostics.number_limits import check_numbers
 from r2bspec.language import value_codec
 from r2bspec.plan.errors import PLAN_BROKEN, PLAN_FOREIGN, PLAN_UNREADABLE, PlanError
 from r2bspec.plan.plan import Plan, PlayPlan
+from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
 
 PLAN_VERSION = 1
 
@@ -48,10 +50,10 @@ def read_plan(path: Path) -> Plan:
             an invalid plan (R2B612).
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, max_bytes=MAX_JSON_BYTES)
     except OSError as error:
         raise PlanError(
-            f"{path} cannot be read: {error.strerror}",
+            f"{path} cannot be read: {error.strerror or error}",
             code=PLAN_UNREADABLE,
             hint="write a plan with 'r2bspec plan SPEC -o FILE'",
         ) from error
@@ -66,10 +68,10 @@ def parse_plan(data: bytes, name: str) -> Plan:
     """
     _check_header(data, name)
     try:
-        plan = msgspec.json.decode(data, type=Plan, dec_hook=_decode)
+        plan = decode_json(data, Plan, dec_hook=_decode)
         check_numbers(plan, free=_PASSED_ON)
         _check_ranges(plan)
-    except (msgspec.ValidationError, ValueError) as error:
+    except (msgspec.DecodeError, ValueError) as error:
         raise PlanError(
             f"{name} is an invalid plan: {error}",
             code=PLAN_BROKEN,
@@ -105,14 +107,14 @@ def _check_play(play: PlayPlan, place: str) -> None:
 def _check_header(data: bytes, name: str) -> None:
     hint = "write a plan with 'r2bspec plan SPEC -o FILE'"
     try:
-        head = msgspec.json.decode(data, type=_PlanHeader)
+        head = decode_json(data, _PlanHeader)
     except msgspec.ValidationError as error:
         raise PlanError(
             f"{name} is not a plan of r2bspec: it has no 'r2bspec_plan'",
             code=PLAN_FOREIGN,
             hint=hint,
         ) from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except msgspec.DecodeError as error:
         raise PlanError(f"{name} is not JSON: {error}", code=PLAN_FOREIGN, hint=hint) from error
     if head.r2bspec_plan != PLAN_VERSION:
         raise PlanError(

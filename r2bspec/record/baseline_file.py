@@ -13,6 +13,7 @@ import msgspec
 
 from r2bspec.record.errors import RecordError
 from r2bspec.record.run_folder import Run, open_run
+from r2bspec.untrusted.safe_json import read_json
 
 BASELINE_FILE: Final = "baseline.json"
 CONFIRMATION_FOLDER: Final = "confirm"
@@ -74,10 +75,10 @@ def read_baseline(folder: Path) -> BaselineRecord | None:
     """
     path = folder / BASELINE_FILE
     try:
-        return msgspec.json.decode(path.read_bytes(), type=BaselineRecord)
+        return read_json(path, BaselineRecord)
     except FileNotFoundError:
         return None
-    except (OSError, msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (OSError, msgspec.DecodeError) as error:
         raise RecordError(
             f"{path} is damaged: {error}",
             hint="The folder was changed after the run, or was not written by r2bspec.",

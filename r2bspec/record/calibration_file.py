@@ -14,6 +14,7 @@ import msgspec
 
 from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.errors import RecordError
+from r2bspec.untrusted.safe_json import read_json
 
 CALIBRATION_SUFFIX: Final = ".noise.json"
 FORMAT_VERSION: Final = 1
@@ -94,13 +95,12 @@ def read_calibration_file(path: Path) -> CalibrationFile | None:
         RecordError: it is damaged, or has an unknown version.
     """
     try:
-        content = path.read_bytes()
-        return msgspec.json.decode(content, type=CalibrationFile)
+        return read_json(path, CalibrationFile)
     except FileNotFoundError:
         return None
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except msgspec.DecodeError as error:
         raise RecordError(
             f"{path} cannot be used: {error}",
             hint="Remove it, and write a new one with 'r2bspec calibrate SPEC'.",

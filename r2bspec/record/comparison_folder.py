@@ -27,8 +27,10 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.errors import RecordError
 from r2bspec.record.merged_run import MergedRun, merge_runs
-from r2bspec.record.run_folder import Run, RunFolder, open_run
+from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text
 from r2bspec.record.run_record import RunRecord
+from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
 
 PAIRS_FILE = "pairs.json"
 BASE_PLAN_FILE = "base.plan.json"
@@ -166,8 +168,7 @@ class PairedComparison:
 
     def spec_text(self) -> str:
         """The resolved spec of the head; empty if the folder has none."""
-        path = self.folder / "spec.yaml"
-        return path.read_text(encoding="utf-8") if path.exists() else ""
+        return read_spec_text(self.folder / "spec.yaml")
 
     def _fallback_runs(self, side: Side) -> list[Run]:
         """A run with machine and versions, if no pair is usable."""
@@ -211,21 +212,21 @@ def open_comparison(path: Path) -> PairedComparison:
     """
     folder = path.absolute()
     try:
-        content = (folder / PAIRS_FILE).read_bytes()
-        version = msgspec.json.decode(content, type=_VersionHeader).r2bspec_pairs
+        content = read_bytes(folder / PAIRS_FILE, max_bytes=MAX_JSON_BYTES)
+        version = decode_json(content, _VersionHeader).r2bspec_pairs
         if version != FORMAT_VERSION:
             raise RecordError(
                 f"{folder / PAIRS_FILE} has format version {version}; this r2bspec reads version "
                 f"{FORMAT_VERSION}",
                 hint="Use the version of r2bspec that wrote the comparison, or a newer one.",
             )
-        record = msgspec.json.decode(content, type=PairsRecord)
+        record = decode_json(content, PairsRecord)
     except OSError as error:
         raise RecordError(
             f"{folder / PAIRS_FILE} cannot be read: {error.strerror or error}",
             hint="Give the folder of a comparison, which contains pairs.json.",
         ) from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except msgspec.DecodeError as error:
         raise RecordError(
             f"{folder / PAIRS_FILE} is damaged: {error}", hint=_CHANGED_HINT
         ) from error
@@ -246,7 +247,7 @@ class _VersionHeader(msgspec.Struct):
 
 def _open_plan(path: Path, expected: str) -> Plan:
     try:
-        plan = parse_plan(path.read_bytes(), str(path))
+        plan = parse_plan(read_bytes(path, max_bytes=MAX_JSON_BYTES), str(path))
     except OSError as error:
         raise RecordError(
             f"{path} cannot be read: {error.strerror or error}",

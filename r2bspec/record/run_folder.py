@@ -36,11 +36,15 @@ from r2bspec.record.sample_arrays import (
     read_rows,
     write_rows,
 )
+from r2bspec.untrusted.safe_file import is_folder, read_bytes, read_text
+from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
 
 FORMAT_VERSION = 1
 
 _FOLDER_MODE = 0o700
 """Recorded images and logs are not for other users of the machine."""
+
+_MAX_SPEC_BYTES = 10_000_000
 
 _CHANGED_HINT = "The folder was changed after the run, or was not written by r2bspec."
 
@@ -207,12 +211,12 @@ class Run:
 
     def _read_optional(self, name: str, dtype: np.dtype[np.void]) -> Rows:
         path = self.folder / name
-        return read_rows(path, dtype) if path.exists() else np.empty(0, dtype)
+        return read_rows(path, dtype) if os.path.lexists(path) else np.empty(0, dtype)
 
     def spec_text(self) -> str:
         """The resolved spec, as YAML; empty if the folder has none."""
         path = self.folder / "spec.yaml"
-        return path.read_text(encoding="utf-8") if path.exists() else ""
+        return read_spec_text(path)
 
 
 def open_run(path: Path) -> Run:
@@ -223,7 +227,7 @@ def open_run(path: Path) -> Run:
             have an unknown format version.
     """
     folder = path.absolute()
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise RecordError(
             f"{path} is not a folder", hint="Give a run folder, which contains record.json."
         )
@@ -277,7 +281,7 @@ def _open_plan(path: Path, record: RunRecord) -> Plan:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_bytes(path, max_bytes=MAX_JSON_BYTES)
     except OSError as error:
         raise RecordError(
             f"{path} cannot be read: {error.strerror or error}",
@@ -287,11 +291,27 @@ def _read(path: Path) -> bytes:
 
 def _decode(path: Path, content: bytes, kind: Any) -> Any:
     try:
-        decoded = msgspec.json.decode(content, type=kind)
+        decoded = decode_json(content, kind)
         check_numbers(decoded)
     except (msgspec.DecodeError, ValueError) as error:
         raise RecordError(f"{path} is damaged: {error}", hint=_CHANGED_HINT) from error
     return decoded
+
+
+def read_spec_text(path: Path) -> str:
+    """The resolved spec of a run or comparison; empty if the folder has none.
+
+    Raises:
+        RecordError: it is no regular file, too large, or not UTF-8.
+    """
+    try:
+        return read_text(path, max_bytes=_MAX_SPEC_BYTES, folders=(path.parent,))
+    except FileNotFoundError:
+        return ""
+    except OSError as error:
+        raise RecordError(
+            f"{path} cannot be read: {error.strerror or error}", hint=_CHANGED_HINT
+        ) from error
 
 
 def _segment_folder(folder: Path, segment: str) -> Path:

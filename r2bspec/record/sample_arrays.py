@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,6 +18,10 @@ from r2bspec.record.run_record import (
     PLAYBACK_FIELDS,
     RESOURCE_FIELDS,
 )
+from r2bspec.untrusted.errors import TooLargeError
+from r2bspec.untrusted.safe_file import open_regular
+
+_MAX_BYTES = 512 << 20
 
 Rows = NDArray[Any]
 """A one-dimensional array of one of the record types below."""
@@ -53,13 +58,15 @@ def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
             one-dimensional rows of `dtype`.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
+            if os.fstat(file.fileno()).st_size > _MAX_BYTES:
+                raise TooLargeError(f"it is larger than {_MAX_BYTES:,} bytes")
             rows: Rows = npy_format.read_array(file, allow_pickle=False)
             whole = not file.read(1)
     except FileNotFoundError as error:
         raise RecordError(f"{path} is missing", hint=_HINT) from error
-    except (OSError, ValueError, EOFError, MemoryError) as error:
-        # NumPy raises ValueError for a truncated file and for one that is not an array.
+    except Exception as error:
+        # NumPy parses headers as Python: what is wrong with one shows in any error of a parser.
         raise RecordError(f"{path} is damaged: {error}", hint=_HINT) from error
     if whole and rows.ndim == 1 and rows.dtype != dtype:
         rows = _with_missing_fields(rows, dtype)

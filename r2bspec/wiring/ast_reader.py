@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.language.spec import QoS
+from r2bspec.untrusted.safe_file import read_bytes
 from r2bspec.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
 
 _MAX_FILE_BYTES = 1_000_000
@@ -46,12 +47,17 @@ class _PartialInterface:
     qos: dict[str, QoS] = field(default_factory=dict)
 
 
-def read_node_source(source: Path, name: str) -> InterfaceEntry | None:
-    """The interface of the class `name` in a file, or None if it is unknown."""
+def read_node_source(source: Path, name: str, folder: Path | None = None) -> InterfaceEntry | None:
+    """The interface of the class `name` in a file, or None if it is unknown.
+
+    Args:
+        source: the file.
+        name: the class.
+        folder: where the file must be; by default anywhere.
+    """
+    folders = None if folder is None else (folder,)
     try:
-        if source.stat().st_size > _MAX_FILE_BYTES:
-            return None
-        tree = ast.parse(source.read_bytes())
+        tree = ast.parse(read_bytes(source, max_bytes=_MAX_FILE_BYTES, folders=folders))
         return _read(tree, name)
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return None
@@ -195,7 +201,8 @@ def _parameter(call: ast.Call) -> tuple[str, ParameterInfo] | None:
         return None
     try:
         default = None if value is None else ast.literal_eval(value)
-    except (ValueError, TypeError, SyntaxError):  # a map with a list as key is a TypeError
+    except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
+        # A map with a list as key is a TypeError.
         return name.value, ParameterInfo("")
     kind: ParameterType | Literal[""] = _TYPES.get(type(default), "")
     if any(keyword.arg == "descriptor" for keyword in call.keywords) or len(call.args) > 2:

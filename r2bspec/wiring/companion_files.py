@@ -1,7 +1,8 @@
 """Companion files of a spec: recorded interfaces, parameter files, and Python files of nodes.
 
 They are read as data, once, so that wiring and plan are pure functions of values. Except for
-parameter files that the spec names, nothing outside of the folder of the spec is read.
+parameter files that the spec names by their paths, nothing outside of the folder of the spec is
+read, and links out of a folder are not followed.
 """
 
 from __future__ import annotations
@@ -12,14 +13,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from r2bspec.language.spec import Node, Spec
+from r2bspec.untrusted import safe_file
+from r2bspec.untrusted.safe_yaml import load_values
 from r2bspec.wiring.ast_reader import read_node_source
-from r2bspec.wiring.node_interface import InterfaceEntry, parse_interface_entry, read_yaml
+from r2bspec.wiring.node_interface import InterfaceEntry, parse_interface_entry
 from r2bspec.wiring.parameter_files import ParameterFile, limited, read_parameter_file
 
 INTERFACES_FOLDER = "interfaces"
 """The folder next to a spec with recorded interfaces, one file for each node."""
 
 _MAX_FILE_BYTES = 1_000_000
+_MAX_DEPTH = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +63,7 @@ def read_companion_files(spec: Spec, base_dir: Path) -> CompanionFiles:
     sources: dict[str, InterfaceEntry] = {}
     files: dict[str, ParameterFile] = {}
     named: Counter[str] = Counter()
-    recorded = (base_dir / INTERFACES_FOLDER).is_dir()
+    recorded = safe_file.is_folder(base_dir / INTERFACES_FOLDER)
     for key, node in _nodes(spec):
         if recorded:
             _read_interface(base_dir, key, interfaces, interface_errors)
@@ -69,7 +73,7 @@ def read_companion_files(spec: Spec, base_dir: Path) -> CompanionFiles:
                 sources[node.python] = found
         named.update(set(node.parameter_files))
     for path, number_of_nodes in named.items():
-        files[path] = limited(read_parameter_file(base_dir / path), number_of_nodes)
+        files[path] = limited(read_parameter_file(base_dir / path, base_dir), number_of_nodes)
     return CompanionFiles(interfaces, interface_errors, files, sources)
 
 
@@ -83,12 +87,14 @@ def _read_interface(
 ) -> None:
     file = interface_file(base_dir, key)
     try:
-        if not file.is_file():
-            return
-        if file.stat().st_size > _MAX_FILE_BYTES:
-            interface_errors[key] = f"it is larger than {_MAX_FILE_BYTES:,} bytes"
-            return
-        row = read_yaml(file.read_text(encoding="utf-8"))
+        text = safe_file.read_text(file, max_bytes=_MAX_FILE_BYTES, folders=(base_dir,))
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        interface_errors[key] = error.strerror or str(error)
+        return
+    try:
+        row = load_values(text, max_depth=_MAX_DEPTH)
         found[key] = parse_interface_entry(row, "file", f"{INTERFACES_FOLDER}/{file.name}")
     except Exception as error:
         interface_errors[key] = str(error).partition("\n")[0] or type(error).__name__
@@ -96,9 +102,4 @@ def _read_interface(
 
 def _source(base_dir: Path, target: str) -> InterfaceEntry | None:
     place, _, name = target.rpartition(":")
-    file = base_dir / place
-    try:
-        inside = file.resolve().is_relative_to(base_dir.resolve())
-    except (OSError, ValueError, RuntimeError):
-        return None
-    return read_node_source(file, name) if inside else None
+    return read_node_source(base_dir / place, name, base_dir)

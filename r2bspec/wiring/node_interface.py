@@ -19,12 +19,10 @@ import msgspec
 
 from r2bspec.language import value_codec
 from r2bspec.language.spec import Node, ParameterValue, QoS
+from r2bspec.untrusted.safe_yaml import load_values
 from r2bspec.wiring.name_resolution import expand, remap
 
 _TABLE = Path(__file__).parents[1] / "nodes" / "interfaces.yaml"
-_MAX_DEPTH = 100
-_SEXAGESIMAL = re.compile(r"[-+]?[0-9_]+(?::[0-9_]+)+[0-9_.]*")
-_MAX_NUMBER_LENGTH = 400
 _PARAMETER = re.compile(r"\$\(parameter ([^)]*)\)")
 _DERIVED_TOPIC = re.compile(r"\$\(beside ([^)]*)\)")
 
@@ -131,37 +129,10 @@ def read_interface_table(
     file: Path, *, origin: InterfaceSource = "table", described_package: str = ""
 ) -> InterfaceTable:
     """Read an interface table that is part of r2bspec, and therefore valid."""
-    rows: dict[str, Any] = read_yaml(file.read_text(encoding="utf-8"))
+    rows: dict[str, Any] = load_values(file.read_text(encoding="utf-8"))
     return {
         name: parse_interface_entry(row, origin, described_package) for name, row in rows.items()
     }
-
-
-def read_yaml(text: str) -> Any:
-    """The values of a YAML document, as plain data.
-
-    Raises:
-        yaml.YAMLError: the text is not YAML, or nested too deeply.
-    """
-    import yaml
-
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    depth = 0
-    # Loading recurses once per level, in C.
-    for event in yaml.parse(text, Loader=loader):
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if isinstance(event, yaml.ScalarEvent) and _is_long_sexagesimal(event):
-            raise yaml.YAMLError(f"it has a number of more than {_MAX_NUMBER_LENGTH} characters")
-        if depth > _MAX_DEPTH:
-            raise yaml.YAMLError(f"it is nested more than {_MAX_DEPTH} levels deep")
-    return yaml.load(text, Loader=loader)  # noqa: S506 -- both are safe
-
-
-def _is_long_sexagesimal(event: Any) -> bool:
-    """Whether a value is a number to base 60, as YAML 1.1 has them, that takes long to convert."""
-    long_and_plain = len(event.value) > _MAX_NUMBER_LENGTH and event.implicit[0]
-    return long_and_plain and _SEXAGESIMAL.fullmatch(event.value) is not None
 
 
 class _InterfaceRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

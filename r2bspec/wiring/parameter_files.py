@@ -19,8 +19,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from r2bspec.language.spec import Node, ParameterValue
-from r2bspec.wiring.node_interface import read_yaml
+from r2bspec.untrusted.errors import OutsideFolderError
+from r2bspec.untrusted.safe_file import read_text, real_path
+from r2bspec.untrusted.safe_yaml import RefusedYamlError, load_values
 
 _MAX_FILE_BYTES = 1_000_000
 _MAX_DEPTH = 50
@@ -34,6 +38,7 @@ MAX_VALUES_OF_NODES = 200_000
 
 _ANY_TOKENS = "**"
 _PARAMETERS_KEY = "ros__parameters"
+_OUTSIDE_PROBLEM = f"is no parameter file: each node needs a map '{_PARAMETERS_KEY}'"
 
 
 @dataclass(frozen=True)
@@ -75,17 +80,32 @@ class ParameterFile:
         return [self.nodes[position][1] for position in sorted((*same, *wild))]
 
 
-def read_parameter_file(path: Path) -> ParameterFile:
-    """Read a parameter file; problems are in the result."""
+def read_parameter_file(path: Path, base_dir: Path | None = None) -> ParameterFile:
+    """Read a parameter file; problems are in the result.
+
+    A path may lead anywhere, because it is there to be read in the spec, but a link may not lead
+    out of its folder or that of the spec. No text of a file outside of the folder of the spec
+    is shown: it may be any file of this machine.
+
+    Args:
+        path: the file.
+        base_dir: the folder of the spec; by default that of the file.
+    """
+    home = path.parent if base_dir is None else base_dir
     try:
-        if path.stat().st_size > _MAX_FILE_BYTES:
-            return ParameterFile(problem=f"is larger than {_MAX_FILE_BYTES:,} bytes")
-        document = read_yaml(path.read_text(encoding="utf-8"))
+        text = read_text(path, max_bytes=_MAX_FILE_BYTES, folders=(path.parent, home))
     except FileNotFoundError:
         return ParameterFile(missing=True, problem="does not exist")
-    except (OSError, UnicodeDecodeError) as error:
-        return ParameterFile(problem=f"cannot be read: {getattr(error, 'strerror', '') or error}")
-    except Exception as error:
+    except OutsideFolderError as error:
+        problem = f"cannot be read: {error.strerror}; copy the file there instead"
+        return ParameterFile(problem=problem)
+    except OSError as error:
+        return ParameterFile(problem=f"cannot be read: {error.strerror or error}")
+    try:
+        document = load_values(text, max_depth=_MAX_DEPTH, max_expanded=_MAX_VALUES)
+    except RefusedYamlError as error:
+        return ParameterFile(problem=f"cannot be used: {error}")
+    except yaml.YAMLError as error:
         place = getattr(error, "problem_mark", None)
         where = f" in line {place.line + 1}" if place is not None else ""
         return ParameterFile(problem=f"is not YAML{where}")
@@ -94,7 +114,8 @@ def read_parameter_file(path: Path) -> ParameterFile:
     try:
         nodes = tuple(_nodes(document, "", 0, _Budget()))
     except ValueError as error:
-        return ParameterFile(problem=str(error))
+        inside = real_path(path.parent).is_relative_to(real_path(home))
+        return ParameterFile(problem=str(error) if inside else _OUTSIDE_PROBLEM)
     if sum("*" in key for key, _ in nodes) > _MAX_WILDCARD_KEYS:
         return ParameterFile(problem=f"has more than {_MAX_WILDCARD_KEYS} keys with wildcards")
     return ParameterFile(nodes)

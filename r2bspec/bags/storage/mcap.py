@@ -22,6 +22,14 @@ from r2bspec.bags.errors import STORAGE_UNREADABLE, DataError
 from r2bspec.bags.metadata import normalise_type
 from r2bspec.bags.recording import Message
 from r2bspec.bags.storage.storage import StoredTopic
+from r2bspec.untrusted.decompression_budget import (
+    DecompressionBudget,
+    check_piece,
+    spend_for_each,
+    unpack_lz4,
+    unpack_zstd,
+)
+from r2bspec.untrusted.safe_file import open_regular
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -44,10 +52,13 @@ class McapStorage:
 
         _check_profile(path, display_path)
         _check_summary(path)
-        with ExitStack() as stack:
+        _bound_decompression()
+        self._stored_bytes = path.stat().st_size
+        with ExitStack() as stack, DecompressionBudget(self._stored_bytes).active():
             reader = stack.enter_context(Reader(path))
             file: Any = reader.storage
             _check_chunks(path, file.chunks)
+            _check_unpacked_sizes(self._stored_bytes, file.chunks)
             self._indexed = _is_indexed(file)
             if not self._indexed:
                 stated: Counter[int] = Counter(file.statistics.channel_message_counts)
@@ -82,8 +93,11 @@ class McapStorage:
             if self._indexed
             else self._messages_by_time(connections, start_ns, stop_ns)
         )
-        for connection, time_ns, data in found:
-            yield Message(topic=connection.topic, time_ns=time_ns, data=decompress_message(data))
+        messages = (
+            Message(topic=connection.topic, time_ns=time_ns, data=decompress_message(data))
+            for connection, time_ns, data in found
+        )
+        yield from spend_for_each(messages, DecompressionBudget(self._stored_bytes))
 
     def close(self) -> None:
         """As `Storage.close`."""
@@ -114,6 +128,24 @@ class McapStorage:
                 yield of, earliest_ns, content
 
 
+def _bound_decompression() -> None:
+    """Let `rosbags` unpack chunks no further than they state, and than a limit."""
+    from rosbags.rosbag2 import storage_mcap
+
+    storage_mcap.DECOMPRESSORS.update(zstd=unpack_zstd, lz4=unpack_lz4)
+
+
+def _check_unpacked_sizes(stored_bytes: int, chunks: list[Any]) -> None:
+    """Compare what the index says that the chunks unpack to with the limits.
+
+    Raises:
+        RefusedDataError: it is too much.
+    """
+    with DecompressionBudget(stored_bytes).active():
+        for chunk in chunks:
+            check_piece(chunk.compressed_size, chunk.uncompressed_size)
+
+
 def _is_indexed(file: Any) -> bool:
     """Whether the index lists every message that the statistics count."""
     if any(not each.message_index_offsets for each in file.chunks):
@@ -141,7 +173,7 @@ def _check_profile(path: Path, display_path: Path) -> None:
     Raises:
         DataError: R2B304.
     """
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         head = stream.read(len(_MAGIC) + 13)
         if len(head) < len(_MAGIC) + 13 or not head.startswith(_MAGIC) or head[8] != _HEADER_RECORD:
             raise DataError(
@@ -167,7 +199,7 @@ def _check_chunks(path: Path, chunks: list[Any]) -> None:
     Raises:
         ValueError, struct.error: they differ, or there is no chunk where one should be.
     """
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         for chunk in chunks:
             stream.seek(chunk.chunk_start_offset)
             # For a truncated chunk, `struct` raises its error here.
@@ -186,7 +218,7 @@ def _check_summary(path: Path) -> None:
     Raises:
         ValueError: they differ, or there is no footer.
     """
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         size = stream.seek(0, 2)
         if size < _FOOTER.size + len(_MAGIC):
             msg = "it ends before its footer"

@@ -15,6 +15,13 @@ from typing import TYPE_CHECKING, Any
 from r2bspec.bags.errors import SERIALIZATION_UNSUPPORTED, DataError
 from r2bspec.bags.recording import Message
 from r2bspec.bags.storage.storage import StoredTopic
+from r2bspec.untrusted.decompression_budget import (
+    DecompressionBudget,
+    spend_for_each,
+    unpack_bz2,
+    unpack_lz4,
+)
+from r2bspec.untrusted.safe_file import open_regular
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Typestore
@@ -35,6 +42,8 @@ class Ros1Storage:
     def __init__(self, path: Path, display_path: Path) -> None:
         from rosbags.rosbag1 import Reader
 
+        _bound_decompression()
+        self._stored_bytes = path.stat().st_size
         self._display_path = display_path
         self._reader = Reader(path)
         self._reader.open()
@@ -65,7 +74,11 @@ class Ros1Storage:
         if not connections:
             return
         converters = {each.id: self._converter(each) for each in connections}
-        for connection, time_ns, data in self._reader.messages(connections, start_ns, stop_ns):
+        stored = spend_for_each(
+            self._reader.messages(connections, start_ns, stop_ns),
+            DecompressionBudget(self._stored_bytes),
+        )
+        for connection, time_ns, data in stored:
             converted = converters[connection.id](data)
             yield Message(topic=connection.topic, time_ns=time_ns, data=converted)
 
@@ -88,6 +101,13 @@ class Ros1Storage:
             ) from error
 
 
+def _bound_decompression() -> None:
+    """Let `rosbags` unpack chunks up to a limit."""
+    from rosbags.rosbag1 import reader
+
+    reader.decompressors.update(bz2=unpack_bz2, lz4=unpack_lz4)
+
+
 def _check_index(path: Path, reader: Reader) -> None:
     """Compare the index with the file: with a wrong count in the header, messages are missing.
 
@@ -97,7 +117,7 @@ def _check_index(path: Path, reader: Reader) -> None:
     from rosbags.rosbag1.reader import Header, RecordType, read_uint32
 
     record_counts: Counter[int] = Counter()
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         size = stream.seek(0, 2)
         stream.seek(0)
         stream.readline()

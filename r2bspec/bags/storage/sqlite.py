@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import sqlite3
 import struct
 import tempfile
 from collections.abc import Collection, Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from r2bspec.bags.compression import decompress_ahead
 from r2bspec.bags.errors import RECORDING_NOT_CLOSED, STORAGE_UNREADABLE, DataError
 from r2bspec.bags.metadata import normalise_type
 from r2bspec.bags.recording import Message
 from r2bspec.bags.storage.storage import StoredTopic
+from r2bspec.untrusted.decompression_budget import DecompressionBudget
+from r2bspec.untrusted.safe_file import is_regular, open_regular
+from r2bspec.untrusted.safe_sqlite import MAX_VALUE_BYTES, STEPS_BETWEEN_CALLS, open_read_only
 
+_TABLES = ("messages", "topics", "schema", "metadata", "message_definitions")
 _MAGIC = b"SQLite format 3\x00"
 _HEADER_BYTES = 100
 # Journals in the folder of a database, with changes that are not in the file itself.
@@ -36,9 +40,11 @@ class SqliteStorage:
         real = path.resolve()
         _check_complete(real, display_path)
         self._path = real
+        self._stored_bytes = real.stat().st_size
         self._has_index = _has_index(real)
         with ExitStack() as stack:
             self._reader = stack.enter_context(Reader(_uri_safe_path(real, stack)))
+            _restrict(self._reader.storage)
             self._stack = stack.pop_all()
         self.topics = tuple(
             StoredTopic(
@@ -82,7 +88,9 @@ class SqliteStorage:
                 self._path, {each.id: each.topic for each in connections}, start_ns, stop_ns
             )
         )
-        for (topic, time_ns), data in decompress_ahead(stored):
+        for (topic, time_ns), data in decompress_ahead(
+            stored, DecompressionBudget(self._stored_bytes)
+        ):
             yield Message(topic=topic, time_ns=time_ns, data=data)
 
     def close(self) -> None:
@@ -90,14 +98,19 @@ class SqliteStorage:
         self._stack.close()
 
 
-def _open(path: Path) -> sqlite3.Connection:
-    # A recording may lie on a read-only disk, where no lock file can be made.
-    return sqlite3.connect(f"{path.as_uri()}?immutable=1", uri=True)
+def _restrict(storage: Any) -> None:
+    """Limit the connection of `rosbags`; its schema has been checked."""
+    import apsw
+
+    connection: apsw.Connection = storage.dbconn
+    connection.limit(apsw.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
+    # Signals are handled in Python code only: without this, a long query cannot be interrupted.
+    connection.set_progress_handler(lambda: False, STEPS_BETWEEN_CALLS)
 
 
 def _has_index(path: Path) -> bool:
     """Whether messages are indexed by their times, as those of rosbag2 are."""
-    with closing(_open(path)) as database:
+    with open_read_only(path, tables=_TABLES) as database:
         first_columns = database.execute(
             "SELECT of_index.name FROM pragma_index_list('messages') AS list"
             " JOIN pragma_index_info(list.name) AS of_index WHERE of_index.seqno = 0"
@@ -112,7 +125,7 @@ def _row_by_row(
     marks = ", ".join("?" * len(topics))
     first_ns = -(2**63) if start_ns is None else start_ns
     past_ns = 2**63 - 1 if stop_ns is None else stop_ns
-    with closing(_open(path)) as database:
+    with open_read_only(path, tables=_TABLES) as database:
         rows = database.execute(
             f"SELECT rowid, topic_id, timestamp FROM messages WHERE topic_id IN ({marks})"  # noqa: S608 - question marks
             " AND timestamp >= ? AND timestamp < ? ORDER BY timestamp, rowid",
@@ -133,7 +146,7 @@ def _check_complete(path: Path, display_path: Path) -> None:
     Raises:
         DataError: R2B304 or R2B313.
     """
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         head = stream.read(_HEADER_BYTES)
     if len(head) < _HEADER_BYTES or not head.startswith(_MAGIC):
         raise DataError(
@@ -155,8 +168,8 @@ def _check_complete(path: Path, display_path: Path) -> None:
         )
     for suffix, magics in _JOURNALS.items():
         journal = path.with_name(path.name + suffix)
-        if journal.is_file():
-            with journal.open("rb") as stream:
+        if is_regular(journal):
+            with open_regular(journal) as stream:
                 if stream.read(4) in magics:
                     raise DataError(
                         f"{display_path} was not closed: some of its messages are only in "

@@ -22,6 +22,7 @@ from r2bspec.bags.errors import (
 from r2bspec.bags.metadata import check_not_lfs_pointer
 from r2bspec.bags.recording import Message
 from r2bspec.language.bag_formats import SUFFIXES_TEXT, format_of_suffix
+from r2bspec.untrusted.errors import RefusedDataError
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def storage_errors(path: Path) -> Iterator[None]:
         raise DataError(
             f"{path} cannot be read: {error_text(error)}",
             code=STORAGE_UNREADABLE,
-            hint=error_hint(error),
+            hint=error.hint if isinstance(error, RefusedDataError) else error_hint(error),
         ) from error
 
 

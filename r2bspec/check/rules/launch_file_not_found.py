@@ -6,6 +6,7 @@ from pathlib import Path as FilePath
 
 from r2bspec.check.installed_packages import package_share
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
+from r2bspec.untrusted.safe_file import is_regular
 
 
 def _find(context: Context) -> Findings:
@@ -13,7 +14,7 @@ def _find(context: Context) -> Findings:
         launch = node.node.launch
         if launch is None:
             continue
-        if launch.path and not (context.loaded.base_dir / launch.path).is_file():
+        if launch.path and not is_regular(context.loaded.base_dir / launch.path):
             yield Finding(
                 message=f"launch file {quote(launch.path)} not found",
                 path=(*node.path, "launch", "path"),
@@ -34,7 +35,7 @@ def _find(context: Context) -> Findings:
 
 
 def _has_launch_file(share: FilePath, file: str) -> bool:
-    return (share / file).is_file() or file in _launch_files(share)
+    return is_regular(share / file) or file in _launch_files(share)
 
 
 def _launch_files(share: FilePath) -> list[str]:

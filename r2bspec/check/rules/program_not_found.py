@@ -7,12 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path as FilePath
 
 from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
+from r2bspec.untrusted.safe_file import is_regular
 
 
 def _find(context: Context) -> Findings:
     for path, program, folder in _programs(context):
         if "/" in program:
-            exists = (folder / program).is_file()
+            exists = is_regular(folder / program)
             message = f"program {quote(program)} not found"
             advice = (
                 f"the path is relative to its working folder ({folder}); build it before the run"

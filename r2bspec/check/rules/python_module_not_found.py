@@ -7,6 +7,7 @@ from dataclasses import replace
 from r2bspec.check.installed_packages import find_module, top_level_names
 from r2bspec.check.python_target import PythonTarget, python_target
 from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote, value_key
+from r2bspec.untrusted.safe_file import is_regular
 
 
 def _find(context: Context) -> Findings:
@@ -37,7 +38,7 @@ def _module(path: Path, target: PythonTarget) -> Finding | None:
 
 def _file(context: Context, path: Path, target: PythonTarget) -> Finding | None:
     written = target.text.rpartition(":")[0]
-    if not target.file.is_file():
+    if not is_regular(target.file):
         return Finding(
             message=f"Python file {quote(written)} not found",
             path=path,

@@ -16,6 +16,7 @@ from r2bspec.check.rule_api import (
     suggestion,
     value_key,
 )
+from r2bspec.untrusted.safe_file import is_regular
 from r2bspec.wiring.node_interface import reference_node_interfaces
 
 _REFERENCE_NODES = "r2bspec.nodes"
@@ -55,7 +56,7 @@ def _names(target: PythonTarget) -> frozenset[str] | None:
         found = find_module(target.module)
         origin = found.origin if found is not None else None
         source = Path(origin) if origin is not None and origin.endswith(".py") else None
-    if source is None or not source.is_file():
+    if source is None or not is_regular(source):
         return None
     try:
         return top_level_names(source)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 from r2bspec.compare.history.errors import HistoryError
 from r2bspec.compare.history.model import HistoryEntry, HistoryMetric
@@ -18,11 +18,17 @@ from r2bspec.compare.history.schema import (
     create_tables,
     schema_version,
 )
+from r2bspec.untrusted.errors import RefusedDataError
+from r2bspec.untrusted.safe_sqlite import check_schema, end_deadline, restrict
+
+T = TypeVar("T")
 
 _MAX_LOCK_WAIT_S: Final = 30.0
 """How long to wait for another program that is writing. A row takes milliseconds."""
 
 _LOCK_POLL_S: Final = 0.01
+_MAX_OPENING_S: Final = 120.0
+_TABLES: Final = ("runs", "metrics")
 
 _COLUMNS: Final = (
     *("run_id", "name", "started_at", "host", "machine", "plan", "dataset", "version"),
@@ -105,10 +111,8 @@ class History:
                 "ORDER BY rowid",
                 (run_id,),
             ).fetchall()
-        return tuple(
-            HistoryMetric(at_hz=at_hz, monitor=monitor, metric=metric, unit=unit, value=value)
-            for at_hz, monitor, metric, unit, value in rows
-        )
+        names = ("at_hz", "monitor", "metric", "unit", "value")
+        return tuple(self._typed(HistoryMetric, dict(zip(names, row, strict=True))) for row in rows)
 
     def accept(self, run_id: str) -> bool:
         """Let a run count as a baseline although it failed; returns whether the run exists.
@@ -142,7 +146,21 @@ class History:
                 values,
             ).fetchall()
         found = (dict(zip(_COLUMNS, row, strict=True)) for row in rows)
-        return tuple(HistoryEntry(**one | {"accepted": bool(one["accepted"])}) for one in found)
+        return tuple(
+            self._typed(HistoryEntry, one | {"accepted": bool(one["accepted"])}) for one in found
+        )
+
+    def _typed(self, kind: type[T], row: dict[str, Any]) -> T:
+        """A row as a value; a table that was changed may have columns of other types."""
+        import msgspec
+
+        try:
+            return msgspec.convert(row, kind)
+        except msgspec.ValidationError as error:
+            raise HistoryError(
+                f"the history {self.path} is damaged, or no history: {error}",
+                hint="Put it aside and begin a new one; run folders can be judged without it.",
+            ) from error
 
 
 @contextlib.contextmanager
@@ -167,6 +185,7 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
             path.parent.mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, timeout=_MAX_LOCK_WAIT_S, isolation_level=None)
             stack.enter_context(contextlib.closing(connection))
+            restrict(connection, _MAX_OPENING_S)
             with _transaction(connection, "DEFERRED"):
                 empty = _check(path, connection)
             if empty:
@@ -176,6 +195,7 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
                         create_tables(connection)
             _use_write_ahead_log(connection)
             connection.execute("PRAGMA foreign_keys = ON")
+            end_deadline(connection)
         yield History(path, connection)
 
 
@@ -192,6 +212,7 @@ def _check(path: Path, connection: sqlite3.Connection) -> bool:
             f"{path} is a database of another program, not a history of r2bspec",
             hint="Name another file with --history.",
         )
+    check_schema(connection, _TABLES)
     version = schema_version(connection)
     if version != SCHEMA_VERSION:
         raise HistoryError(
@@ -239,6 +260,11 @@ def _translate_errors(path: Path) -> Iterator[None]:
     """Errors of SQLite or the file system as a `HistoryError` with a hint."""
     try:
         yield
+    except RefusedDataError as error:
+        raise HistoryError(
+            f"the history {path} was not written by r2bspec: {error}",
+            hint="Put it aside and begin a new one; run folders can be judged without it.",
+        ) from error
     except sqlite3.OperationalError as error:
         busy = "locked" in str(error) or "busy" in str(error)
         hint = "Another program uses it; try again." if busy else "Check that it is writable."

@@ -165,7 +165,7 @@ class _FileMerger:
         return None
 
     def _compose_file(self, node: ScalarNode, file: str) -> MapNode | None:
-        read = read_file(FilePath(file))
+        read = read_file(FilePath(file), self._folders)
         self._result.sources[file] = read.source
         if not read.usable:
             self._add(read.diagnostics)

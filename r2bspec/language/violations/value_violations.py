@@ -26,12 +26,15 @@ def wrong_type(violation: Violation) -> Diagnostic:
     """A value of another type than the schema requires."""
     if violation.value is None:
         return _missing_value(violation)
-    message = (
-        f"{violation.name} must be {describe_type(violation.schema)}, not "
-        f"{describe_value(violation.value)}"
-    )
+    # A whole document that is one text may be a file of secrets: it is not quoted.
+    found = describe_value(violation.value) if violation.path else _kind_of(violation.value)
+    message = f"{violation.name} must be {describe_type(violation.schema)}, not {found}"
     help_text, repair = _type_help(violation)
     return violation.error("R2B103", message, help_text, repair=repair)
+
+
+def _kind_of(value: object) -> str:
+    return "a list" if isinstance(value, list) else "a single value"
 
 
 def _missing_value(violation: Violation) -> Diagnostic:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.wiring.node_interface import read_yaml
+from r2bspec.untrusted.safe_yaml import load_values
 from r2bspec.wiring.parameter_files import (
     MAX_VALUES_OF_NODES,
     ParameterFile,
@@ -76,10 +76,10 @@ def test_a_number_to_base_60_of_any_length_is_answered_in_linear_time() -> None:
     def cost(length: int) -> float:
         text = f"a: 1{':59' * length}"
         started = time.process_time()
-        with pytest.raises(Exception, match="characters"):
-            read_yaml(text)
+        with pytest.raises(Exception, match="characters|digits"):
+            load_values(text)
         return time.process_time() - started
 
     costs = [min(cost(length) for _ in range(3)) for length in (150_000, 300_000)]
     assert costs[1] <= 3 * costs[0] + 0.05
-    assert read_yaml("a: 1:59:59") == {"a": 7199}
+    assert load_values("a: 1:59:59") == {"a": 7199}

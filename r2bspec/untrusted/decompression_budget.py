@@ -1,0 +1,174 @@
+"""How much may be unpacked: by bytes, and in proportion to what is stored.
+
+A few kilobytes can unpack to gigabytes. Formats state the size of what they have packed, so that
+most bombs are refused before anything is unpacked; what states too little is cut off at its word.
+"""
+
+from __future__ import annotations
+
+import bz2
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, Final, TypeVar, cast
+
+from r2bspec.untrusted.errors import RefusedDataError
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+MAX_PIECE_BYTES: Final = 256 << 20
+"""The largest message or chunk; recorders write chunks of a few megabytes."""
+FREE_PIECE_BYTES: Final = 64 << 20
+"""Up to here, a message or chunk may have any ratio: black images pack very well."""
+FREE_TOTAL_BYTES: Final = 512 << 20
+"""Up to here, a file may have any ratio."""
+MAX_RATIO: Final = 1_000
+"""Unpacked bytes for each stored byte; camera images reach 100."""
+
+_MAX_FRAME_HEADER_BYTES: Final = 18
+T = TypeVar("T")
+
+_HINT: Final = "copy or record it again; if it is meant, convert it without compression"
+
+
+class DecompressionBudget:
+    """What a file may be unpacked to, over all of its pieces.
+
+    Args:
+        stored_bytes: the size of the file.
+    """
+
+    def __init__(self, stored_bytes: int) -> None:
+        self._left = max(FREE_TOTAL_BYTES, stored_bytes * MAX_RATIO)
+
+    def spend(self, unpacked_bytes: int) -> None:
+        """Take in one more piece.
+
+        Raises:
+            RefusedDataError: this is more than the whole file may be unpacked to.
+        """
+        self._left -= unpacked_bytes
+        if self._left < 0:
+            raise RefusedDataError(
+                f"it unpacks to more than {MAX_RATIO:,} times its size", hint=_HINT
+            )
+
+    @contextmanager
+    def active(self) -> Iterator[None]:
+        """Let every piece that is unpacked meanwhile count."""
+        token = _ACTIVE.set(self)
+        try:
+            yield
+        finally:
+            _ACTIVE.reset(token)
+
+
+def spend_for_each(pieces: Iterator[T], budget: DecompressionBudget) -> Iterator[T]:
+    """Everything of an iterator; what is unpacked for it counts.
+
+    Raises:
+        RefusedDataError: as `DecompressionBudget.spend`.
+    """
+    end = object()
+    while True:
+        # Only until the next piece is there: what the caller does with it does not count.
+        with budget.active():
+            piece = next(pieces, end)
+        if piece is end:
+            return
+        yield cast("T", piece)
+
+
+_ACTIVE: ContextVar[DecompressionBudget | None] = ContextVar("_ACTIVE", default=None)
+
+
+def check_piece(stored_bytes: int, unpacked_bytes: int) -> None:
+    """Compare one message or chunk with the limits.
+
+    Raises:
+        RefusedDataError: it is too large, or unpacks to too much.
+    """
+    if unpacked_bytes > MAX_PIECE_BYTES:
+        raise RefusedDataError(
+            f"a message or chunk unpacks to more than {MAX_PIECE_BYTES >> 20} MiB", hint=_HINT
+        )
+    if unpacked_bytes > max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO):
+        raise RefusedDataError(
+            f"a message or chunk unpacks to more than {MAX_RATIO:,} times its size", hint=_HINT
+        )
+    budget = _ACTIVE.get()
+    if budget is not None:
+        budget.spend(unpacked_bytes)
+
+
+def max_unpacked(stored_bytes: int) -> int:
+    """The most bytes that a piece of this size may unpack to."""
+    return min(MAX_PIECE_BYTES, max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO))
+
+
+def unpack_zstd(data: bytes, stated_bytes: int | None = None) -> bytes:
+    """Unpack zstd.
+
+    Args:
+        data: one or more frames.
+        stated_bytes: the size that the format states; None to take that of the frame.
+
+    Raises:
+        RefusedDataError: it unpacks to too much.
+        ValueError, zstd.ZstdError: it is damaged.
+    """
+    stated = zstd_size(data) if stated_bytes is None else stated_bytes
+    return _unpack(zstd.ZstdDecompressor, data, stated)
+
+
+def zstd_size(head: bytes) -> int | None:
+    """The size that the first frame states; None if it does not.
+
+    Raises:
+        zstd.ZstdError: this is no frame.
+    """
+    return zstd.get_frame_info(head[:_MAX_FRAME_HEADER_BYTES]).decompressed_size
+
+
+def unpack_bz2(data: bytes, stated_bytes: int | None = None) -> bytes:
+    """Unpack bzip2; arguments and errors as for `unpack_zstd`."""
+    return _unpack(bz2.BZ2Decompressor, data, stated_bytes)
+
+
+def unpack_lz4(data: bytes, stated_bytes: int | None = None) -> bytes:
+    """Unpack frames of LZ4; arguments and errors as for `unpack_zstd`."""
+    from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+
+    return _unpack(LZ4FrameDecompressor, data, stated_bytes)
+
+
+def _unpack(decompressor: Any, data: bytes, stated_bytes: int | None) -> bytes:
+    """Unpack frames one after another, and stop where they give more than they may."""
+    if stated_bytes is not None:
+        check_piece(len(data), stated_bytes)
+    limit = max_unpacked(len(data)) if stated_bytes is None else stated_bytes
+    parts: list[bytes] = []
+    total, rest = 0, data
+    while rest:
+        one = decompressor()
+        part = one.decompress(rest, max_length=limit - total + 1)
+        parts.append(part)
+        total += len(part)
+        if total > limit:
+            _refuse(stated_bytes)
+        if not one.eof:
+            raise ValueError("compressed data ends before its end marker")
+        rest = one.unused_data
+    if stated_bytes is None:
+        check_piece(len(data), total)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def _refuse(stated_bytes: int | None) -> None:
+    if stated_bytes is not None:
+        raise RefusedDataError("a message or chunk unpacks to more than it states", hint=_HINT)
+    raise RefusedDataError("a message or chunk unpacks to too much", hint=_HINT)

@@ -1,0 +1,139 @@
+"""Opening files: regular ones only, without leaving the allowed folders, up to a size.
+
+A path is first opened as a place (O_PATH). That has no effect on pipes and devices, and cannot
+block. The file found there is examined and then opened itself, so that it cannot be exchanged
+between the check and its use.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterable
+from pathlib import Path
+from typing import BinaryIO, Final
+
+from r2bspec.untrusted.errors import OutsideFolderError, RefusedFileError, TooLargeError
+
+KERNEL_FOLDERS: Final = (Path("/proc"), Path("/sys"))
+"""Their regular files have no size, may block, and tell about this machine."""
+
+_KINDS: Final = (
+    (stat.S_ISDIR, "it is a folder, not a file"),
+    (stat.S_ISFIFO, "it is a pipe, not a regular file"),
+    (stat.S_ISCHR, "it is a device, not a regular file"),
+    (stat.S_ISBLK, "it is a device, not a regular file"),
+    (stat.S_ISSOCK, "it is a socket, not a regular file"),
+)
+_BLOCK_BYTES: Final = 1 << 20
+
+
+def open_regular(path: Path, *, folders: Iterable[Path] | None = None) -> BinaryIO:
+    """Open a regular file for reading.
+
+    Args:
+        path: the file; links are followed.
+        folders: where the file itself must be, after all links; None for anywhere.
+
+    Raises:
+        RefusedFileError: it is no regular file, or outside of these folders.
+        OSError: the system refuses.
+    """
+    place = _open_place(path)
+    try:
+        _check_kind(place)
+        _check_place(place, folders)
+        return os.fdopen(_open_itself(place), "rb")
+    finally:
+        os.close(place)
+
+
+def read_bytes(path: Path, *, max_bytes: int, folders: Iterable[Path] | None = None) -> bytes:
+    """The content of a regular file, read once.
+
+    Args:
+        path: as for `open_regular`.
+        max_bytes: the most that is read.
+        folders: as for `open_regular`.
+
+    Raises:
+        TooLargeError: it has more bytes.
+        RefusedFileError: as `open_regular`.
+        OSError: the system refuses.
+    """
+    with open_regular(path, folders=folders) as file:
+        blocks, left = [], max_bytes + 1
+        while left and (block := file.read(min(left, _BLOCK_BYTES))):
+            blocks.append(block)
+            left -= len(block)
+    if not left:
+        raise TooLargeError(f"it is larger than {max_bytes:,} bytes")
+    return b"".join(blocks)
+
+
+def read_text(path: Path, *, max_bytes: int, folders: Iterable[Path] | None = None) -> str:
+    """The content of a file in UTF-8; arguments and errors as for `read_bytes`.
+
+    Raises:
+        RefusedFileError: it is not UTF-8, or as `read_bytes`.
+        OSError: the system refuses.
+    """
+    content = read_bytes(path, max_bytes=max_bytes, folders=folders)
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise RefusedFileError(f"it is not UTF-8 (line {line})") from None
+
+
+def is_regular(path: Path) -> bool:
+    """Whether a path leads to a regular file; a name that no file can have does not."""
+    try:
+        return stat.S_ISREG(path.stat().st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a path leads to a folder; a name that no folder can have does not."""
+    try:
+        return stat.S_ISDIR(path.stat().st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def _open_place(path: Path) -> int:
+    try:
+        return os.open(path, os.O_PATH | os.O_CLOEXEC)
+    except ValueError:
+        raise RefusedFileError("its name contains a NUL character") from None
+
+
+def _check_kind(place: int) -> None:
+    mode = os.fstat(place).st_mode
+    for is_kind, reason in _KINDS:
+        if is_kind(mode):
+            hint = "use '-' to read standard input" if stat.S_ISFIFO(mode) else ""
+            raise RefusedFileError(reason, hint=hint)
+
+
+def _check_place(place: int, folders: Iterable[Path] | None) -> None:
+    real = Path(f"/proc/self/fd/{place}").readlink()
+    if any(real.is_relative_to(each) for each in KERNEL_FOLDERS):
+        raise OutsideFolderError("it is a file of the kernel, not of a disk")
+    if folders is not None and not any(real.is_relative_to(real_path(each)) for each in folders):
+        raise OutsideFolderError("it is a link out of its folder")
+
+
+def real_path(path: Path) -> Path:
+    """A path without links; as it is if it cannot be resolved."""
+    try:
+        return path.resolve()
+    except (OSError, ValueError, RuntimeError):
+        return path.absolute()
+
+
+def _open_itself(place: int) -> int:
+    """Open the very file that a place was opened for."""
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
+    return os.open(f"/proc/self/fd/{place}", flags)

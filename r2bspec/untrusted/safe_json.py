@@ -1,0 +1,65 @@
+"""Decoding JSON: size and depth are limited, and every problem is a `msgspec.DecodeError`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import msgspec
+
+from r2bspec.untrusted.safe_file import read_bytes
+
+MAX_JSON_BYTES: Final = 256_000_000
+"""Size of the largest document that is read; the record of a day of segments has a tenth."""
+
+T = TypeVar("T")
+
+
+def read_json(
+    path: Path,
+    kind: type[T],
+    *,
+    dec_hook: Callable[[type, Any], Any] | None = None,
+    max_bytes: int = MAX_JSON_BYTES,
+) -> T:
+    """Read one value from a file.
+
+    Raises:
+        RefusedFileError: the file is no regular file, or too large.
+        OSError: the system refuses.
+        msgspec.DecodeError: as `decode_json`.
+    """
+    return decode_json(read_bytes(path, max_bytes=max_bytes), kind, dec_hook=dec_hook)
+
+
+def decode_json(
+    content: bytes, kind: type[T], *, dec_hook: Callable[[type, Any], Any] | None = None
+) -> T:
+    """Decode one value.
+
+    Raises:
+        msgspec.ValidationError: it is JSON, but not of this type.
+        msgspec.DecodeError: it is not JSON or not UTF-8, or nested too deeply.
+    """
+    try:
+        return msgspec.json.decode(content, type=kind, dec_hook=dec_hook)
+    except RecursionError:
+        raise msgspec.DecodeError("it is nested too deeply") from None
+    except UnicodeDecodeError as error:
+        raise msgspec.DecodeError(f"it is not UTF-8 (byte {error.start})") from None
+
+
+def decode_python_json(content: bytes) -> object:
+    """Decode JSON that Python's own module wrote, which also knows NaN and Infinity.
+
+    Raises:
+        msgspec.DecodeError: it is not JSON or not UTF-8, or nested too deeply.
+    """
+    try:
+        return json.loads(content)
+    except RecursionError:
+        raise msgspec.DecodeError("it is nested too deeply") from None
+    except ValueError as error:
+        raise msgspec.DecodeError(str(error)) from None

@@ -1,0 +1,140 @@
+"""Loading YAML that is not a spec: parameter files, interface files, metadata of bags.
+
+Before anything is built, one pass over the events of the parser, which uses no memory, compares
+the document with limits. Aliases and merge keys (``<<``) count with everything that they insert.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any, Final
+
+import yaml
+
+MAX_DEPTH: Final = 100
+MAX_VALUES: Final = 400_000
+MAX_EXPANDED_VALUES: Final = 200_000
+MAX_NUMBER_CHARACTERS: Final = 1_000
+"""Longer numbers take quadratic time to convert."""
+
+_NUMBER: Final = re.compile(r"[-+]?[0-9][0-9a-fA-FxobeE_:.+-]*")
+_SCALAR_TAGS: Final = frozenset(
+    f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null")
+)
+
+
+class RefusedYamlError(yaml.YAMLError):
+    """A document that exceeds a limit.
+
+    Attributes:
+        line: counted from 1.
+    """
+
+    def __init__(self, reason: str, line: int) -> None:
+        super().__init__(f"line {line}: {reason}")
+        self.line = line
+
+
+def load_values(
+    text: str, *, max_depth: int = MAX_DEPTH, max_expanded: int = MAX_EXPANDED_VALUES
+) -> Any:
+    """The values of a document, as YAML 1.1 resolves them; no object is made from a tag.
+
+    Raises:
+        RefusedYamlError: it exceeds a limit, or has other tags than those of plain values.
+        yaml.YAMLError: it is not YAML.
+    """
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    return _load(text, loader, _Limits(max_depth, max_expanded, tags=False))
+
+
+def load_texts(text: str) -> Any:
+    """The document with every scalar as the text that is written: ``on`` and ``010`` stay.
+
+    Raises:
+        RefusedYamlError: it exceeds a limit.
+        yaml.YAMLError: it is not YAML.
+    """
+    loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+    return _load(text, loader, _Limits(MAX_DEPTH, MAX_EXPANDED_VALUES, tags=True))
+
+
+@dataclass(frozen=True, slots=True)
+class _Limits:
+    max_depth: int
+    max_expanded: int
+    tags: bool
+
+
+def _load(text: str, loader: Any, limits: _Limits) -> Any:
+    try:
+        _check(text, loader, limits)
+        return yaml.load(text, Loader=loader)  # noqa: S506 -- both build plain values only
+    except yaml.YAMLError:
+        raise
+    except (ValueError, TypeError, RecursionError, OverflowError) as error:
+        # Values such as the timestamp 2024-99-99 fail when they are converted.
+        raise yaml.YAMLError(f"a value cannot be converted: {error}") from None
+
+
+def _check(text: str, loader: Any, limits: _Limits) -> None:
+    open_sizes: list[tuple[str | None, int]] = []
+    anchors: dict[str, int] = {}
+    values = expanded = 0
+    event: Any
+    for event in yaml.parse(text, Loader=loader):
+        line = event.start_mark.line + 1
+        if isinstance(event, yaml.AliasEvent):
+            size = _alias_size(event, anchors, open_sizes, line)
+            expanded += size
+            if expanded > limits.max_expanded:
+                reason = f"aliases expand to more than {limits.max_expanded:,} values"
+                raise RefusedYamlError(reason, line)
+            _grow(open_sizes, size)
+        elif isinstance(event, yaml.ScalarEvent):
+            _check_scalar(event, limits, line)
+            values += 1
+            if event.anchor:
+                anchors[event.anchor] = 1
+            _grow(open_sizes, 1)
+        elif isinstance(event, yaml.CollectionStartEvent):
+            if event.tag and not limits.tags:
+                raise RefusedYamlError("YAML tags are not supported", line)
+            values += 1
+            open_sizes.append((event.anchor, 1))
+            if len(open_sizes) > limits.max_depth:
+                reason = f"values are nested more than {limits.max_depth} levels deep"
+                raise RefusedYamlError(reason, line)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, size = open_sizes.pop()
+            if anchor:
+                anchors[anchor] = size
+            _grow(open_sizes, size)
+        if values > MAX_VALUES:
+            raise RefusedYamlError(f"there are more than {MAX_VALUES:,} values", line)
+
+
+def _alias_size(
+    event: Any, anchors: dict[str, int], open_sizes: list[tuple[str | None, int]], line: int
+) -> int:
+    if any(anchor == event.anchor for anchor, _ in open_sizes):
+        raise RefusedYamlError("an alias refers to a value that contains it", line)
+    return anchors.get(event.anchor, 1)
+
+
+def _grow(open_sizes: list[tuple[str | None, int]], size: int) -> None:
+    if open_sizes:
+        anchor, before = open_sizes[-1]
+        open_sizes[-1] = (anchor, before + size)
+
+
+def _check_scalar(event: Any, limits: _Limits, line: int) -> None:
+    if limits.tags:
+        return
+    if event.tag and event.tag not in _SCALAR_TAGS:
+        raise RefusedYamlError("YAML tags are not supported", line)
+    number = not event.style or event.tag
+    if number and len(event.value) > MAX_NUMBER_CHARACTERS and _NUMBER.fullmatch(event.value):
+        reason = f"a number has more than {MAX_NUMBER_CHARACTERS:,} characters"
+        raise RefusedYamlError(reason, line)

@@ -1,0 +1,279 @@
+"""Bags and histories made to fill memory or to run without end.
+
+As in `test_hostile_files`, every command runs in little address space.
+"""
+
+from __future__ import annotations
+
+import bz2
+import os
+import sqlite3
+import struct
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_hostile_files import LONGEST_S, r2bspec
+
+from data_bags import text, write_bag, write_mcap, write_ros1
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+pytestmark = pytest.mark.timeout(4 * LONGEST_S)
+
+BOMB_BYTES = 1_500 << 20
+MESSAGES = [("/a", number, text("x")) for number in range(5)]
+
+SPEC = """\
+r2bspec: 1
+name: hostile
+data_loader: {bag: PLACE, topics: {/a: a}}
+playback: {inputs: {image: {from: a, format: std_msgs/msg/String}}}
+graph: {nodes: {n: {command: [x], subscribes: {a: std_msgs/msg/String}}}}
+monitors: {output: {topic: output, format: std_msgs/msg/String}}
+benchmark: {rates: [30 Hz]}
+"""
+
+
+def refused(bag: Path, reason: str, *, code: str = "R2B30") -> None:
+    """Every verb that reads a bag names the reason, and ends."""
+    spec = bag.parent / "hostile.r2b.yaml"
+    spec.write_text(SPEC.replace("PLACE", f"./{bag.name}"), encoding="utf-8")
+    for arguments in (("validate", spec), ("plan", spec), ("data", "info", bag)):
+        status, said = r2bspec(*arguments, cwd=bag.parent)
+        assert status in (1, 2), said
+        assert reason in said, said[:2000]
+        assert code in said
+        assert len(said) < 20_000
+
+
+def verify_refuses(bag: Path, reason: str) -> None:
+    status, said = r2bspec("data", "verify", bag, cwd=bag.parent)
+    assert status in (1, 2), said
+    assert reason in said
+
+
+def _zeros(size: int, *, stated: bool = True) -> bytes:
+    """A frame of zstd that unpacks to zeros, with its size in its header or without."""
+    packer = zstd.ZstdCompressor()
+    if stated:
+        packer.set_pledged_input_size(size)
+    block = bytes(1 << 20)
+    parts = [packer.compress(block) for _ in range(size >> 20)]
+    return b"".join([*parts, packer.flush()])
+
+
+@pytest.fixture(scope="module", name="bomb")
+def _bomb() -> bytes:
+    return _zeros(BOMB_BYTES)
+
+
+# metadata.yaml
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("- " * 40_000 + "a", "nested more than 100 levels deep"),
+        ("[" * 40_000, "nested more than 100 levels deep"),
+        ("rosbag2_bagfile_information: {version: 5" + "0" * 400 + "}", "digits"),
+        ("rosbag2_bagfile_information: {version: [5]}", "is not what rosbag2 writes"),
+        ("a: &a [1]\n" + "".join(f"b{i}: [*a, *a]\n" for i in range(90_000)), "aliases expand"),
+        (b"a: \xff", "not UTF-8"),
+        ("x" * 17_000_000, "larger than"),
+    ],
+    ids=["dashes", "brackets", "digits", "types", "aliases", "not UTF-8", "large"],
+)
+def test_hostile_metadata_is_refused(content: str | bytes, reason: str, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", MESSAGES)
+    (bag / "metadata.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
+    refused(bag, reason, code="R2B302")
+
+
+def _pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def _zero_device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize("make", [_pipe, _zero_device])
+@pytest.mark.parametrize("name", ["metadata.yaml", "bag.db3", "dataset.json"])
+def test_a_file_of_a_bag_without_an_end_is_refused_or_ignored(
+    name: str, make: Callable[[Path], None], tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / "bag", MESSAGES)
+    (bag / name).unlink(missing_ok=True)
+    make(bag / name)
+    status, said = r2bspec("data", "info", bag, cwd=tmp_path)
+    assert status == (0 if name == "dataset.json" else 2), said
+
+
+def test_deep_json_next_to_a_bag_is_answered(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", MESSAGES)
+    (bag / "dataset.json").write_text('{"a":' * 100_000, encoding="utf-8")
+    assert r2bspec("data", "info", bag, cwd=tmp_path)[0] == 0
+
+
+# sqlite3
+
+ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
+
+
+@pytest.mark.parametrize(
+    ("statements", "reason"),
+    [
+        (
+            """DROP TABLE message_definitions; CREATE VIEW message_definitions AS
+            ENDLESS SELECT i AS id, i AS topic_type, i AS encoding,
+            i AS encoded_message_definition, i AS type_description_hash FROM n""",
+            "it contains a view",
+        ),
+        ("CREATE VIEW other AS ENDLESS SELECT i FROM n", "it contains a view"),
+        (
+            "CREATE TRIGGER t AFTER INSERT ON messages BEGIN DELETE FROM messages; END",
+            "it contains a trigger",
+        ),
+        (
+            """DROP TABLE messages; CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER,
+            timestamp INTEGER, data BLOB AS (zeroblob(900000000)) VIRTUAL);
+            INSERT INTO messages(id, topic_id, timestamp) VALUES (1, 1, 1)""",
+            "has a generated column",
+        ),
+    ],
+    ids=["view in place of a table", "view", "trigger", "generated column"],
+)
+def test_a_database_with_programs_is_refused(statements: str, reason: str, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", MESSAGES)
+    with sqlite3.connect(bag / "bag.db3") as database:
+        database.executescript(statements.replace("ENDLESS", ENDLESS))
+    database.close()
+    refused(bag, reason, code="R2B304")
+    verify_refuses(bag, reason)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "CREATE VIEW runs AS ENDLESS SELECT i AS run_id FROM n",
+        "CREATE TRIGGER t AFTER INSERT ON metrics BEGIN DELETE FROM metrics; END",
+    ],
+)
+def test_a_history_with_programs_is_refused(statement: str, tmp_path: Path) -> None:
+    file = tmp_path / "history.sqlite"
+    _history(file)
+    with sqlite3.connect(file) as database:
+        if "VIEW" in statement:
+            database.execute("DROP TABLE runs")
+        database.execute(statement.replace("ENDLESS", ENDLESS))
+    database.close()
+    status, said = r2bspec("history", "list", "--file", file, cwd=tmp_path)
+    assert status != 0
+    assert "was not written by r2bspec: it contains a" in said
+
+
+def test_a_history_whose_columns_have_other_types_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "history.sqlite"
+    _history(file)
+    columns = "run_id, name, started_at, host, machine, plan, dataset, version, outcome, accepted"
+    with sqlite3.connect(file) as database:
+        database.execute("DROP TABLE runs")
+        database.execute(f"CREATE TABLE runs ({columns})")
+        marks = ", ".join("?" * 10)
+        database.execute(f"INSERT INTO runs VALUES ({marks})", [b"x"] * 10)  # noqa: S608
+    database.close()
+    status, said = r2bspec("history", "list", "--file", file, cwd=tmp_path)
+    assert status != 0
+    assert "is damaged, or no history" in said
+
+
+def _history(file: Path) -> None:
+    from r2bspec.compare.history.store import open_history
+
+    with open_history(file, create=True):
+        pass
+
+
+# Compressed data
+
+
+def test_a_compressed_message_that_is_a_bomb_is_refused(bomb: bytes, tmp_path: Path) -> None:
+    for number, frame in enumerate((bomb, _zeros(BOMB_BYTES, stated=False), bomb[:0] + bomb * 2)):
+        bag = write_bag(tmp_path / f"bag{number}", MESSAGES, compression="message")
+        with sqlite3.connect(bag / f"{bag.name}.db3") as database:
+            database.execute("UPDATE messages SET data = ?", (frame,))
+        database.close()
+        verify_refuses(bag, "a message or chunk unpacks to")
+
+
+def test_a_file_that_is_a_bomb_is_not_unpacked(bomb: bytes, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", MESSAGES, compression="file")
+    (packed,) = bag.glob("*.zstd")
+    for frame in (bomb, _zeros(BOMB_BYTES, stated=False)):
+        packed.write_bytes(frame)
+        verify_refuses(bag, "it unpacks to more than 1,000 times its size")
+
+
+def _records(data: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """Position, opcode and content of the records of an MCAP file."""
+    position = 8
+    while position < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, position)
+        yield position, opcode, data[position + 9 : position + 9 + length]
+        position += 9 + length
+
+
+def _mcap_bomb(file: Path, frame: bytes, stated: int) -> None:
+    """A file without summary and index, whose one chunk is the frame."""
+    write_mcap(file, MESSAGES)
+    records = list(_records(file.read_bytes()))
+    header = next(content for _, opcode, content in records if opcode == 1)
+    chunk = struct.pack("<QQQI", 0, 1, stated, 0) + struct.pack("<I", 4) + b"zstd"
+    chunk += struct.pack("<Q", len(frame)) + frame
+    footer = struct.pack("<QQI", 0, 0, 0)
+    parts = [b"\x89MCAP0\r\n"]
+    for opcode, content in ((1, header), (6, chunk), (2, footer)):
+        parts.append(struct.pack("<BQ", opcode, len(content)) + content)
+    file.write_bytes(b"".join([*parts, b"\x89MCAP0\r\n"]))
+
+
+@pytest.mark.parametrize("stated", [BOMB_BYTES, 1000])
+def test_a_chunk_that_is_a_bomb_is_refused(stated: int, bomb: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "bag.mcap"
+    _mcap_bomb(file, bomb, stated)
+    refused(file, "a message or chunk unpacks to more than", code="R2B304")
+
+
+def test_a_chunk_of_ros1_that_is_a_bomb_is_refused(tmp_path: Path) -> None:
+    file = write_ros1(tmp_path / "bag.bag", MESSAGES, compression="bz2")
+    data = file.read_bytes()
+    start = data.index(b"BZh")
+    (length,) = struct.unpack_from("<I", data, start - 4)
+    frame = bz2.compress(bytes(64 << 20)) * 24
+    grown = len(frame) - length
+    data = data[: start - 4] + struct.pack("<I", len(frame)) + frame + data[start + length :]
+    place = data.index(b"index_pos=") + len("index_pos=")
+    (index,) = struct.unpack_from("<Q", data, place)
+    file.write_bytes(data[:place] + struct.pack("<Q", index + grown) + data[place + 8 :])
+    verify_refuses(file, "a message or chunk unpacks to too much")
+
+
+def test_what_packs_well_is_still_read(tmp_path: Path) -> None:
+    """Black images have a ratio of thousands."""
+    messages = [("/a", number, text("\x01" * (4 << 20))) for number in range(8)]
+    bags: list[Any] = [
+        write_bag(tmp_path / "a", messages, compression="message"),
+        write_bag(tmp_path / "b", messages, storage="mcap", compression="storage"),
+        write_bag(tmp_path / "c", messages, compression="file"),
+        write_ros1(tmp_path / "d.bag", messages, compression="bz2"),
+        write_ros1(tmp_path / "e.bag", messages, compression="lz4"),
+    ]
+    for bag in bags:
+        status, said = r2bspec("data", "verify", bag, cwd=tmp_path)
+        assert status == 0, said
