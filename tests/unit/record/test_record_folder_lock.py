@@ -90,7 +90,7 @@ def test_a_forked_child_neither_keeps_nor_removes_the_lock(tmp_path: Path) -> No
 def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / LOCK_FILE).symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(RecordError, match="cannot be made"):
+    with pytest.raises(RecordError, match="cannot be created"):
         RunFolder.create(tmp_path / "run")
     assert not (tmp_path / "elsewhere").exists()
 
