@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 from rclpy.node import Node
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE, ForeignPublisher
@@ -21,6 +22,8 @@ from r2bspec.middleware.middleware import PROC
 from r2bspec.middleware.rmw_registry import middleware_of
 
 _PERIOD_S = 0.2
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""What rmw says of a node whose name has not been discovered yet."""
 _MAX_PROCESSES = 3
 
 
@@ -31,13 +34,13 @@ class PublisherGuard:
         self._node = node
         self._counts = dict.fromkeys(topics, 0)
         self._known: set[tuple[str, str]] = set()
-        self._foreign: list[ForeignPublisher] = []
+        self._foreign: dict[tuple[str, str], ForeignPublisher] = {}
         self._next_s = 0.0
 
     def foreign(self) -> tuple[ForeignPublisher, ...]:
         """All that were seen until now."""
         self.look(now=True)
-        return tuple(self._foreign)
+        return tuple(self._foreign.values())
 
     def look(self, *, now: bool = False) -> None:
         """See who publishes; looks at most five times a second, unless told `now`.
@@ -49,26 +52,34 @@ class PublisherGuard:
         self._next_s = time.monotonic() + _PERIOD_S
         for topic, before in self._counts.items():
             count = self._node.count_publishers(topic)
-            if now or count != before:
+            if now or count != before or self._lacks_a_name(topic):
                 self._counts[topic] = count
                 self._look_at(topic)
+
+    def _lacks_a_name(self, topic: str) -> bool:
+        return any(
+            each.topic == topic and _UNKNOWN_NODE in each.node for each in self._foreign.values()
+        )
 
     def _look_at(self, topic: str) -> None:
         for info in self._node.get_publishers_info_by_topic(topic):
             gid = bytes(info.endpoint_gid)
-            if (topic, gid.hex()) in self._known:
-                continue
-            self._known.add((topic, gid.hex()))
-            processes = list(_processes_of(gid))
-            if not any(map(_is_of_this_run, processes)):
-                self._foreign.append(
-                    ForeignPublisher(
+            key = (topic, gid.hex())
+            node = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            if key in self._foreign:
+                # An endpoint is discovered before its node: the name may come with a later look.
+                if _UNKNOWN_NODE in self._foreign[key].node:
+                    self._foreign[key] = msgspec.structs.replace(self._foreign[key], node=node)
+            elif key not in self._known:
+                self._known.add(key)
+                processes = list(_processes_of(gid))
+                if not any(map(_is_of_this_run, processes)):
+                    self._foreign[key] = ForeignPublisher(
                         topic=topic,
-                        node=f"{info.node_namespace.rstrip('/')}/{info.node_name}",
+                        node=node,
                         gid=gid.hex(),
                         processes=tuple(map(_describe, processes[:_MAX_PROCESSES])),
                     )
-                )
 
 
 def _processes_of(gid: bytes) -> Iterator[Path]:

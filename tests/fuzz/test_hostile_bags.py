@@ -82,7 +82,7 @@ def _bomb() -> bytes:
         ("- " * 40_000 + "a", "nested more than 100 levels deep"),
         ("[" * 40_000, "nested more than 100 levels deep"),
         ("rosbag2_bagfile_information: {version: 5" + "0" * 400 + "}", "digits"),
-        ("rosbag2_bagfile_information: {version: [5]}", "is not what rosbag2 writes"),
+        ("rosbag2_bagfile_information: {version: [5]}", "was not written by rosbag2"),
         ("a: &a [1]\n" + "".join(f"b{i}: [*a, *a]\n" for i in range(90_000)), "aliases expand"),
         (b"a: \xff", "not UTF-8"),
         ("x" * 17_000_000, "larger than"),

@@ -70,7 +70,9 @@ class DrainTimer:
         return self.outstanding is None and now_s - self._last_arrival_s > _MIN_DRAIN_QUIET_S
 
     def is_over(self, now_s: float) -> bool:
-        """Whether what is still missing counts as lost."""
+        """Whether what is still missing counts as lost; never before it was looked at."""
+        if self.outstanding is None:
+            return now_s > self._ends_at_s
         limit_s = self._timeout_s
         if self.outstanding != "tail":
             pause_s = _DRAIN_PAUSE_FACTOR * self._longest_pause_s

@@ -86,3 +86,12 @@ def test_a_graph_that_never_stops_publishing_is_left_after_a_minute_or_the_timeo
             timer.arrived(float(now_s))
             timer.outstanding = "tail"
             assert timer.is_over(now_s + 0.01) == (now_s >= end_s)
+
+
+def test_nothing_counts_as_lost_before_it_was_looked_up() -> None:
+    timer = DrainTimer(5.0, 100.0)
+    timer.arrived(100.0)
+    assert timer.wants_a_look(104.0)
+    assert not timer.is_over(104.0)
+    timer.outstanding = "gaps"
+    assert timer.is_over(104.0)
