@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
 import sqlite3
 from multiprocessing.synchronize import Barrier
 from pathlib import Path
@@ -135,6 +136,10 @@ def test_what_is_not_there_is_said(tmp_path: Path) -> None:
         pass
 
 
+ROUNDS = int(os.environ.get("R2BSPEC_HISTORY_ROUNDS", "10"))
+"""More of them are for a machine that has the time."""
+
+
 def _write(folder: Path, name: str, barrier: Barrier, rounds: int) -> None:
     for number in range(rounds):
         barrier.wait(60)
@@ -145,7 +150,7 @@ def _write(folder: Path, name: str, barrier: Barrier, rounds: int) -> None:
 
 def test_many_programs_make_one_history_at_once(tmp_path: Path) -> None:
     context = multiprocessing.get_context("spawn")
-    names, rounds = [f"w{number:02}" for number in range(16)], 10
+    names, rounds = [f"w{number:02}" for number in range(16)], ROUNDS
     barrier = context.Barrier(len(names))
     writers = [
         context.Process(target=_write, args=(tmp_path, name, barrier, rounds)) for name in names
