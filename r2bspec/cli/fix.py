@@ -80,7 +80,7 @@ def write_text(file: str, text: str) -> None:
 
     Raises:
         UsageError: it cannot be written, or is a link to a file in another folder, which may be
-            anywhere: whoever made the link chose the file, not the user.
+            anywhere: the author of the link chose the file, not the user.
     """
     path = Path(file)
     if path.is_symlink():

@@ -45,7 +45,7 @@ def main() -> int:
         if word == "collected":
             pid, held = map(int, numbers)
             sessions[pid] = replace(sessions[pid], held=held)
-    # The others are collected by nobody the watchdog hears of, from now on.
+    # From now on, the watchdog is not told when the others are collected.
     sessions = {
         pid: each if each.held is not None else replace(each, held=now_ticks())
         for pid, each in sessions.items()

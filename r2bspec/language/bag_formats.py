@@ -55,11 +55,6 @@ def format_of_suffix(suffix: str) -> BagFormat | None:
     return next((each for each in BAG_FORMATS if each.suffix == suffix), None)
 
 
-def format_named(name: str) -> BagFormat | None:
-    """The format of that name, or None."""
-    return next((each for each in BAG_FORMATS if each.name == name), None)
-
-
 def folder_format_names() -> list[str]:
     """The names of the formats of which rosbag2 records folders, sorted."""
     return sorted(each.name for each in BAG_FORMATS if each.folders)

@@ -96,7 +96,7 @@ class RunEnvironment:
         self.segment_bytes = self.middleware.segment_bytes(self.transport)
 
     def for_harness(self, changes: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
-        """The environment of loader, player and monitor, with that of nodes beside them."""
+        """The environment of loader, player and monitor, and of nodes in the same process."""
         return self._common | _HARNESS_ALLOCATOR | self.secrets.in_environment(changes)
 
     def for_node(self, changes: Mapping[str, str]) -> dict[str, str]:
