@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
+import time
 from pathlib import Path
 
 from rclpy.node import Node
@@ -86,11 +87,15 @@ class Monitor:
         threading.Thread(target=self._listen, daemon=True).start()
         subscribing = False
         clocks = ClockOffsetTracker()
+        began_ns, cpu_ns = clocks.update(), time.thread_time_ns()
         while True:
             timeout_s = _DISCOVERY_POLL_S if subscribing and self._waiting else _IDLE_S
-            began_ns = clocks.update()
             waiting = self._loop.wait(timeout_s)
-            self._stall_log.record_wait(began_ns, clocks.update(), timeout_s)
+            # From wait to wait, since the process can be stopped in any part of a round.
+            last_ns, last_cpu_ns = began_ns, cpu_ns
+            began_ns, cpu_ns = clocks.update(), time.thread_time_ns()
+            active_ns = int(timeout_s * 1e9) + cpu_ns - last_cpu_ns
+            self._stall_log.record_round(last_ns, began_ns, active_ns)
             for position in waiting:
                 self._watched_topics[position].drain(clocks)
             if subscribing and self._waiting:

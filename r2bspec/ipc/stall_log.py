@@ -12,22 +12,28 @@ from pathlib import Path
 from r2bspec.ipc.sample_files import RowReader, RowWriter
 
 MIN_STALL_NS = 100_000_000
-"""A wait that ends this much too late is a stall. Even a busy machine wakes a process within some
-milliseconds."""
+"""A round of the monitor's loop that takes this much longer than it waits and computes is a stall.
+Even a busy machine wakes a process within some milliseconds."""
 
 _FILE = "monitor.held"
 _FIELDS = (("began_ns", "<i8"), ("ended_ns", "<i8"))
 
 
 class StallLogWriter:
-    """Records waits that took much longer than their timeout."""
+    """Records rounds of the monitor's loop in which it did not run for much too long."""
 
     def __init__(self, rows_dir: Path) -> None:
         self._rows = RowWriter(rows_dir / _FILE, width=2, capacity=64)
 
-    def record_wait(self, began_ns: int, ended_ns: int, timeout_s: float) -> None:
-        """Record a wait with a timeout of `timeout_s` that began and ended at these times."""
-        if ended_ns - began_ns > timeout_s * 1e9 + MIN_STALL_NS:
+    def record_round(self, began_ns: int, ended_ns: int, active_ns: int) -> None:
+        """Record a round of the loop, between two times.
+
+        Args:
+            began_ns: when it began.
+            ended_ns: when it ended.
+            active_ns: how long the loop was to wait in it, plus the CPU time of its thread.
+        """
+        if ended_ns - began_ns > active_ns + MIN_STALL_NS:
             self._rows.append(began_ns, ended_ns)
 
     def close(self) -> None:

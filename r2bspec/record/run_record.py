@@ -83,6 +83,7 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     are unknown.
 
     Attributes:
+        start: the start of the graph's processes that it was played in, from 1.
         live: whether nothing was played, because the graph has its own source. The window is then
             the one in which messages were received, and `steps` is 0.
         clock_offset_ns: in a live segment, the system clock minus CLOCK_MONOTONIC; None if that
@@ -102,6 +103,7 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     live: bool = False
     clock_offset_ns: int | None = None
     monitor_held_ns: int = 0
+    start: int = 1
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):

@@ -29,7 +29,9 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.ipc.sample_files import RowReader
 from r2bspec.record.run_folder import Run, open_run
+from r2bspec.record.run_record import MONITOR_FIELDS
 
 HANG_S = 180.0
 """Guards against hanging only; nothing that passes takes so long."""
@@ -295,6 +297,21 @@ class Running:
             assert time.monotonic() < deadline, f"process {name} was never seen"
             time.sleep(0.02)
 
+    def wait_for_messages(self, monitor_name: str, count: int) -> None:
+        """Wait until a monitor has recorded this many further messages."""
+        process = self.child("monitor")
+        deadline = time.monotonic() + HANG_S
+        wanted = None
+        while True:
+            rows = [each for each in _open_files(process) if each.name == f"{monitor_name}.rows"]
+            received = sum(RowReader(each, MONITOR_FIELDS).count() for each in rows)
+            wanted = received + count if wanted is None else wanted
+            if received >= wanted:
+                return
+            assert self.process.poll() is None, f"ended before {count} messages:\n{self.stderr()}"
+            assert time.monotonic() < deadline, f"{count} messages were never received"
+            time.sleep(0.02)
+
     def finish(self) -> Finished:
         """Wait for its end."""
         try:
@@ -313,6 +330,13 @@ class Running:
     def _watch(self) -> None:
         while not self._ended.wait(0.25):
             self.sample()
+
+
+def _open_files(process: psutil.Process) -> list[Path]:
+    """The regular files that a process has open."""
+    with contextlib.suppress(psutil.Error):
+        return [Path(each.path) for each in process.open_files()]
+    return []
 
 
 def note_segments(bench: Bench, before: set[str]) -> None:
