@@ -13,7 +13,7 @@ from rclpy.node import Node
 from r2bspec.harness import rclpy_tools
 from r2bspec.ipc import buffers
 from r2bspec.ipc.header_stamps import write_stamp
-from r2bspec.ipc.schedule import NO_STEP, PlaybackEvent, Schedule, TimelineSchedule
+from r2bspec.ipc.schedule import PlaybackEvent, Schedule, TimelineSchedule
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE, StampedTransforms
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan
@@ -64,14 +64,13 @@ class PreloadedMessages:
             event: with the messages.
             stamp_ns: of a step; for transforms, the new value of their `PlaybackEvent.origin_ns`.
         """
-        if event.step == NO_STEP:
-            for _, position in event.messages:
+        offsets_ns = event.stamp_offsets_ns or (0,) * len(event.messages)
+        for (column, position), offset_ns in zip(event.messages, offsets_ns, strict=True):
+            if column == len(self._stamped):
                 if position in self._transforms:
                     self._transforms[position].shift(stamp_ns - event.origin_ns)
-            return
-        for column, position in event.messages:
-            if self._stamped[column]:
-                write_stamp(self._messages[column][position], stamp_ns)
+            elif self._stamped[column]:
+                write_stamp(self._messages[column][position], stamp_ns + offset_ns)
 
     def publications(self, event: PlaybackEvent) -> list[Callable[[], None]]:
         """The functions that publish the messages of an event."""

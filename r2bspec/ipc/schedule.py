@@ -1,7 +1,7 @@
 """Schedules of playback, which the controller builds and the player executes.
 
 A schedule is one round of steps, which is repeated. A step consists of the messages with one header
-stamp. There are two kinds:
+stamp, or with stamps that the spec allows to differ. There are two kinds:
 
 `CyclicSchedule` has no times: the messages of a step are due together, the steps follow each other
 at the requested rate, and the stamp of a step is the time of its publication.
@@ -11,7 +11,8 @@ with its first message. The stamps of a round are those of the recording, shifte
 so that they stay consistent with each other; each round shifts them further by the recorded length
 of a round, so that no stamp is repeated.
 
-Transforms can be played with both. They belong to no step and do not count as steps.
+Transforms can be played with both, and in a cyclic schedule the messages of inputs with a rate of
+their own. They belong to no step and do not count as steps.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from typing import NamedTuple
 import msgspec
 
 NO_STEP = -1
-"""The step of transforms, which belong to none."""
+"""The step of messages that belong to none."""
 
 ALL_INPUTS = -1
 """The set of all inputs, as bits."""
@@ -46,6 +47,8 @@ class PlaybackEvent(NamedTuple):
             are shifted by the same difference.
         starts_step: whether the step begins with this event.
         ends_step: whether the step ends with this event.
+        stamp_offsets_ns: for each of the messages, its stamp minus that of the step; empty if all
+            are 0.
     """
 
     offset_ns: int
@@ -56,6 +59,21 @@ class PlaybackEvent(NamedTuple):
     origin_ns: int = 0
     starts_step: bool = True
     ends_step: bool = True
+    stamp_offsets_ns: tuple[int, ...] = ()
+
+
+class BetweenMessage(msgspec.Struct, frozen=True, array_like=True):
+    """A message of an input with a rate of its own, which is played between two steps.
+
+    Attributes:
+        at: the due time, in steps from the beginning of the round. The stamp is this time.
+        input: the number of the input in the plan.
+        position: of the message in the buffer of the input.
+    """
+
+    at: float
+    input: int
+    position: int
 
 
 class CyclicTransform(msgspec.Struct, frozen=True, array_like=True):
@@ -73,10 +91,22 @@ class CyclicTransform(msgspec.Struct, frozen=True, array_like=True):
 
 
 class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
-    """Steps without times: ``steps[i][k]`` is the position in input k of the message of step i."""
+    """Steps without times.
+
+    Attributes:
+        steps: ``steps[i][k]`` is the position of the message of step i in input ``columns[k]``.
+        transforms: recorded transforms, by their due times.
+        columns: the inputs of the steps, by their numbers in the plan; empty for all of them.
+        between: messages of the other inputs, by their due times.
+        stamp_offsets_ns: for each step and column, the stamp of the message minus that of the
+            step; empty if all are 0.
+    """
 
     steps: tuple[tuple[int, ...], ...]
     transforms: tuple[CyclicTransform, ...] = ()
+    columns: tuple[int, ...] = ()
+    between: tuple[BetweenMessage, ...] = ()
+    stamp_offsets_ns: tuple[tuple[int, ...], ...] = ()
 
     def span_ns(self, rate_hz: float, steps: int) -> int:
         """How long so many steps take, up to when the one after them would be due."""
@@ -88,8 +118,16 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
 
     def positions_used(self) -> list[set[int]]:
         """The positions that are played, for each input and then for the transforms."""
-        columns = [set(column) for column in zip(*self.steps, strict=True)]
-        return [*columns, {each.position for each in self.transforms}]
+        used: dict[int, set[int]] = {each: set() for each in self._inputs()}
+        for number, positions in zip(self._inputs(), zip(*self.steps, strict=True), strict=True):
+            used[number].update(positions)
+        for each in self.between:
+            used.setdefault(each.input, set()).add(each.position)
+        return [*(used[each] for each in sorted(used)), {each.position for each in self.transforms}]
+
+    def _inputs(self) -> tuple[int, ...]:
+        """The inputs of the steps, by their numbers in the plan."""
+        return self.columns or tuple(range(len(self.steps[0])))
 
     def events(self, rate_hz: float, steps: int, first: int = 0) -> Iterator[PlaybackEvent]:
         """What to publish, in the order in which it is due.
@@ -101,20 +139,34 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
         """
         period_ns = 1e9 / rate_hz
         length = len(self.steps)
-        columns = range(len(self.steps[0]))
-        starts = [each.at for each in self.transforms]
+        columns = self._inputs()
+        extras = self._without_step()
+        starts = [each[0] for each in extras]
+        inputs = sum(1 << each for each in columns) if self.between else ALL_INPUTS
         for step in range(steps):
             place = (first + step) % length
             # Relative to the first due time, so that rounding errors do not accumulate.
             yield PlaybackEvent(
-                round(step * period_ns), step, tuple(zip(columns, self.steps[place], strict=True))
+                round(step * period_ns),
+                step,
+                tuple(zip(columns, self.steps[place], strict=True)),
+                inputs,
+                stamp_offsets_ns=self.stamp_offsets_ns[place] if self.stamp_offsets_ns else (),
             )
-            for each in self.transforms[
+            for at, message, origin_ns in extras[
                 bisect.bisect_left(starts, place) : bisect.bisect_left(starts, place + 1)
             ]:
-                offset_ns = round((step + each.at - place) * period_ns)
-                messages = ((len(columns), each.position),)
-                yield PlaybackEvent(offset_ns, NO_STEP, messages, origin_ns=each.origin_ns)
+                offset_ns = round((step + at - place) * period_ns)
+                yield PlaybackEvent(offset_ns, NO_STEP, (message,), origin_ns=origin_ns)
+
+    def _without_step(self) -> list[tuple[float, tuple[int, int], int]]:
+        """What belongs to no step, by its due time: the time, the message and its `origin_ns`."""
+        transforms = len({*self._inputs(), *(each.input for each in self.between)})
+        found = [(each.at, (each.input, each.position), 0) for each in self.between]
+        found += [
+            (each.at, (transforms, each.position), each.origin_ns) for each in self.transforms
+        ]
+        return sorted(found, key=lambda each: each[0])
 
 
 class TimelineStep(msgspec.Struct, frozen=True, array_like=True):
@@ -147,6 +199,8 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
         stamp_period_ns: the duration of a round in the recording.
         inputs: the number of inputs.
         shift_transforms: whether the stamps of transforms are also shifted.
+        stamp_offsets_ns: for each step and input, the stamp of the message minus that of the step;
+            empty if all are 0.
     """
 
     steps: tuple[TimelineStep, ...]
@@ -156,6 +210,7 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
     stamp_period_ns: int
     inputs: int
     shift_transforms: bool = True
+    stamp_offsets_ns: tuple[tuple[int, ...], ...] = ()
 
     def due_offsets_ns(self) -> list[int]:
         """The due time of each step, relative to the beginning of the round."""
@@ -225,8 +280,17 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
                 closed += ends_step
                 step = self.steps[each.step]
                 stamp_ns = step.stamp_ns + stamps_ns
+                offsets_ns = self.stamp_offsets_ns[each.step] if self.stamp_offsets_ns else ()
                 yield PlaybackEvent(
-                    offset_ns, number, played, step.inputs, stamp_ns, 0, starts_step, ends_step
+                    offset_ns,
+                    number,
+                    played,
+                    step.inputs,
+                    stamp_ns,
+                    0,
+                    starts_step,
+                    ends_step,
+                    offsets_ns[each.input : each.input + 1],
                 )
 
 

@@ -192,16 +192,32 @@ class Node(_SpecStruct, frozen=True, kw_only=True):
         return tuple(each.file for each in self.parameter_sources if each.file)
 
 
+class Pairing(_SpecStruct, frozen=True, kw_only=True):
+    """Which messages of several inputs are one step.
+
+    Attributes:
+        slop: the largest difference between stamps of one step; 0 for equal stamps.
+    """
+
+    slop: Duration = Duration(0)
+
+
 class PlaybackInput(_SpecStruct, frozen=True, kw_only=True):
     """A topic that is played to the graph: the source of its messages, and their type.
 
-    `timestamp` is `none` for messages whose header stays as recorded.
+    Attributes:
+        timestamp: `none` for messages whose header stays as recorded.
+        pairing: replaces that of all inputs; None for the same.
+        rate: `recorded` for an input with a rate of its own: what was recorded between two steps
+            is played between them.
     """
 
     source: str = msgspec.field(name="from")
     format: str
     qos: QoS = QoS()
     timestamp: Literal["header", "none"] = "header"
+    pairing: Pairing | None = None
+    rate: Literal["step", "recorded"] = "step"
 
 
 class Timeline(_SpecStruct, frozen=True, kw_only=True):
@@ -233,6 +249,7 @@ class Playback(_SpecStruct, frozen=True, kw_only=True):
     timeline: Timeline = Timeline()
     record_timeline: bool = False
     tf: Literal["shift", "keep"] = "shift"
+    pairing: Pairing = Pairing()
 
 
 class SetupStep(_SpecStruct, frozen=True, kw_only=True):

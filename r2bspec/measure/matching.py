@@ -43,18 +43,23 @@ class Ratio:
         first = self.inputs - 1 - self.before % self.inputs
         return np.repeat(np.arange(first, steps, self.inputs, dtype=np.int64), self.outputs)
 
+    @property
+    def most_per_step(self) -> int:
+        """The largest number of outputs with the stamp of one step."""
+        return -(-self.outputs // self.inputs)
+
 
 ONE_TO_ONE = Ratio()
 
 
 def ratio_of(plan: MonitorPlan, played_before: int) -> Ratio:
-    """The ratio of a monitor in a segment; by stamp it is always one to one.
+    """The ratio of a monitor in a segment.
 
     Args:
         plan: the monitor.
         played_before: see `Segment`.
     """
-    if plan.match == "stamp":
+    if plan.match == "stamp" and plan.ratio_inputs == plan.ratio_outputs:
         return ONE_TO_ONE
     return Ratio(plan.ratio_inputs, plan.ratio_outputs, played_before)
 
@@ -70,7 +75,8 @@ class Matching:
 
     Attributes:
         step: shape (m,), the step that each message matches, or `NO_MATCH`.
-        trigger_steps: shape (e,), the step after which each expected output can come.
+        trigger_steps: shape (e,), the step after which each expected output can come; by stamp,
+            the step whose stamp it has.
         first_row: shape (e,), the row of the first message that is each expected output, or
             `NO_MATCH` where none is.
         duplicates: messages that match a step which an earlier message had matched.
@@ -114,18 +120,25 @@ def match(
     k-th expected output, and messages after the last of them, or before anything was published,
     match nothing; losses and duplicates within the order cannot be detected that way.
 
+    By stamp with a ratio, as of a node that answers a timer or fuses several messages: each group
+    of steps expects its outputs, with the stamp of any step of the group. The phase of the timer
+    is unknown, so an output of a neighbouring group will do. What exceeds the ratio is a duplicate.
+
     Args:
         playback: rows of type `PLAYBACK_DTYPE`, one per step, in the order of publication.
         monitor: rows of type `MONITOR_DTYPE`, in the order of arrival.
         by: by stamp or by order.
-        ratio: of outputs to inputs; by stamp it is one to one.
+        ratio: of outputs to inputs.
     """
+    surplus = 0
     if by == "order":
         trigger_steps = ratio.trigger_steps(playback.size)
         answer = _answers_by_order(playback, monitor, trigger_steps.size)
     else:
-        trigger_steps = np.arange(playback.size, dtype=np.int64)
         answer = _steps_by_stamp(playback["stamp_ns"], monitor["stamp_ns"])
+        trigger_steps = np.arange(playback.size, dtype=np.int64)
+        if ratio.inputs != ratio.outputs:
+            answer, trigger_steps, surplus = _answers_of_groups(answer, playback.size, ratio)
     rows = np.flatnonzero(answer != NO_MATCH)
     answered, first = np.unique(answer[rows], return_index=True)
     first_row = np.full(trigger_steps.size, NO_MATCH, dtype=np.int64)
@@ -140,11 +153,11 @@ def match(
         step=step,
         trigger_steps=trigger_steps,
         first_row=first_row,
-        duplicates=int(rows.size - answered.size),
+        duplicates=int(rows.size - answered.size) + surplus,
         reordered=int(np.count_nonzero(in_order_of_arrival[1:] < highest_before)),
-        unmatched=int(monitor.size - rows.size),
+        unmatched=int(monitor.size - rows.size) - surplus,
         early=int(np.count_nonzero(early)),
-        per_step=ratio.per_step if by == "order" else 1.0,
+        per_step=ratio.per_step,
     )
 
 
@@ -156,6 +169,54 @@ def _answers_by_order(playback: Rows, monitor: Rows, expected: int) -> NDArray[n
         can = np.flatnonzero(monitor["received_ns"] >= playback["published_ns"][0])[:expected]
         answer[can] = np.arange(can.size)
     return answer
+
+
+def _answers_of_groups(
+    matched: NDArray[np.int64], steps: int, ratio: Ratio
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Assign messages to the expected outputs of their groups, as many as possible.
+
+    In the order of their steps, each message takes the first expected output that is free, of its
+    own group or a neighbouring one; with one step in a group, of its own only. As the ranges of
+    allowed outputs are ordered as the messages are, no other assignment answers more.
+
+    Args:
+        matched: the step of each message, or `NO_MATCH`; in the order of arrival.
+        steps: their number.
+        ratio: other than one to one.
+
+    Returns:
+        For each message the number of the expected output that it is, or `NO_MATCH`; the step of
+        each expected output; and how many messages with the stamp of a step are none of them.
+    """
+    triggers = ratio.trigger_steps(steps)
+    groups = np.arange(triggers.size) // ratio.outputs
+    first = int(triggers[0]) if triggers.size else 0
+    slack = 0 if ratio.inputs == 1 else 1
+    answer = np.full(matched.size, NO_MATCH, dtype=np.int64)
+    rows = np.flatnonzero(matched != NO_MATCH)
+    free, last_step, of_step = 0, NO_MATCH, 0
+    answered = np.zeros(triggers.size, dtype=np.bool_)
+    for row in rows[np.argsort(matched[rows], kind="stable")]:
+        step = int(matched[row])
+        of_step = of_step + 1 if step == last_step else 1
+        last_step = step
+        # The first group can be shorter: it ends with the first trigger step.
+        group = max(0, -(-(step - first) // ratio.inputs))
+        while free < triggers.size and groups[free] < group - slack:
+            free += 1
+        if (
+            of_step <= ratio.most_per_step
+            and free < triggers.size
+            and groups[free] <= group + slack
+        ):
+            answer[row], triggers[free], answered[free] = free, step, True
+            free += 1
+    if answered.any():
+        # The step of a missed output is between those of its neighbours, so that steps ascend.
+        later = np.minimum.accumulate(np.where(answered, triggers, steps)[::-1])[::-1]
+        triggers = np.maximum.accumulate(np.minimum(triggers, later))
+    return answer, triggers, int(rows.size - np.count_nonzero(answer != NO_MATCH))
 
 
 def _steps_by_stamp(sent: NDArray[np.int64], received: NDArray[np.int64]) -> NDArray[np.int64]:

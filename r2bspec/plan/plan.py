@@ -190,6 +190,11 @@ class InputPlan(_Value, frozen=True, kw_only=True):
     `bag_topic`, as in the spec, is set if they are from the bag; otherwise the preprocessors
     publish them on `source`. With `timestamp` ``none`` the header stamp remains as recorded. In a
     timeline, `later_ns` is the delay of the input, and of its stamps, relative to the recording.
+
+    Attributes:
+        slop_ns: by how much its stamp may differ from that of the input with the fewest messages
+            in the same step.
+        recorded_rate: whether its messages are played between the steps, and belong to none.
     """
 
     topic: str
@@ -199,6 +204,8 @@ class InputPlan(_Value, frozen=True, kw_only=True):
     qos: QoS
     timestamp: Literal["header", "none"] = "header"
     later_ns: int = 0
+    slop_ns: int = 0
+    recorded_rate: bool = False
 
 
 class TapPlan(_Value, frozen=True, kw_only=True):
@@ -212,7 +219,7 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
     """A monitored topic. `qos` None means the QoS that its publisher offers.
 
     Attributes:
-        ratio_inputs: with `match` order, this number of inputs leads to `ratio_outputs` messages.
+        ratio_inputs: this number of inputs leads to `ratio_outputs` messages.
         label: its name in reports; its name in the spec if empty.
         answers: in a timeline, the topics of the inputs that it answers: a step counts for it if
             it has messages of all of them. Otherwise empty, because each step has all inputs.

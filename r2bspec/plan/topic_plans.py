@@ -22,6 +22,8 @@ def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
             qos=each.qos,
             timestamp=each.timestamp,
             later_ns=later.ns if (later := translations.get(name)) is not None else 0,
+            slop_ns=(each.pairing or spec.playback.pairing).slop.ns,
+            recorded_rate=each.rate == "recorded",
         )
         for name, each in spec.playback.inputs.items()
     )

@@ -6,17 +6,18 @@ reports it, and their stamps are then read from the buffers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
 
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.inputs.align_by_stamp import align, playback_order
+from r2bspec.execute.inputs.recorded_rate import place_between
 from r2bspec.execute.inputs.timeline import make_timeline, times_by_stamp
 from r2bspec.execute.inputs.transform_schedule import place_transforms
 from r2bspec.ipc.buffers import BufferIndex, buffered_transforms, read_index, read_stamps
-from r2bspec.ipc.schedule import CyclicSchedule, Schedule, TimelineSchedule
+from r2bspec.ipc.schedule import BetweenMessage, CyclicSchedule, Schedule, TimelineSchedule
 from r2bspec.ipc.transform_stamps import TF
 from r2bspec.measure.expected_steps import input_mask
 from r2bspec.plan.plan import InputPlan, Plan
@@ -45,14 +46,7 @@ def build_schedule(
     transforms = _load_tf_index(plan, folder)
     pairs = list(zip(plan.inputs, found, strict=True))
     if plan.timeline is None:
-        aligned = align(found, plan.buffer)
-        for topic, count in aligned.unpaired.items():
-            note(f"{topic}: left out {count} messages whose stamp is not in all inputs")
-        steps = playback_order(aligned.steps, plan.playback_mode)
-        if transforms is None:
-            return CyclicSchedule(steps=steps)
-        timed = [_with_recorded_times(each, index, sources) for each, index in pairs]
-        return CyclicSchedule(steps=steps, transforms=place_transforms(transforms, steps, timed))
+        return _cyclic_schedule(plan, pairs, sources, transforms, note)
     timeline, unknown = make_timeline(pairs, sources, plan.timeline, plan.buffer, transforms)
     for topic, count in unknown.items():
         note(f"{topic}: left out {count} messages whose stamp no recorded message has")
@@ -62,6 +56,39 @@ def build_schedule(
         f"{timeline.period_ns / 1e9:.4g} s"
     )
     return timeline
+
+
+def _cyclic_schedule(
+    plan: Plan,
+    pairs: Sequence[tuple[InputPlan, BufferIndex]],
+    sources: list[BufferIndex],
+    transforms: BufferIndex | None,
+    note: Callable[[str], None],
+) -> CyclicSchedule:
+    columns = [number for number, (each, _) in enumerate(pairs) if not each.recorded_rate]
+    aligned = align(
+        [pairs[number][1] for number in columns],
+        plan.buffer,
+        [pairs[number][0].slop_ns for number in columns],
+    )
+    for topic, count in aligned.unpaired.items():
+        note(f"{topic}: left out {count} messages whose stamp is not in all inputs")
+    steps = playback_order(aligned.steps, plan.playback_mode)
+    timed = [_with_recorded_times(each, index, sources) for each, index in pairs]
+    of_steps = [timed[number] for number in columns]
+    between: list[BetweenMessage] = []
+    for number, (each, _) in enumerate(pairs):
+        if each.recorded_rate:
+            placed = place_between(number, timed[number], steps, of_steps)
+            note(f"{each.topic}: {len(placed)} messages between the {len(steps)} steps of a round")
+            between += placed
+    return CyclicSchedule(
+        steps=steps,
+        transforms=place_transforms(transforms, steps, of_steps) if transforms is not None else (),
+        columns=tuple(columns) if between else (),
+        between=tuple(between),
+        stamp_offsets_ns=playback_order(aligned.stamp_offsets_ns, plan.playback_mode),
+    )
 
 
 def _with_recorded_times(

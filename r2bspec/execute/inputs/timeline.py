@@ -2,9 +2,11 @@
 
 Messages with the same header stamp are one step, no matter how far apart they were recorded and on
 how many inputs: a step of an IMU has no camera message. A message without a header is a step by
-itself. Messages from the bag are played at the times of their recording. Messages of a preprocessor
-are played at the time at which the last message with their stamp was recorded or, if the plan says
-so, at which they were published.
+itself. Where the spec allows differences of stamps, messages of all inputs with a slop whose
+stamps are near each other are one step, and the differences stay; a message without partners is a
+step of its input alone. Messages from the bag are played at the times of their recording. Messages
+of a preprocessor are played at the time at which the last message with their stamp was recorded or,
+if the plan says so, at which they were published.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from r2bspec.execute.errors import RunError
+from r2bspec.execute.inputs.stamp_pairing import pair_nearest
 from r2bspec.ipc.buffers import BufferIndex
 from r2bspec.ipc.schedule import (
     NO_STEP,
@@ -27,13 +30,27 @@ _MAX_TF_AGE_NS = 1_000_000_000
 """Transforms up to this age at the beginning of a timeline are published at its beginning."""
 
 
+_StepKey = tuple[int, int, int]
+"""A step: its stamp, its index among messages of one input with that stamp, and the input if it has
+no header."""
+
+
 class _TimedMessage(NamedTuple):
-    """A message: its input, position, time and, if it has a header, its stamp."""
+    """A message: its input, position, time and, if it has a header, its stamp.
+
+    `paired_ns` is the latest stamp of its pair.
+    """
 
     input: int
     position: int
     time_ns: int
     stamp_ns: int | None
+    paired_ns: int | None = None
+
+    @property
+    def step_ns(self) -> int | None:
+        """The stamp of its step."""
+        return self.stamp_ns if self.paired_ns is None else self.paired_ns
 
 
 def make_timeline(
@@ -84,7 +101,27 @@ def make_timeline(
         if len(known) < len(times_ns):
             unknown[index.topic] = len(times_ns) - len(known)
         found += known
-    return _build_timeline(found, plan, len(inputs), transforms), unknown
+    slops_ns = [each.slop_ns for each, _ in inputs]
+    paired = _pair(found, slops_ns) if any(slops_ns) else found
+    return _build_timeline(paired, plan, len(inputs), transforms), unknown
+
+
+def _pair(found: list[_TimedMessage], slops_ns: Sequence[int]) -> list[_TimedMessage]:
+    """The messages, with the stamp of their pair where they have one."""
+    by_input: dict[int, list[tuple[int, int]]] = {}
+    for place, each in enumerate(found):
+        if each.stamp_ns is not None and slops_ns[each.input]:
+            by_input.setdefault(each.input, []).append((place, each.stamp_ns))
+    columns = list(by_input)
+    stamps = [[stamp_ns for _, stamp_ns in by_input[column]] for column in columns]
+    pairs = pair_nearest(stamps, [slops_ns[column] for column in columns])
+    paired = list(found)
+    for pair in pairs:
+        members = [by_input[column][number] for column, number in zip(columns, pair, strict=True)]
+        latest_ns = max(stamp_ns for _, stamp_ns in members)
+        for place, _ in members:
+            paired[place] = found[place]._replace(paired_ns=latest_ns)
+    return paired
 
 
 def times_by_stamp(sources: Sequence[BufferIndex]) -> dict[int, int]:
@@ -143,12 +180,19 @@ def _build_timeline(
         stamp_period_ns=max(length_ns, spread_ns + 1),
         inputs=inputs,
         shift_transforms=plan.shift_tf,
+        stamp_offsets_ns=_stamp_offsets(found, keys, numbers, inputs),
     )
 
 
-_StepKey = tuple[int, int, int]
-"""A step: its stamp, its index among messages of one input with that stamp, and the input if it has
-no header."""
+def _stamp_offsets(
+    found: list[_TimedMessage], keys: list[_StepKey], numbers: dict[_StepKey, int], inputs: int
+) -> tuple[tuple[int, ...], ...]:
+    """For each step and input, the stamp of the message minus that of the step; empty if all 0."""
+    offsets = [[0] * inputs for _ in numbers]
+    for each, key in zip(found, keys, strict=True):
+        if each.stamp_ns is not None and each.step_ns is not None:
+            offsets[numbers[key]][each.input] = each.stamp_ns - each.step_ns
+    return tuple(map(tuple, offsets)) if any(map(any, offsets)) else ()
 
 
 def _steps(
@@ -161,8 +205,8 @@ def _steps(
     masks: dict[_StepKey, int] = {}
     for each in found:
         # A device may repeat a stamp; the n-th messages with it belong to one step.
-        nth = counts.get((each.input, each.stamp_ns), 0)
-        counts[each.input, each.stamp_ns] = nth + 1
+        nth = counts.get((each.input, each.step_ns), 0)
+        counts[each.input, each.step_ns] = nth + 1
         key = _key(each, nth)
         keys.append(key)
         first_ns.setdefault(key, each.time_ns)
@@ -171,9 +215,9 @@ def _steps(
 
 
 def _key(message: _TimedMessage, nth: int) -> _StepKey:
-    if message.stamp_ns is None:
+    if message.step_ns is None:
         return message.time_ns, nth, message.input
-    return message.stamp_ns, nth, -1
+    return message.step_ns, nth, -1
 
 
 def _unique_stamps(stamps: dict[_StepKey, int]) -> dict[_StepKey, int]:

@@ -6,8 +6,9 @@ import bisect
 from collections.abc import Sequence
 from typing import Any
 
+from r2bspec.execute.inputs.recorded_rate import step_intervals
 from r2bspec.ipc.buffers import BufferIndex
-from r2bspec.ipc.schedule import CyclicTransform, round_length_ns
+from r2bspec.ipc.schedule import CyclicTransform
 from r2bspec.ipc.transform_stamps import TF_TYPE
 
 
@@ -56,13 +57,8 @@ def place_transforms(
     lags_ns = [
         _lag_ns(step, inputs, time_ns) for step, time_ns in zip(steps, times_ns, strict=True)
     ]
-    period_ns = round_length_ns(sorted(set(times_ns))) // len(set(times_ns))
     placed = []
-    for number, from_ns in enumerate(times_ns):
-        last = number + 1 == len(steps)
-        to_ns = times_ns[(number + 1) % len(steps)]
-        if last and to_ns <= from_ns and len(set(times_ns)) == len(times_ns):
-            to_ns = from_ns + period_ns
+    for number, from_ns, to_ns in step_intervals(times_ns):
         early, late = min(from_ns, to_ns), max(from_ns, to_ns)
         first = bisect.bisect_left(transforms.times_ns, early)
         for position in range(first, bisect.bisect_left(transforms.times_ns, late)):

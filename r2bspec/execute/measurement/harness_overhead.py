@@ -20,6 +20,7 @@ from r2bspec.ipc.schedule import Schedule
 from r2bspec.measure.expected_steps import select_expected_steps
 from r2bspec.measure.matching import match
 from r2bspec.measure.percentiles import percentile
+from r2bspec.measure.step_stamps import StepStamps
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, FloorRecord
 from r2bspec.record.sample_arrays import Rows
@@ -82,7 +83,9 @@ def measure_harness_overhead(
             qos=msgspec.structs.replace(each.qos, depth=_SUBSCRIPTION_DEPTH),
         )
         for number, each in enumerate(inputs)
+        if not each.recorded_rate
     )
+    step_stamps = StepStamps(schedule)
     files = [RowReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
     played = RowReader(rows_dir / playback, PLAYBACK_FIELDS)
     supervisor.request(
@@ -98,7 +101,10 @@ def measure_harness_overhead(
         sent = played.read(first)
         records = tuple(
             overhead_record(
-                watch.topic, rate_hz, select_expected_steps(sent, inputs, watch), file.read(start)
+                watch.topic,
+                rate_hz,
+                select_expected_steps(sent, inputs, watch),
+                step_stamps.replace(file.read(start), sent, first),
             )
             for watch, file, start in zip(watches, files, before, strict=True)
         )

@@ -34,6 +34,7 @@ from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.ipc.stall_log import StallLogReader
 from r2bspec.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
 from r2bspec.measure.samples import SegmentSamples
+from r2bspec.measure.step_stamps import StepStamps
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import tap_monitors
 from r2bspec.record.run_folder import RunFolder
@@ -92,6 +93,7 @@ class SegmentPlayer:
     ) -> None:
         self._plan = plan
         self._schedule = schedule or CyclicSchedule(steps=())
+        self._step_stamps = StepStamps(self._schedule)
         self._confirms = confirms
         self._resources = resources
         self._on_segment = on_segment
@@ -214,9 +216,13 @@ class SegmentPlayer:
 
     def _observe(self, first: dict[str, int]) -> SegmentObservation:
         # Monitors first: a step in the rows of a monitor must be in those of the player.
-        monitors = {name: rows.read(first[name]) for name, rows in self._monitors.items()}
+        received = {name: rows.read(first[name]) for name, rows in self._monitors.items()}
         before = first[""] - self._initial_count
         played = self._playback.read(first[""])
+        monitors = {
+            name: self._step_stamps.replace(rows, played, first[""])
+            for name, rows in received.items()
+        }
         return SegmentObservation(self._plan, played, monitors, before)
 
     def _play(
@@ -348,7 +354,13 @@ class SegmentPlayer:
         self, segment: Segment, observation: SegmentObservation, first: dict[str, int]
     ) -> None:
         """Write a segment and its rows, and keep its samples in memory if they are judged."""
-        taps = {topic: reader.read(first[topic]) for topic, reader in self._taps.items()}
+        taps = {
+            topic: self._step_stamps.replace(
+                reader.read(first[topic]), observation.playback, first[""]
+            )
+            for topic, reader in self._taps.items()
+        }
+        self._step_stamps.remember(observation.playback, first[""])
         self._folder.write_playback(segment.id, observation.playback)
         for name, rows in observation.monitors.items():
             self._folder.write_monitor(segment.id, name, rows)

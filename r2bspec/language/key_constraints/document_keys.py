@@ -96,7 +96,30 @@ def _playback(root: TreeNode) -> Iterator[Diagnostic]:
                 message = f"'playback.{key}' has no effect with mode {mode}"
                 help_text = f"remove it, or write 'mode: timeline' instead of '{mode}'"
                 yield _at_key(playback, ("playback",), key, message, help_text)
+    yield from _recorded_rates(playback, mode)
     yield from _translations(playback)
+
+
+def _recorded_rates(playback: MapNode, mode: str) -> Iterator[Diagnostic]:
+    """Inputs with a rate of their own need steps to be played between."""
+    inputs = child(playback, "inputs")
+    if not isinstance(inputs, MapNode):
+        return
+    recorded = {
+        name: entry.value
+        for name, entry in inputs.entries.items()
+        if isinstance(entry.value, MapNode) and _word(entry.value, "rate") == "recorded"
+    }
+    for name, each in recorded.items():
+        path = ("playback", "inputs", name)
+        if mode == "timeline":
+            message = f"'{format_path((*path, 'rate'))}' has no effect with mode timeline, which "
+            message += "plays every input at its recorded times"
+            yield _at_key(each, path, "rate", message, "remove it")
+        elif len(recorded) == len(inputs.entries):
+            message = "no input makes steps: all of them have 'rate: recorded'"
+            help_text = "remove it from the input whose rate is offered, or write 'mode: timeline'"
+            yield _at_key(each, path, "rate", message, help_text)
 
 
 def _translations(playback: MapNode) -> Iterator[Diagnostic]:

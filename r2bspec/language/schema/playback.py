@@ -16,6 +16,15 @@ from r2bspec.language.schema.schema_builder import (
     text,
 )
 
+_PAIRING_KEYS = {
+    "slop": quantity(
+        Duration,
+        "The largest difference between stamps of messages of one step; 0 s for equal stamps.",
+        default="0 s",
+        examples=["10 ms"],
+    )
+}
+
 _INPUT = record(
     "A topic that is played to the graph.",
     {
@@ -35,6 +44,17 @@ _INPUT = record(
             "messages as recorded.",
             ["header", "none"],
             "header",
+        ),
+        "pairing": record(
+            "Which messages of this input belong to a step; the default is 'playback.pairing'.",
+            _PAIRING_KEYS,
+            examples=[{"slop": "10 ms"}],
+        ),
+        "rate": choice(
+            "step plays one message in each step; recorded plays what was recorded between two "
+            "steps between them, for an input with another rate, such as an IMU.",
+            ["step", "recorded"],
+            "step",
         ),
     },
     required=["from", "format"],
@@ -59,7 +79,7 @@ PLAYBACK: Schema = record(
         ),
         "inputs": name_map(
             "The topics that are played to the graph. All inputs of one step are played together, "
-            "with the same stamp.",
+            "with the same stamp unless 'pairing' allows differences.",
             name_patterns.TOPIC,
             _INPUT,
             topics=True,
@@ -107,6 +127,13 @@ PLAYBACK: Schema = record(
             "Whether stamps in /tf are shifted like those of other messages, or kept.",
             ["shift", "keep"],
             "shift",
+        ),
+        "pairing": record(
+            "Which messages of several inputs are one step. Differences of stamps within a step "
+            "stay as recorded.",
+            _PAIRING_KEYS,
+            default={},
+            examples=[{"slop": "10 ms"}],
         ),
     },
     unless_live=["inputs"],
