@@ -7,6 +7,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
@@ -161,3 +163,71 @@ def test_drop_rate_is_of_the_answers_that_were_expected(tmp_path: Path) -> None:
     found = measure_segment(read_samples(run).iterations[30][0]).monitors["detections"]
     assert (found.sent, found.expected, found.missed) == (90, 30, 1)
     assert found.drop_rate == pytest.approx(1 / 30)
+
+
+def with_stamps_of(playback: Rows, steps: list[int], *, late_s: float = 0.01) -> Rows:
+    """Outputs that have the stamps of these steps, in this order."""
+    rows = np.zeros(len(steps), MONITOR_DTYPE)
+    rows["stamp_ns"] = playback["stamp_ns"][steps]
+    rows["received_ns"] = playback["published_ns"][steps] + round(late_s * 1e9)
+    return rows
+
+
+def test_by_stamp_an_output_of_several_steps_has_the_latency_of_the_one_whose_stamp_it_has() -> (
+    None
+):
+    playback = played(9)
+    monitor = with_stamps_of(playback, [0, 4, 8])
+    found = match(playback, monitor, "stamp", Ratio(inputs=3))
+    assert found.trigger_steps.tolist() == found.step.tolist() == [0, 4, 8]
+    assert latencies(playback, monitor, found) == pytest.approx([0.01] * 3)
+    assert (found.missed, found.duplicates, found.unmatched) == (0, 0, 0)
+
+
+def test_by_stamp_steps_that_nothing_was_asked_of_are_not_missed() -> None:
+    playback = played(12)
+    found = match(playback, with_stamps_of(playback, [1, 7, 10]), "stamp", Ratio(inputs=3))
+    assert (found.answered.size, found.missed) == (4, 1)
+    assert (np.diff(found.trigger_steps) >= 0).all()
+
+
+def test_the_phase_of_a_timer_makes_no_drops() -> None:
+    # 30 Hz in, a timer of 10 Hz whose period is now three steps, now two or four.
+    playback = played(15)
+    found = match(playback, with_stamps_of(playback, [2, 5, 9, 11, 13]), "stamp", Ratio(inputs=3))
+    assert (found.missed, found.duplicates) == (0, 0)
+
+
+def test_by_stamp_what_exceeds_the_ratio_is_a_duplicate() -> None:
+    playback = played(6)
+    found = match(playback, with_stamps_of(playback, list(range(6))), "stamp", Ratio(inputs=3))
+    assert (int(found.answered.sum()), found.duplicates, found.unmatched) == (2, 4, 0)
+
+
+def test_by_stamp_several_outputs_of_one_step_are_all_expected() -> None:
+    playback = played(3)
+    found = match(playback, with_stamps_of(playback, [0, 0, 1, 2, 2, 2]), "stamp", Ratio(outputs=2))
+    assert found.trigger_steps.tolist() == [0, 0, 1, 1, 2, 2]
+    assert (found.missed, found.duplicates) == (1, 1)
+
+
+@given(
+    steps=st.integers(0, 40),
+    outputs=st.lists(st.integers(0, 39), max_size=60),
+    ratio=st.builds(Ratio, inputs=st.integers(1, 5), outputs=st.integers(1, 3)),
+)
+def test_by_stamp_every_message_is_counted_once(
+    steps: int, outputs: list[int], ratio: Ratio
+) -> None:
+    playback = played(steps)
+    monitor = with_stamps_of(playback, [each for each in outputs if each < steps])
+    found = match(playback, monitor, "stamp", ratio)
+    answered = int(found.answered.sum())
+    assert answered + found.duplicates + found.unmatched == monitor.size
+    assert answered + found.missed == found.trigger_steps.size
+    assert (np.diff(found.trigger_steps) >= 0).all()
+    # An answered output is placed at the step whose stamp it has.
+    rows = found.first_row[found.answered]
+    assert (
+        monitor["stamp_ns"][rows] == playback["stamp_ns"][found.trigger_steps[found.answered]]
+    ).all()
