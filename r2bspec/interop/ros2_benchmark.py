@@ -45,7 +45,7 @@ class MonitorFigures(msgspec.Struct, frozen=True, kw_only=True):
     """The figures of one monitor at one rate, in SI units; None where the report has none.
 
     Attributes:
-        throughput_hz: (n - 1) / received_duration, as everywhere in r2bspec; None where the
+        throughput_hz: (n - 1) / received_duration; None where the
             report has no counts to compute it from.
         reported_hz: the report's own MEAN_FRAME_RATE, n / received_duration.
         latency_first: of the first message; the published "latencies" are these.

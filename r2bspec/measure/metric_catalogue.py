@@ -121,7 +121,7 @@ def _metric(
 _LATENESS_DESCRIPTION = "time from when a publication was due to when it began"
 
 _CATALOGUE: tuple[MetricInfo, ...] = (
-    _metric("throughput.mean", "monitor", "rate", "mean", "output rate: (n - 1) / (last - first)"),
+    _metric("throughput.mean", "monitor", "rate", "mean", "output rate: outputs / window of time"),
     *(info for family, what in _TIME_FAMILIES.items() for info in _distribution(family, what)),
     _metric("sent", "playback", "count", "observation", "steps played"),
     _metric("received", "monitor", "count", "observation", "messages received, matched or not"),

@@ -179,13 +179,16 @@ class RunSamples:
 def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> MonitorSamples:
     """The counts and times of one monitor in one segment."""
     playback, monitor = matched_monitor.steps, matched_monitor.rows
-    ratio, matched = matched_monitor.ratio, matched_monitor.matching
+    matched = matched_monitor.matching
     latency = latencies(playback, monitor, matched)
     arrived = arrivals(monitor, matched)
-    gaps = EdgeGaps(0, 0)
+    gaps, rate_hz = EdgeGaps(0, 0), 0.0
     if arrived.size:
         soonest = int(playback["published_ns"][0]) + round(float(latency.min()) * 1e9)
         gaps = edge_gaps(arrived, soonest, segment.ended_ns)
+        period_ns = output_period_ns(segment, int(playback.size), matched.per_step)
+        due_ns = matched.trigger_steps.size * period_ns
+        rate_hz = throughput(arrived, soonest, due_ns, period_ns)
     return MonitorSamples(
         steps=_step_times(playback, monitor, matched),
         times={
@@ -200,11 +203,19 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
         duplicates=matched.duplicates,
         reordered=matched.reordered,
         unmatched=matched.unmatched,
-        throughput_hz=throughput(arrived, gaps, ratio.outputs),
+        throughput_hz=rate_hz,
         late=int(np.count_nonzero(arrived > segment.ended_ns)),
         early=matched.early,
         per_step=matched.per_step,
     )
+
+
+def output_period_ns(segment: Segment, steps: int, per_step: float) -> float:
+    """The time in which one output is due, on average, in a segment with these steps.
+
+    Steps after the last whole group of a ratio have no expected output, and no time either.
+    """
+    return (segment.ended_ns - segment.began_ns) / (steps * per_step) if steps else 0.0
 
 
 def _step_times(playback: Rows, monitor: Rows, matched: Matching) -> StepTimes:
@@ -255,6 +266,6 @@ def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
         duplicates=0,
         reordered=0,
         unmatched=0,
-        throughput_hz=throughput(arrived, gaps),
+        throughput_hz=throughput(arrived, segment.began_ns, segment.ended_ns - segment.began_ns),
         live=True,
     )

@@ -43,23 +43,39 @@ def edge_gaps(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> 
     return EdgeGaps(before if before > longest else 0, after if after > longest else 0)
 
 
-def throughput(arrived_ns: NDArray[np.int64], gaps: EdgeGaps, burst: int = 1) -> float:
-    """(n - 1) / (t_last - t_first) in Hz; 0 for fewer than two outputs.
+def throughput(
+    arrived_ns: NDArray[np.int64], soonest_ns: int, window_ns: float, period_ns: float = 0.0
+) -> float:
+    """Outputs per window of time, in Hz.
 
-    A gap at an end adds to the time by what exceeds the longest gap between outputs: an ordinary
-    gap does not count.
+    With n outputs, output k of them (from 1 on) received t_k after the first one could come, a
+    window of length w and a period p::
 
-    Where each group of steps has `burst` outputs, the first burst takes the place of the first
-    output: (n - burst) / (t_last - t_burst). The n outputs bound no more periods than their bursts
-    do, however close together the outputs of one burst are.
+        throughput = n / w                            if t_n <= w
+                     max over k of k / max(w, t_k + p)   otherwise
+
+    n steps at rate r take w = n / r, so a graph that answers all of them in that time gets r,
+    whatever its latency and however its outputs are bunched. The outputs of a graph that is slower
+    than the player go on after the window; they extend the time, to that of the most favourable
+    output, so that one straggler does not count against the others. The last output of that time
+    has a period of its own: n outputs bound n - 1 periods. Throughput is never more than the
+    answered share of the offered rate.
+
+    Args:
+        arrived_ns: when outputs were received, ascending.
+        soonest_ns: when the first output could have come: publication of the first step plus the
+            shortest latency; in a live run, the beginning of the window.
+        window_ns: the time in which as many outputs as expected are due, if each is due one
+            period after the one before.
+        period_ns: that period; 0 where outputs have none.
     """
-    if burst > 1:
-        arrived_ns = arrived_ns[burst - 1 :]
-    if arrived_ns.size < 2:
+    if not arrived_ns.size or window_ns <= 0:
         return 0.0
-    longest = int(np.max(np.diff(arrived_ns)))
-    beyond = sum(max(0, gap - longest) for gap in (gaps.before_ns, gaps.after_ns))
-    return _rate(arrived_ns.size, int(arrived_ns[-1] - arrived_ns[0]) + beyond)
+    elapsed_ns = arrived_ns - soonest_ns
+    if elapsed_ns[-1] <= window_ns:
+        return arrived_ns.size / (window_ns / 1e9)
+    counts = np.arange(1, arrived_ns.size + 1)
+    return float(np.max(counts / np.maximum(elapsed_ns + period_ns, window_ns))) * 1e9
 
 
 def _rate(n: int, span_ns: int) -> float:

@@ -25,7 +25,12 @@ import numpy as np
 from r2bspec.measure.latency import intervals, jitter, seconds
 from r2bspec.measure.metric_catalogue import MetricInfo
 from r2bspec.measure.metric_values import monitor_value
-from r2bspec.measure.samples import MonitorSamples, SegmentSamples, StepTimes
+from r2bspec.measure.samples import (
+    MonitorSamples,
+    SegmentSamples,
+    StepTimes,
+    output_period_ns,
+)
 from r2bspec.measure.throughput import edge_gaps, throughput
 
 _ROUNDING_TOLERANCE_NS = 1_000
@@ -75,7 +80,11 @@ def window_values(
         return _live_values(info, samples.monitors[monitor], samples, window_ns)
     found: list[float] = []
     without = 0
-    for seen in windows(samples.monitors[monitor], samples.segment.ended_ns, window_ns):
+    whole = samples.monitors[monitor]
+    # A timeline has no period: its windows have as many steps as were recorded in them.
+    paced = bool(samples.segment.rate_hz)
+    period_ns = output_period_ns(samples.segment, whole.sent, whole.per_step) if paced else 0.0
+    for seen in windows(whole, samples.segment.ended_ns, window_ns, period_ns):
         value = monitor_value(info, seen)
         if value is not None and seen.answered:
             found.append(value)
@@ -102,8 +111,9 @@ def _live_values(
         first, last = np.searchsorted(received, (start_ns, start_ns + window_ns))
         value = None
         if last > first:
-            part = _cut_window(seen, slice(first, last), start_ns + window_ns)
-            value = monitor_value(info, replace(part, live=True))
+            part = _cut_window(seen, slice(first, last), start_ns + window_ns, window_ns)
+            in_window = throughput(np.sort(received[first:last]), start_ns, window_ns)
+            value = monitor_value(info, replace(part, live=True, throughput_hz=in_window))
         elif info.family in without_messages:
             value = without_messages[info.family]
         if value is None:
@@ -113,7 +123,9 @@ def _live_values(
     return WindowValues(tuple(found), without)
 
 
-def windows(seen: MonitorSamples, ended_ns: int, window_ns: int) -> Iterator[MonitorSamples]:
+def windows(
+    seen: MonitorSamples, ended_ns: int, window_ns: int, period_ns: float = 0.0
+) -> Iterator[MonitorSamples]:
     """What a monitor received, window by window.
 
     Duplicates, reordered and unmatched messages belong to no window: they are 0.
@@ -122,6 +134,8 @@ def windows(seen: MonitorSamples, ended_ns: int, window_ns: int) -> Iterator[Mon
         seen: one monitor in one iteration.
         ended_ns: the end of the iteration's last period.
         window_ns: the length of a window, positive.
+        period_ns: the time in which one output is due; a window of 1 s at 29.97 Hz has 30 steps
+            or 29, and each is then measured by the time of its steps. 0 if steps have no period.
 
     Raises:
         ValueError: the length is not positive.
@@ -137,10 +151,13 @@ def windows(seen: MonitorSamples, ended_ns: int, window_ns: int) -> Iterator[Mon
     edges = np.searchsorted(number, np.arange(complete + 1))
     for j, (first, last) in enumerate(pairwise(edges)):
         if last > first:
-            yield _cut_window(seen, slice(first, last), began_ns + (j + 1) * window_ns)
+            end_ns = began_ns + (j + 1) * window_ns
+            yield _cut_window(seen, slice(first, last), end_ns, window_ns, period_ns)
 
 
-def _cut_window(seen: MonitorSamples, part: slice, ended_ns: int) -> MonitorSamples:
+def _cut_window(
+    seen: MonitorSamples, part: slice, ended_ns: int, window_ns: int, period_ns: float = 0.0
+) -> MonitorSamples:
     steps = seen.steps
     due, published = steps.due_ns[part], steps.published_ns[part]
     received = steps.received_ns[part]
@@ -154,7 +171,8 @@ def _cut_window(seen: MonitorSamples, part: slice, ended_ns: int) -> MonitorSamp
         gaps = edge_gaps(arrived, soonest, ended_ns)
         ends = [gap for gap in (gaps.before_ns, gaps.after_ns) if gap]
         between = np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
-        rate_hz = throughput(arrived, gaps)
+        due_ns = due.size * period_ns or window_ns
+        rate_hz = throughput(arrived, soonest, due_ns, period_ns)
     return MonitorSamples(
         steps=inside,
         times={

@@ -7,10 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.measure.latency import arrivals, intervals, jitter, latencies
+from r2bspec.measure.matched_monitor import MatchedMonitor
 from r2bspec.measure.matching import Ratio, match
 from r2bspec.measure.percentiles import percentile
-from r2bspec.measure.throughput import edge_gaps, throughput
+from r2bspec.measure.samples import monitor_samples
 from r2bspec.measure.units import show
+from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
 from run_simulation import EPOCH_NS
 
@@ -81,9 +83,7 @@ def test_matching_pairs_equal_stamps_with_the_first_message(rows: tuple[Rows, Ro
 
 
 @given(traffic())
-def test_intervals_add_up_and_throughput_is_no_more_than_their_rate(
-    rows: tuple[Rows, Rows],
-) -> None:
+def test_intervals_add_up(rows: tuple[Rows, Rows]) -> None:
     playback, monitor = rows
     arrived = arrivals(monitor, match(playback, monitor, "stamp"))
     gaps = intervals(arrived)
@@ -92,8 +92,39 @@ def test_intervals_add_up_and_throughput_is_no_more_than_their_rate(
         return
     span = (arrived[-1] - arrived[0]) / 1e9
     assert abs(gaps.sum() - span) < 1e-9 * arrived.size
-    silent = edge_gaps(arrived, EPOCH_NS, EPOCH_NS + 2 * 10**9)
-    assert throughput(arrived, silent) <= (arrived.size - 1) / span * (1 + 1e-9)
+
+
+@given(
+    traffic(),
+    st.sampled_from(["stamp", "order"]),
+    st.builds(Ratio, st.integers(1, 5), st.integers(1, 4), st.integers(0, 20)),
+    st.integers(1, 10**11),
+)
+def test_throughput_is_never_more_than_what_was_offered_and_answered(
+    rows: tuple[Rows, Rows], by: str, ratio: Ratio, length_ns: int
+) -> None:
+    playback, monitor = rows
+    if by == "stamp":
+        ratio = Ratio()
+    matching = match(playback, monitor, by, ratio)  # type: ignore[arg-type]
+    seen = monitor_samples(
+        Segment(
+            id="iteration-001",
+            kind="iteration",
+            rate_hz=10.0,
+            index=1,
+            steps=int(playback.size),
+            began_ns=EPOCH_NS,
+            ended_ns=EPOCH_NS + length_ns,
+            complete=True,
+        ),
+        MatchedMonitor(playback, monitor, ratio, matching),
+    )
+    if not seen.expected:
+        assert seen.throughput_hz == 0
+        return
+    offered_hz = playback.size * ratio.per_step / (length_ns / 1e9)
+    assert 0 <= seen.throughput_hz <= offered_hz * seen.answered / seen.expected * (1 + 1e-9)
 
 
 @given(

@@ -9,7 +9,7 @@ from r2bspec.measure.latency import arrivals, intervals, jitter, latencies, late
 from r2bspec.measure.matching import match
 from r2bspec.measure.percentiles import percentile, rank
 from r2bspec.measure.resource_usage import resource_use
-from r2bspec.measure.throughput import edge_gaps, mean_rate, throughput
+from r2bspec.measure.throughput import edge_gaps, mean_rate
 from r2bspec.record.sample_arrays import RESOURCE_DTYPE, Rows
 from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows
 
@@ -101,27 +101,14 @@ class TestThroughput:
         assert mean_rate(np.array([EPOCH_NS])) == 0.0
         assert mean_rate(np.empty(0, np.int64)) == 0.0
 
-    def test_ordinary_pauses_at_the_ends_do_not_count(self) -> None:
+    def test_ordinary_pauses_at_the_ends_are_no_gaps(self) -> None:
         arrived = EPOCH_NS + np.arange(51) * 10**8
         silent = edge_gaps(arrived, EPOCH_NS - 10**7, int(arrived[-1]) + 9 * 10**7)
         assert (silent.before_ns, silent.after_ns) == (0, 0)
-        assert throughput(arrived, silent) == 10.0
 
-    def test_a_graph_that_died_does_not_keep_its_rate(self) -> None:
+    def test_a_graph_that_died_leaves_a_gap(self) -> None:
         arrived = EPOCH_NS + np.arange(26) * 10**8
-        silent = edge_gaps(arrived, EPOCH_NS, EPOCH_NS + 5 * 10**9)
-        assert silent.after_ns == 25 * 10**8
-        assert throughput(arrived, silent) == pytest.approx(5.1, abs=0.01)
-
-    def test_nor_does_one_that_began_late(self) -> None:
-        arrived = EPOCH_NS + 25 * 10**8 + np.arange(26) * 10**8
-        silent = edge_gaps(arrived, EPOCH_NS, EPOCH_NS + 51 * 10**8)
-        assert throughput(arrived, silent) == pytest.approx(5.1, abs=0.01)
-
-    def test_a_last_message_lost_costs_no_more_than_itself(self) -> None:
-        arrived = EPOCH_NS + np.arange(19) * 10**8
-        silent = edge_gaps(arrived, EPOCH_NS, EPOCH_NS + 2 * 10**9)
-        assert 9.4 < throughput(arrived, silent) < 9.6
+        assert edge_gaps(arrived, EPOCH_NS, EPOCH_NS + 5 * 10**9).after_ns == 25 * 10**8
 
 
 class TestResources:
