@@ -16,6 +16,9 @@ The effect of host interference on single messages is unknown. Its effect is at 
       throttled, is added. If the harness alone took c times as long, w is at least 1 - 1/c.
     - w is at most 3/4. A machine on which everything takes over four times as long does not keep
       the playback's schedule either, and makes the run INVALID.
+    - Where the kernel counts how long the run's own processes waited for a processor, their waiting
+      explains no more than `r2bspec.judge.waiting_bound` says. Each of the bounds holds by itself,
+      so what remains is the larger of both.
 
 Further lost or late messages are caused by the graph itself. Processor time and memory of the
 run's processes are unchanged: waiting uses neither. Of the machine's, the part of others is
@@ -30,6 +33,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.waiting_bound import MAX_SHARE, shortest_latencies, taken_share
 from r2bspec.measure.interference import Surroundings
 from r2bspec.measure.matched_monitor import match_monitor
 from r2bspec.measure.resource_usage import ResourceUse
@@ -43,19 +47,16 @@ from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 
-_MAX_WAITING_SHARE = 0.75
-
 _STAMP_MONITOR = MonitorPlan(name="", topic="", type="", match="stamp", qos=None)
 """Every step with an expected output is given a stamp of its own."""
 
 
 def best_case_iteration(one: SegmentSamples) -> SegmentSamples:
     """An iteration without any effect that host interference can have had on it."""
-    waited = waiting_share(one.surroundings)
     return replace(
         one,
         monitors={
-            name: _best_case_samples(one.segment, one.playback, seen, waited)
+            name: _best_case_samples(one.segment, one.playback, seen, one.surroundings)
             for name, seen in one.monitors.items()
         },
         machine=_use_by_run(one),
@@ -71,13 +72,24 @@ def waiting_share(known: Surroundings | None) -> float:
     taken = known.foreign_cores or 0.0
     waited = known.pressure if known.pressure is not None else taken
     slower = 1 - 1 / known.calibration if known.calibration else 0.0
-    return min(_MAX_WAITING_SHARE, max(waited + stolen + throttled, slower))
+    return min(MAX_SHARE, max(waited + stolen + throttled, slower))
 
 
 def _best_case_samples(
-    segment: Segment, playback: PlaybackSamples, seen: MonitorSamples, waited: float
+    segment: Segment,
+    playback: PlaybackSamples,
+    seen: MonitorSamples,
+    known: Surroundings | None,
 ) -> MonitorSamples:
+    waited = waiting_share(known)
+    most_hz = playback.rate_hz * seen.per_step
     latency = best_case_latencies(seen, waited)
+    taken = taken_share(known)
+    if taken is not None and known is not None:
+        least = shortest_latencies(seen, taken, known.seconds, most_hz)
+        order = np.argsort(latency, kind="stable")
+        latency[order] = np.maximum(latency[order], least)
+        waited = min(waited, taken)
     played = np.zeros(latency.size, PLAYBACK_DTYPE)
     played["stamp_ns"] = np.arange(1, latency.size + 1)
     played["due_ns"], played["published_ns"] = seen.steps.due_ns, seen.steps.published_ns
@@ -88,7 +100,6 @@ def _best_case_samples(
     ordered = rows[np.argsort(rows["received_ns"], kind="stable")]
     found = monitor_samples(segment, match_monitor(played, ordered, _STAMP_MONITOR))
     more = seen.duplicates + seen.unmatched
-    most_hz = playback.rate_hz * seen.per_step
     return replace(
         found,
         # Interference creates no messages.

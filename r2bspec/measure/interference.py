@@ -7,7 +7,12 @@ import math
 import msgspec
 import numpy as np
 
-from r2bspec.measure.resource_usage import CONTROLLER_INDEX, resource_use
+from r2bspec.measure.resource_usage import (
+    CONTROLLER_INDEX,
+    ORPHANS_INDEX,
+    ResourceUse,
+    resource_use,
+)
 from r2bspec.record.run_record import FloorRecord
 from r2bspec.record.sample_arrays import Rows
 
@@ -25,6 +30,8 @@ class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
         pressure: share of the time in which some task waited for a processor (PSI, ``some``).
         throttled_s: time for which a processor or the control group was throttled.
         calibration: latency of the harness alone, relative to its usual latency here.
+        own_cores: processor time per time that the run used itself.
+        own_waited: run-queue wait of all threads of the run per time; over 1 if several wait.
     """
 
     seconds: float = 0.0
@@ -34,6 +41,8 @@ class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
     pressure: float | None = None
     throttled_s: float | None = None
     calibration: float | None = None
+    own_cores: float | None = None
+    own_waited: float | None = None
 
 
 def host_interference(
@@ -63,13 +72,17 @@ def host_interference(
     stolen_s = _growth(rows, "stolen_s", began_ns, ended_ns)
     waited_s = _growth(rows, "waited_s", began_ns, ended_ns)
     busy_s = _growth(rows, "busy_s", began_ns, ended_ns)
+    # Without orphans there are no rows of them.
+    own = resource_use(resources, processes | {ORPHANS_INDEX}, began_ns, ended_ns)
     return Surroundings(
         seconds=seconds,
         cores=cores,
         steal=None if stolen_s is None or not cores else min(1.0, stolen_s / (seconds * cores)),
-        foreign_cores=_foreign_cores(busy_s, resources, processes, began_ns, ended_ns),
+        foreign_cores=_foreign_cores(busy_s, own, resources, began_ns, ended_ns),
         pressure=None if waited_s is None else min(1.0, waited_s / seconds),
         throttled_s=_growth(rows, "throttled_s", began_ns, ended_ns),
+        own_cores=own.cpu_mean if own is not None else None,
+        own_waited=own.waited if own is not None else None,
     )
 
 
@@ -91,9 +104,8 @@ def _growth(rows: Rows, field: str, began_ns: int, ended_ns: int) -> float | Non
 
 
 def _foreign_cores(
-    busy_s: float | None, resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int
+    busy_s: float | None, own: ResourceUse | None, resources: Rows, began_ns: int, ended_ns: int
 ) -> float | None:
-    own = resource_use(resources, processes, began_ns, ended_ns)
     if busy_s is None or own is None or own.cpu_mean is None:
         return None
     controller = resource_use(resources, frozenset({CONTROLLER_INDEX}), began_ns, ended_ns)

@@ -18,11 +18,14 @@ class ResourceUse:
         cpu_mean: processor time per time; 1 is one core. None if too little was sampled.
         cpu_max: the largest of the same between two samples at least `MIN_SPACING_NS` apart.
         memory_max_bytes: the largest resident set at a sample, or None without one.
+        waited: the run-queue wait of all its threads per time; it exceeds 1 if several wait at
+            once. None if the kernel counts none, or too little was sampled.
     """
 
     cpu_mean: float | None
     cpu_max: float | None
     memory_max_bytes: int | None
+    waited: float | None = None
 
 
 MACHINE_INDEX = -1
@@ -30,6 +33,9 @@ MACHINE_INDEX = -1
 
 CONTROLLER_INDEX = -2
 """The process index of the controller itself, which is not a process of the run's plan."""
+
+ORPHANS_INDEX = -3
+"""The process index of processes of the run that are known to descend from none of its plan."""
 
 
 MIN_SPACING_NS = 100_000_000
@@ -79,6 +85,7 @@ def resource_use(
         # The busiest moments need not coincide: their sum is an upper bound.
         cpu_max=_sum([one.cpu_max for one in found]),
         memory_max_bytes=sum(one.memory_max_bytes or 0 for one in found),
+        waited=_sum([one.waited for one in found]),
     )
 
 
@@ -100,7 +107,18 @@ def _process_use(resources: Rows, index: int, began_ns: int, ended_ns: int) -> R
     apart = spaced_indices(edges)
     busiest = float(np.max(np.diff(used[apart]) / (np.diff(edges[apart]) / 1e9)))
     mean = float(used[-1] - used[0]) / ((end - start) / 1e9)
-    return ResourceUse(mean, max(busiest, mean), memory_max)
+    return ResourceUse(mean, max(busiest, mean), memory_max, _waited(rows, start, end))
+
+
+def _waited(rows: Rows, start: int, end: int) -> float | None:
+    """The growth of the run-queue wait per time; None if it is unknown at some sample."""
+    waited_s = rows["waited_s"]
+    # -1 in files of versions that did not record it.
+    if not np.all(waited_s >= 0):
+        return None
+    times_s = (rows["time_ns"] - start) / 1e9
+    first, last = np.interp([0.0, (end - start) / 1e9], times_s, waited_s)
+    return float(last - first) / ((end - start) / 1e9)
 
 
 def _sum(values: list[float | None]) -> float | None:

@@ -48,11 +48,16 @@ RESOURCE_FIELDS = (
     ("process", "<i4"),
     ("cpu_s", "<f8"),
     ("memory_bytes", "<i8"),
+    ("waited_s", "<f8"),
 )
 """One row per process and sampling time: `process` indexes `RunRecord.processes`, with -1 for the
-whole machine and -2 for the controller; `cpu_s` is the cumulative CPU time in seconds, summed over
-all cores and the descendants of the process (for -2: without them); `memory_bytes` is the resident
-set (for -1: memory in use)."""
+whole machine, -2 for the controller, and -3 for processes that carry the id of the run but descend
+from no process of it that is known; `cpu_s` is the cumulative CPU time in seconds, summed over all
+cores, the descendants of the process (for -2: without them), and those of them that have lost
+their parents; `memory_bytes` is the resident set (for -1: memory in use); `waited_s` is the
+cumulative run-queue wait of all threads: the time for which they could have run, but had no
+processor. It is NaN for -1 and -2, and where the kernel does not count it; -1 in files of versions
+that did not record it."""
 
 INTERFERENCE_FIELDS = (
     ("time_ns", "<i8"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -69,7 +70,8 @@ class Played:
 class Simulation:
     """A run to be written; see `RunRecord` for most of the fields.
 
-    `surroundings` says by how much each of their sums grows in a second.
+    `surroundings` says by how much each of their sums grows in a second, `waited` the run-queue
+    wait of each process; it is unknown by default.
     """
 
     segments: Sequence[Played] = ()
@@ -84,6 +86,7 @@ class Simulation:
     cpu: Mapping[str, float] = field(default_factory=lambda: {"player": 0.1, "apriltag": 0.5})
     start_ns: int = EPOCH_NS
     surroundings: Mapping[str, float] = field(default_factory=dict)
+    waited: float = math.nan
 
     def write(self, path: Path) -> Run:
         """Write the run folder, and open it."""
@@ -197,6 +200,7 @@ class Simulation:
         rows["cpu_s"] = np.tile([load for _, load in loads], times.size) * (
             (rows["time_ns"] - times[0]) / 1e9
         )
+        rows["waited_s"] = self.waited * ((rows["time_ns"] - times[0]) / 1e9)
         rows["memory_bytes"] = (np.tile(range(len(loads)), times.size) + 1) * 50 * 2**20
         return rows
 

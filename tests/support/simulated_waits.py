@@ -1,0 +1,115 @@
+"""A server with a queue, played alone and on a machine that takes its processor away at times."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.matched_monitor import match_monitor
+from r2bspec.measure.samples import MonitorSamples, monitor_samples
+from r2bspec.record.run_record import Segment
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
+from run_simulation import EPOCH_NS, MONITOR_PLAN, STAMP_NS
+
+Times = NDArray[np.float64]
+Stalls = list[tuple[float, float]]
+"""When no progress is made: beginning and length, in seconds, in order, without overlaps."""
+
+
+@dataclass(frozen=True)
+class Disturbed:
+    """The same messages on a machine with other load, and alone.
+
+    Attributes:
+        seen: what a monitor recorded with the other load.
+        latency: ascending, in seconds, alone; infinite for lost messages.
+        surroundings: what was sampled meanwhile.
+    """
+
+    seen: MonitorSamples
+    latency: Times
+    surroundings: Surroundings
+
+
+def disturbed(
+    load: float, *, depth: int, stalls: Stalls, spread: float = 0.0, seconds: float = 10.0
+) -> Disturbed:
+    """Offer 30 Hz to a server that could do 30 Hz / load, and whose queue keeps `depth` messages.
+
+    Args:
+        load: of the server when it is alone; over 1 it loses messages.
+        depth: of its queue; the oldest message makes room for a new one.
+        stalls: when others have its processor. While it has nothing to do it waits for none.
+        spread: the standard deviation of the logarithms of its service times.
+        seconds: for how long it is offered messages.
+    """
+    arrive = np.arange(round(seconds * 30.0)) / 30.0
+    random = np.random.default_rng(1)
+    service = load / 30.0 * np.exp(random.normal(0, spread, arrive.size))
+    left, waited = _serve(arrive, service, depth, stalls)
+    alone, _ = _serve(arrive, service, depth, [])
+    return Disturbed(
+        seen=_samples(arrive, left),
+        latency=np.sort(np.where(np.isfinite(alone), alone - arrive, np.inf)),
+        surroundings=Surroundings(
+            seconds=seconds, cores=2, foreign_cores=1.0, pressure=1.0, own_waited=waited / seconds
+        ),
+    )
+
+
+def _serve(arrive: Times, service: Times, depth: int, stalls: Stalls) -> tuple[Times, float]:
+    """When each message leaves, infinite for those that are lost; and how long it had to wait."""
+    left = np.full(arrive.size, np.inf)
+    queue: deque[int] = deque()
+    free_s = waited_s = 0.0
+    for number, now_s in enumerate([*arrive, np.inf]):
+        while queue and max(free_s, arrive[queue[0]]) < now_s:
+            first = queue.popleft()
+            begin_s = max(free_s, arrive[first])
+            free_s, stalled_s = _work(begin_s, service[first], stalls)
+            left[first] = free_s
+            waited_s += stalled_s
+        queue.append(number)
+        if len(queue) > depth and free_s > now_s:
+            queue.popleft()
+    return left, waited_s
+
+
+def _work(begin_s: float, work_s: float, stalls: Stalls) -> tuple[float, float]:
+    """When work ends that is interrupted by stalls, and for how long it was."""
+    now_s, stalled_s = begin_s, 0.0
+    for stall_s, length_s in stalls:
+        end_s = stall_s + length_s
+        if end_s <= now_s:
+            continue
+        if now_s + work_s <= stall_s:
+            break
+        work_s -= max(0.0, stall_s - now_s)
+        stalled_s += end_s - max(now_s, stall_s)
+        now_s = end_s
+    return now_s + work_s, stalled_s
+
+
+def _samples(arrive: Times, left: Times) -> MonitorSamples:
+    played = np.zeros(arrive.size, PLAYBACK_DTYPE)
+    played["stamp_ns"] = STAMP_NS + np.arange(arrive.size)
+    played["due_ns"] = played["published_ns"] = EPOCH_NS + np.round(arrive * 1e9)
+    came = np.flatnonzero(np.isfinite(left))
+    rows = np.zeros(came.size, MONITOR_DTYPE)
+    rows["stamp_ns"] = played["stamp_ns"][came]
+    rows["received_ns"] = EPOCH_NS + np.round(left[came] * 1e9)
+    segment = Segment(
+        id="iteration-001",
+        kind="iteration",
+        rate_hz=30.0,
+        index=1,
+        steps=arrive.size,
+        began_ns=EPOCH_NS,
+        ended_ns=EPOCH_NS + round(arrive.size / 30.0 * 1e9),
+        complete=True,
+    )
+    return monitor_samples(segment, match_monitor(played, rows, MONITOR_PLAN))
