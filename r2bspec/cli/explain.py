@@ -49,11 +49,24 @@ def _find(code: str, pages: Mapping[str, Page]) -> Page:
         return by_slug[slug]
     from r2bspec.diagnostics import did_you_mean
 
-    close = did_you_mean(number, pages) if number[3:].isdigit() else did_you_mean(slug, by_slug)
+    close = _near(number, pages) if number[3:].isdigit() else did_you_mean(slug, by_slug)
     raise UsageError(
         f"unknown code {code!r}",
         hint=f"did you mean {close}? " * bool(close) + "'r2bspec explain' lists all codes",
     )
+
+
+def _near(number: str, pages: Mapping[str, Page]) -> str:
+    """The code that may have been meant: with two neighbouring digits swapped, or one too many.
+
+    A code with one other digit is another code, and any number has many of these.
+    """
+    swapped = [
+        number[:place] + number[place + 1] + number[place] + number[place + 2 :]
+        for place in range(3, len(number) - 1)
+    ]
+    longer = [number[:place] + number[place + 1 :] for place in range(3, len(number))]
+    return next((each for each in (*swapped, *longer) if each in pages), "")
 
 
 def _list(pages: Mapping[str, Page]) -> Iterator[str]:

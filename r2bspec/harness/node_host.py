@@ -1,18 +1,15 @@
 """The node host: creates the Python nodes of one process and spins them.
 
-A node is any rclpy `Node` class whose constructor takes keyword arguments for `Node`, or a
-function that returns one. It receives its namespace, name, remappings and parameter overrides as
-from a launch file, and does not depend on r2bspec.
+A node is any rclpy `Node` class, or a function that returns one. It receives its namespace, name,
+remappings and parameter overrides as described in `r2bspec.harness.node_factory`, and does not
+depend on r2bspec.
 """
 
 from __future__ import annotations
 
 import contextlib
-import importlib
-import importlib.util
-import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,90 +20,19 @@ from rclpy.executors import (
     SingleThreadedExecutor,
 )
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
+from r2bspec.harness.node_factory import (
+    NodeError,
+    find_factory,
+    make_node,
+    ros_arguments,
+    takes_keywords,
+)
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
 from r2bspec.wiring.name_resolution import expand
-
-
-class NodeError(Exception):
-    """A node cannot be created; the message is for the user, the cause has the details."""
-
-    def __init__(self, code: str, message: str, hint: str = "") -> None:
-        super().__init__(message)
-        self.code = code
-        self.hint = hint
-
-
-def find_factory(target: str, base_dir: Path) -> Any:
-    """The class or function that ``module.Class`` or ``./file.py:Class`` names.
-
-    Raises:
-        NodeError: the module or file cannot be imported, or has no such name.
-    """
-    path, colon, name = target.rpartition(":")
-    if colon:
-        module = _import_file((base_dir / path).resolve())
-    else:
-        module_name, _, name = target.rpartition(".")
-        try:
-            module = importlib.import_module(module_name)
-        except ImportError as error:
-            raise NodeError("R2B624", f"cannot import {module_name!r}: {error}") from error
-    try:
-        return getattr(module, name)
-    except AttributeError as error:
-        raise NodeError("R2B625", f"{path or module.__name__} has no {name!r}") from error
-    except ImportError as error:
-        raise NodeError("R2B624", f"cannot import {target!r}: {error}") from error
-
-
-def _import_file(file: Path) -> Any:
-    description = importlib.util.spec_from_file_location(file.stem, file)
-    if description is None or description.loader is None or not file.is_file():
-        raise NodeError("R2B624", f"{file} is not a Python file")
-    module = importlib.util.module_from_spec(description)
-    # Other files of its folder can be imported, as if it were run as a script.
-    sys.path.insert(0, str(file.parent))
-    sys.modules[file.stem] = module
-    try:
-        description.loader.exec_module(module)
-    except Exception as error:
-        raise NodeError("R2B624", f"cannot import {file.name}: {error}") from error
-    return module
-
-
-def make_node(plan: NodePlan, base_dir: Path) -> Node:
-    """Create one node of a plan.
-
-    Raises:
-        NodeError: it cannot be imported or its constructor fails.
-    """
-    factory = find_factory(plan.target, base_dir)
-    arguments = ["--ros-args", "-r", f"__node:={plan.node}"]
-    for before, after in plan.remappings.items():
-        arguments += ["-r", f"{before}:={after}"]
-    try:
-        node = factory(
-            namespace=plan.namespace,
-            cli_args=arguments,
-            use_global_arguments=False,
-            parameter_overrides=[
-                Parameter(name, value=value) for name, value in plan.parameters.items()
-            ],
-        )
-    except Exception as error:
-        raise NodeError(
-            "R2B633", f"node {plan.name} cannot be created: {type(error).__name__}: {error}"
-        ) from error
-    if not isinstance(node, Node):
-        raise NodeError(
-            "R2B625", f"{plan.target} returned {type(node).__name__}, not an rclpy node"
-        )
-    return node
 
 
 def describe_node(plan: NodePlan, node: Node) -> protocol.Ready:
@@ -163,18 +89,37 @@ def _executor(settings: protocol.ConfigureHost) -> Executor:
     return SingleThreadedExecutor()
 
 
+def _init(plans: Sequence[NodePlan], factories: Sequence[Any]) -> None:
+    """Initialise rclpy, with the arguments of a node that takes no keyword arguments.
+
+    Raises:
+        NodeError: there are other nodes or a harness in this process, to which they would apply.
+    """
+    for plan, factory in zip(plans, factories, strict=True):
+        if not takes_keywords(factory):
+            if len(plans) == 1 and rclpy_tools.init(tuple(ros_arguments(plan))):
+                return
+            raise NodeError(
+                "R2B633",
+                f"node {plan.name} cannot be created: its constructor takes no **kwargs, and other "
+                "nodes run in the same process",
+                "Give it a process of its own, or let its constructor pass **kwargs to Node.",
+            )
+    rclpy_tools.init()
+
+
 class NodeHost:
     """Creates the nodes and spins them until told to shut down."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureHost) -> None:
         self._channel = channel
-        rclpy_tools.init()
+        factories = [find_factory(plan.target, Path(settings.base_dir)) for plan in settings.nodes]
+        _init(settings.nodes, factories)
         self._executor = _executor(settings)
-        base_dir = Path(settings.base_dir)
         self._reports: list[protocol.Ready] = []
         self._nodes: list[Node] = []
-        for plan in settings.nodes:
-            node = make_node(plan, base_dir)
+        for plan, factory in zip(settings.nodes, factories, strict=True):
+            node = make_node(plan, factory)
             rclpy_tools.destroy_on_shutdown(node)
             self._executor.add_node(node)
             self._nodes.append(node)

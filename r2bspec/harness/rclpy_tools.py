@@ -6,7 +6,7 @@ import contextlib
 import functools
 import importlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import rclpy
@@ -242,15 +242,23 @@ def start_node(name: str) -> Node:
     return node
 
 
-def init() -> None:
+def init(ros_arguments: Sequence[str] = ()) -> bool:
     """Initialise rclpy, unless it is already initialised.
 
     It logs to the log of the process and not to its own file.
+
+    Args:
+        ros_arguments: for every node of the process, without ``--ros-args``.
+
+    Returns:
+        Whether it was not initialised yet, so that the arguments apply.
     """
-    arguments = ["--ros-args", "--disable-external-lib-logs"]
+    arguments = ["--ros-args", "--disable-external-lib-logs", *ros_arguments]
     with _init_lock:
-        if not ok():
-            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        if ok():
+            return False
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        return True
 
 
 def loaded_rmw() -> str:

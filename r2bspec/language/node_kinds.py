@@ -135,8 +135,9 @@ PYTHON: Final = NodeKind(
     keys={
         "python": text(
             "A Python node, as module.Class, or ./file.py:Class relative to this file: a subclass "
-            "of rclpy's Node whose constructor passes **kwargs to Node, or a function that returns "
-            "one.",
+            "of rclpy's Node, or a function that returns one. If it takes no **kwargs to pass to "
+            "Node, it gets its own process, as with 'ros2 run'; so does a main() that calls "
+            "rclpy.init.",
             form=name_patterns.PYTHON_NODE,
             examples=["r2bspec.nodes.ResizeNode", "./my_nodes.py:Detector"],
             path=True,

@@ -8,6 +8,9 @@ namespace, parameters, remappings, `publishes` or `subscribes`: it is then a ROS
 receives ROS arguments, but no node name, because it may have several nodes. Its parameter files are
 passed unchanged, because they may be for all of its nodes.
 
+A Python function that is a program, such as the ``main`` of an ordinary node, is called by
+`r2bspec.harness.node_main` in its own process, with the same ROS arguments as an executable.
+
 A launch file is started by ``ros2 launch`` through a launch file of r2bspec, which has launch
 arguments for the namespace, the remappings and the arguments (`r2bspec.harness.included_launch`).
 """
@@ -24,6 +27,8 @@ from r2bspec.language.spec import Container, Launch, ParameterValue
 from r2bspec.wiring.wiring import NodeWiring
 
 HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
+
+_MAIN_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.node_main")
 
 INCLUDED_LAUNCH = "$(included_launch)"
 
@@ -61,6 +66,13 @@ def container_node_name(argv: Iterable[str]) -> str:
 def node_argv(wired: NodeWiring) -> tuple[str, ...]:
     """The command line of a node with its own process."""
     return _ARGV[wired.node.kind.name](wired)
+
+
+def _python(wired: NodeWiring) -> tuple[str, ...]:
+    if wired.role == "host":
+        return HARNESS_ARGV
+    node_name = f"__node:={wired.key}"
+    return (*_MAIN_ARGV, wired.node.python, *_ros_arguments(wired, wired.parameters, node_name))
 
 
 def _component(wired: NodeWiring) -> tuple[str, ...]:
@@ -101,7 +113,7 @@ def _launch_argv(wired: NodeWiring) -> tuple[str, ...]:
 
 
 _ARGV: Mapping[NodeKindName, Callable[[NodeWiring], tuple[str, ...]]] = {
-    "python": lambda _: HARNESS_ARGV,
+    "python": _python,
     "plugin": _component,
     "executable": _executable,
     "command": _command,
@@ -127,12 +139,17 @@ def _ros_arguments(
 
 
 def parameter_text(value: ParameterValue) -> str:
-    """A parameter for the command line of rcl: YAML in flow style, with quoted strings.
+    """A parameter for the command line of rcl, in which secrets are still references."""
+    return quoted_secret_references(flow_yaml(value))
+
+
+def flow_yaml(value: ParameterValue) -> str:
+    """A value as rcl reads it: YAML in flow style, with quoted strings.
 
     Without quotes, rcl would read ``"10"`` as a number.
     """
     if isinstance(value, list):
-        return f"[{', '.join(parameter_text(each) for each in value)}]"
+        return f"[{', '.join(flow_yaml(each) for each in value)}]"
     if isinstance(value, float) and not math.isfinite(value):
         return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
-    return quoted_secret_references(json.dumps(value, ensure_ascii=False))
+    return json.dumps(value, ensure_ascii=False)

@@ -53,7 +53,7 @@ def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
         ExternalPlan(name=node.name, phase=phase.phase)
         for phase in wiring.phases
         for node in phase.nodes
-        if node.node.kind.role is None
+        if node.role is None
     )
 
 
@@ -99,7 +99,7 @@ def _graph_processes(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
     yield from _containers(spec, wiring, placed, phase.phase)
     together: list[NodeWiring] = []
     for node in alone:
-        if spec.graph.placement == "separate" or not node.node.kind.shares_process:
+        if spec.graph.placement == "separate" or not node.shares_process:
             yield from _process(node, node.key, phase.phase)
         else:
             together.append(node)
@@ -108,7 +108,7 @@ def _graph_processes(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
     elif spec.harness.kind != "ros2_benchmark":
         # The process of the harness can have Python nodes only.
         for node in together:
-            if node.node.kind.role == "container":
+            if node.role == "container":
                 yield from _process(node, node.key, phase.phase)
 
 
@@ -160,8 +160,8 @@ def _container(
 
 def _shared(wiring: Wiring, nodes: list[NodeWiring]) -> Iterator[ProcessPlan]:
     """One process for all Python nodes, and one for all C++ components."""
-    python = [each for each in nodes if each.node.kind.role == "host"]
-    components = [each for each in nodes if each.node.kind.role == "container"]
+    python = [each for each in nodes if each.role == "host"]
+    components = [each for each in nodes if each.role == "container"]
     if components:
         argv = container_argv(SHARED_CONTAINER_NAME, Container(), wiring.namespace)
         yield ProcessPlan(
@@ -201,10 +201,10 @@ def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
         for node in wiring.measure.nodes
         if spec.graph.placement == "harness"
         and node.node.container not in spec.containers
-        and node.node.kind.shares_process
+        and node.shares_process
     ]
     if spec.harness.kind == "ros2_benchmark":
-        components = [each for each in placed if each.node.kind.role == "container"]
+        components = [each for each in placed if each.role == "container"]
         container = Container(executable="component_container_mt")
         return ProcessPlan(
             name=HARNESS_NAME,
@@ -217,7 +217,7 @@ def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
                 *(_node(each) for each in components),
             ),
         )
-    python = [each for each in placed if each.node.kind.role == "host"]
+    python = [each for each in placed if each.role == "host"]
     return ProcessPlan(
         name=HARNESS_NAME,
         role="harness",
@@ -260,7 +260,7 @@ def _harness_nodes(spec: Spec, namespace: str) -> Iterator[NodePlan]:
 def _process(node: NodeWiring, name: str, phase: Phase) -> Iterator[ProcessPlan]:
     """The process of a node with its own process; none for an external node."""
     spec: Node = node.node
-    role = spec.kind.role
+    role = node.role
     if role is None:
         return
     yield ProcessPlan(
@@ -285,6 +285,6 @@ def _node(node: NodeWiring) -> NodePlan:
         target=node.node.python,
         parameters=dict(node.node.parameters if kind.any_program else node.parameters),
         remappings=dict(node.node.remappings),
-        package=node.node.package if kind.role == "container" else "",
+        package=node.node.package if node.role == "container" else "",
         plugin=node.node.plugin,
     )

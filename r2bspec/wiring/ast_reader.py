@@ -1,8 +1,10 @@
 """Reading a node's topics and parameters from its Python source, without running it.
 
-A class is supported if its only base class is `Node`, and if every call of `create_publisher`,
-`create_subscription` and `declare_parameter` on `self` has literal arguments and is outside of
-loops and branches. Otherwise its publishers, subscriptions or parameters are unknown.
+A class is supported if its only base class is `Node`, and if no other code can create topics or
+parameters of the node (`r2bspec.wiring.self_references`). Every call of `create_publisher`,
+`create_subscription` and `declare_parameter` on `self` must have literal arguments, and be a
+statement of the constructor outside of loops and branches. Otherwise the publishers, subscriptions
+or parameters of the node are unknown.
 """
 
 from __future__ import annotations
@@ -16,18 +18,31 @@ from typing import Literal
 from r2bspec.language.spec import QoS
 from r2bspec.untrusted.safe_file import read_bytes
 from r2bspec.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
+from r2bspec.wiring.self_references import PARAMETER_METHODS, method_of_self, self_references
+from r2bspec.wiring.source_names import SourceNames
 
 _MAX_FILE_BYTES = 1_000_000
+_SIMPLE_STATEMENTS = (ast.Expr, ast.Assign, ast.AnnAssign)
+"""Statements of a constructor that are executed exactly once."""
+
+_NESTED_SCOPES = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef)
 _CONDITIONAL_NODES = (
-    ast.If,
-    ast.For,
-    ast.AsyncFor,
-    ast.While,
-    ast.Try,
-    ast.Match,
+    *_NESTED_SCOPES,
     ast.IfExp,
-    ast.Lambda,
+    ast.BoolOp,
+    ast.Compare,
+    ast.ListComp,
+    ast.SetComp,
+    ast.DictComp,
+    ast.GeneratorExp,
 )
+"""Expressions whose parts may be evaluated several times, or not at all."""
+
+_PARAMETER_OPTIONS = frozenset(
+    {"automatically_declare_parameters_from_overrides", "allow_undeclared_parameters"}
+)
+"""Options of `Node` with which it has parameters that it does not declare by name."""
+
 _TYPES: dict[type, ParameterType] = {
     bool: "bool",
     int: "integer",
@@ -55,24 +70,40 @@ def read_node_source(source: Path, name: str, folder: Path | None = None) -> Int
         name: the class.
         folder: where the file must be; by default anywhere.
     """
+    tree = read_python_file(source, folder)
+    return None if tree is None else read_node_class(tree, name)
+
+
+def read_python_file(source: Path, folder: Path | None = None) -> ast.Module | None:
+    """The syntax tree of a Python file, or None if it cannot be read.
+
+    Args:
+        source: the file.
+        folder: where the file must be; by default anywhere.
+    """
     folders = None if folder is None else (folder,)
     try:
-        tree = ast.parse(read_bytes(source, max_bytes=_MAX_FILE_BYTES, folders=folders))
-        return _read(tree, name)
+        return ast.parse(read_bytes(source, max_bytes=_MAX_FILE_BYTES, folders=folders))
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return None
 
 
-def _read(tree: ast.Module, name: str) -> InterfaceEntry | None:
-    found = next(
-        (each for each in tree.body if isinstance(each, ast.ClassDef) and each.name == name), None
-    )
-    imported = _import_names(tree)
-    if found is None or not _is_plain_node(found, imported) or _leaks_self(found):
+def read_node_class(tree: ast.Module, name: str) -> InterfaceEntry | None:
+    """The interface of the class `name` of a file, or None if it is unknown."""
+    names = SourceNames(tree)
+    found = names.definition(name)
+    if not isinstance(found, ast.ClassDef) or not _is_plain_node(found, names):
+        return None
+    uses = self_references(tree, found)
+    if uses.escapes:
         return None
     result = _PartialInterface()
+    for method in uses.escaped_methods:
+        _forget(method, result)
     for call, certain in _calls(found):
-        _add_call(call, imported, result, certain=certain)
+        _add_call(call, names, result, certain=certain)
+    if not _passes_keywords_unchanged(found):
+        result.topics, result.parameters = dict.fromkeys(result.topics), None
     return InterfaceEntry(
         subscribes=result.topics["create_subscription"],
         publishes=result.topics["create_publisher"],
@@ -82,92 +113,142 @@ def _read(tree: ast.Module, name: str) -> InterfaceEntry | None:
     )
 
 
-def _import_names(tree: ast.Module) -> dict[str, str]:
-    """The full names of imports, by the names that the file uses."""
-    names = {}
-    for each in ast.walk(tree):
-        if isinstance(each, ast.ImportFrom) and each.module and not each.level:
-            for alias in each.names:
-                names[alias.asname or alias.name] = f"{each.module}.{alias.name}"
-        elif isinstance(each, ast.Import):
-            for alias in each.names:
-                names[alias.asname or alias.name.partition(".")[0]] = (
-                    alias.name if alias.asname else alias.name.partition(".")[0]
-                )
-    return names
-
-
-def _is_plain_node(found: ast.ClassDef, imported: dict[str, str]) -> bool:
-    base = _full_name(found.bases[0], imported) if len(found.bases) == 1 else ""
+def _is_plain_node(found: ast.ClassDef, names: SourceNames) -> bool:
+    base = names.full_name(found.bases[0]) if len(found.bases) == 1 else ""
     return base == "rclpy.node.Node" and not found.decorator_list and not found.keywords
 
 
-def _full_name(node: ast.expr, imported: dict[str, str]) -> str:
-    if isinstance(node, ast.Name):
-        return imported.get(node.id, "")
-    if isinstance(node, ast.Attribute):
-        above = _full_name(node.value, imported)
-        return f"{above}.{node.attr}" if above else ""
-    return ""
+def _passes_keywords_unchanged(found: ast.ClassDef) -> bool:
+    """Whether arguments with ``**`` are only those of the caller, and are not changed.
+
+    Others may have any option of `Node`.
+    """
+    constructors = (
+        each for each in found.body if isinstance(each, ast.FunctionDef) and each.name == "__init__"
+    )
+    for method in constructors:
+        own = method.args.kwarg.arg if method.args.kwarg else ""
+        uses = sum(isinstance(each, ast.Name) and each.id == own for each in ast.walk(method))
+        if uses != sum(_harmless_uses(each, own) for each in ast.walk(method)):
+            return False
+        if any(
+            isinstance(each, ast.Call)
+            and method_of_self(each) == "__init__"
+            and any(one.arg is None and not _is_name(one.value, own) for one in each.keywords)
+            for each in ast.walk(method)
+        ):
+            return False
+    return True
 
 
-def _leaks_self(found: ast.ClassDef) -> bool:
-    """Whether `self` is passed to other code, which may then create topics of the node."""
-    for each in ast.walk(found):
-        if isinstance(each, ast.Call):
-            given = (*each.args, *(keyword.value for keyword in each.keywords))
-            if any(isinstance(value, ast.Name) and value.id == "self" for value in given):
-                return True
-    return False
+def _harmless_uses(node: ast.AST, name: str) -> int:
+    """How often a node directly uses a map without changing it or giving it another name."""
+    match node:
+        case ast.keyword(arg=None, value=value) | ast.If(test=value):
+            return _is_name(value, name)
+        case (
+            ast.Call(func=ast.Attribute(value=value, attr="get" | "pop"))
+            | ast.Subscript(value=value, ctx=ast.Load())
+        ):
+            return _is_name(value, name)
+        case ast.Compare():
+            return sum(_is_name(each, name) for each in (node.left, *node.comparators))
+    return 0
+
+
+def _is_name(node: ast.AST, name: str) -> bool:
+    return isinstance(node, ast.Name) and node.id == name
+
+
+def _forget(method: str, found: _PartialInterface) -> None:
+    """Note that a method of `Node` may be called elsewhere."""
+    if method in found.topics:
+        found.topics[method] = None
+    elif method.startswith("destroy_"):
+        found.topics[method.replace("destroy_", "create_")] = None
+    else:
+        found.parameters = None
 
 
 def _calls(found: ast.ClassDef) -> Iterator[tuple[ast.Call, bool]]:
     """Each call of a method of `self`, and whether it is certainly made exactly once."""
     for method in found.body:
-        made = isinstance(method, ast.FunctionDef) and method.name == "__init__"
-        # Without recursion: each `elif` is one level deeper than the one before.
-        waiting: list[tuple[ast.AST, bool]] = [(method, made)]
-        while waiting:
-            node, certain = waiting.pop()
-            if node is not method:
-                certain = certain and not isinstance(node, _CONDITIONAL_NODES)
-                if isinstance(node, ast.Call) and _self_method_name(node):
-                    yield node, certain
-            waiting.extend(reversed([(each, certain) for each in ast.iter_child_nodes(node)]))
+        if isinstance(method, ast.FunctionDef) and method.name == "__init__":
+            returned = False
+            for statement in method.body:
+                simple = isinstance(statement, _SIMPLE_STATEMENTS)
+                yield from _calls_below(statement, certain=simple and not returned)
+                returned = returned or _may_return(statement)
+        else:
+            yield from _calls_below(method, certain=False)
 
 
-def _self_method_name(call: ast.Call) -> str:
-    called = call.func
-    of_self = (
-        isinstance(called, ast.Attribute)
-        and isinstance(called.value, ast.Name)
-        and called.value.id == "self"
-    )
-    return called.attr if of_self and isinstance(called, ast.Attribute) else ""
+def _calls_below(top: ast.AST, *, certain: bool) -> Iterator[tuple[ast.Call, bool]]:
+    # Without recursion: each `elif` is one level deeper than the one before.
+    waiting: list[tuple[ast.AST, bool]] = [(top, certain)]
+    while waiting:
+        node, certain = waiting.pop()
+        certain = certain and not isinstance(node, _CONDITIONAL_NODES)
+        if isinstance(node, ast.Call) and method_of_self(node):
+            yield node, certain
+        waiting.extend(reversed([(each, certain) for each in ast.iter_child_nodes(node)]))
+
+
+def _may_return(statement: ast.stmt) -> bool:
+    """Whether a method may end within a statement."""
+    waiting: list[ast.AST] = [statement]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Return):
+            return True
+        if not isinstance(node, _NESTED_SCOPES):
+            waiting.extend(ast.iter_child_nodes(node))
+    return False
 
 
 def _add_call(
-    call: ast.Call, imported: dict[str, str], found: _PartialInterface, *, certain: bool
+    call: ast.Call, names: SourceNames, found: _PartialInterface, *, certain: bool
 ) -> None:
-    method = _self_method_name(call)
+    method = method_of_self(call)
     if method in found.topics:
-        topic = _topic(call, imported) if certain else None
-        known = found.topics[method]
-        if topic is None or known is None:
-            found.topics[method] = None
-        else:
-            known[topic[0]] = topic[1]
-            qos = _qos_from_depth(call, 2 if method == "create_publisher" else 3)
-            if qos is not None:
-                found.qos[topic[0]] = qos
+        _add_topic(call, method, _topic(call, names) if certain else None, found)
     elif method == "declare_parameter" and certain:
         declared = _parameter(call)
         if declared is None or found.parameters is None:
             found.parameters = None
         else:
             found.parameters[declared[0]] = declared[1]
-    elif method in {"declare_parameter", "declare_parameters"}:
-        found.parameters = None
+    elif method == "__init__":
+        _add_base_constructor(call, found)
+    elif method in PARAMETER_METHODS or method.startswith("destroy_"):
+        _forget(method, found)
+
+
+def _add_topic(
+    call: ast.Call, method: str, topic: tuple[str, str] | None, found: _PartialInterface
+) -> None:
+    known = found.topics[method]
+    if topic is None or known is None or known.get(topic[0], topic[1]) != topic[1]:
+        found.topics[method] = None
+        return
+    known[topic[0]] = topic[1]
+    qos = _qos_from_depth(call, 2 if method == "create_publisher" else 3)
+    if qos is not None:
+        found.qos[topic[0]] = qos
+
+
+def _add_base_constructor(call: ast.Call, found: _PartialInterface) -> None:
+    """Take the arguments of ``super().__init__`` into account.
+
+    They may declare every parameter that is set, and rename topics.
+    """
+    for keyword in call.keywords:
+        if keyword.arg == "cli_args":
+            found.topics = dict.fromkeys(found.topics)
+        if keyword.arg in _PARAMETER_OPTIONS and not (
+            isinstance(keyword.value, ast.Constant) and keyword.value.value is False
+        ):
+            found.parameters = None
 
 
 def _argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
@@ -178,11 +259,11 @@ def _argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
     return next((each.value for each in call.keywords if each.arg == name), None)
 
 
-def _topic(call: ast.Call, imported: dict[str, str]) -> tuple[str, str] | None:
+def _topic(call: ast.Call, names: SourceNames) -> tuple[str, str] | None:
     kind, name = _argument(call, 0, "msg_type"), _argument(call, 1, "topic")
     if kind is None or not isinstance(name, ast.Constant) or not isinstance(name.value, str):
         return None
-    package, middle, message = (["", "", *_full_name(kind, imported).split(".")])[-3:]
+    package, middle, message = (["", "", *names.full_name(kind).split(".")])[-3:]
     if middle != "msg" or not package:
         return None
     return name.value, f"{package}/msg/{message}"
@@ -190,6 +271,8 @@ def _topic(call: ast.Call, imported: dict[str, str]) -> tuple[str, str] | None:
 
 def _qos_from_depth(call: ast.Call, position: int) -> QoS | None:
     """The profile for a QoS argument that is a number."""
+    if any(each.arg == "qos_overriding_options" for each in call.keywords):
+        return None
     given = _argument(call, position, "qos_profile")
     depth = given.value if isinstance(given, ast.Constant) else None
     return QoS(depth=depth) if type(depth) is int and depth > 0 else None

@@ -24,6 +24,7 @@ from r2bspec.wiring.node_interface import (
     interface_of,
     reference_node_interfaces,
 )
+from r2bspec.wiring.node_start import KEYWORDS
 from r2bspec.wiring.parameter_files import merged_parameters
 from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring, Wiring
 
@@ -135,6 +136,7 @@ def _node(
         interface=_interface(key, node, table, naming, companion_files),
         is_ros_process=has_ros_settings(node),
         parameters=parameters,
+        start=companion_files.starts.get(node.python, KEYWORDS),
     )
 
 

@@ -15,8 +15,9 @@ from pathlib import Path
 from r2bspec.language.spec import Node, Spec
 from r2bspec.untrusted import safe_file
 from r2bspec.untrusted.safe_yaml import load_values
-from r2bspec.wiring.ast_reader import read_node_source
+from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.wiring.node_interface import InterfaceEntry, parse_interface_entry
+from r2bspec.wiring.node_start import NodeStart, read_node_start
 from r2bspec.wiring.parameter_files import ParameterFile, limited, read_parameter_file
 
 INTERFACES_FOLDER = "interfaces"
@@ -35,12 +36,14 @@ class CompanionFiles:
         interface_errors: why an interface file cannot be used, by the key of the node.
         parameter_files: by their paths in the spec.
         sources: interfaces read from Python files, by the text of ``python:``.
+        starts: how the nodes in Python files are started, likewise.
     """
 
     interfaces: Mapping[str, InterfaceEntry] = field(default_factory=dict)
     interface_errors: Mapping[str, str] = field(default_factory=dict)
     parameter_files: Mapping[str, ParameterFile] = field(default_factory=dict)
     sources: Mapping[str, InterfaceEntry] = field(default_factory=dict)
+    starts: Mapping[str, NodeStart] = field(default_factory=dict)
 
 
 NO_COMPANION_FILES = CompanionFiles()
@@ -61,20 +64,19 @@ def read_companion_files(spec: Spec, base_dir: Path) -> CompanionFiles:
     interfaces: dict[str, InterfaceEntry] = {}
     interface_errors: dict[str, str] = {}
     sources: dict[str, InterfaceEntry] = {}
+    starts: dict[str, NodeStart] = {}
     files: dict[str, ParameterFile] = {}
     named: Counter[str] = Counter()
     recorded = safe_file.is_folder(base_dir / INTERFACES_FOLDER)
     for key, node in _nodes(spec):
         if recorded:
             _read_interface(base_dir, key, interfaces, interface_errors)
-        if ":" in node.python and node.python not in sources:
-            found = _source(base_dir, node.python)
-            if found is not None:
-                sources[node.python] = found
+        if ":" in node.python and node.python not in starts:
+            _read_source(base_dir, node.python, sources, starts)
         named.update(set(node.parameter_files))
     for path, number_of_nodes in named.items():
         files[path] = limited(read_parameter_file(base_dir / path, base_dir), number_of_nodes)
-    return CompanionFiles(interfaces, interface_errors, files, sources)
+    return CompanionFiles(interfaces, interface_errors, files, sources, starts)
 
 
 def _nodes(spec: Spec) -> Iterator[tuple[str, Node]]:
@@ -100,6 +102,20 @@ def _read_interface(
         interface_errors[key] = str(error).partition("\n")[0] or type(error).__name__
 
 
-def _source(base_dir: Path, target: str) -> InterfaceEntry | None:
+def _read_source(
+    base_dir: Path,
+    target: str,
+    sources: dict[str, InterfaceEntry],
+    starts: dict[str, NodeStart],
+) -> None:
+    """Read what the source of ``./file.py:Class`` says of its interface and its start."""
     place, _, name = target.rpartition(":")
-    return read_node_source(base_dir / place, name, base_dir)
+    tree = read_python_file(base_dir / place, base_dir)
+    if tree is None:
+        return
+    interface = read_node_class(tree, name)
+    if interface is not None:
+        sources[target] = interface
+    start = read_node_start(tree, name)
+    if start is not None:
+        starts[target] = start

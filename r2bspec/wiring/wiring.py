@@ -10,8 +10,10 @@ from typing import Literal
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, ParameterValue, QoS
 from r2bspec.wiring.node_interface import Interface
+from r2bspec.wiring.node_start import KEYWORDS, NodeStart
 
 Phase = Literal["preprocess", "measure"]
+ProcessRole = Literal["host", "container", "command"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +26,7 @@ class NodeWiring:
         path: its place in the spec.
         is_ros_process: False for a command without settings that are specific to ROS.
         parameters: its parameters, merged from all files and values.
+        start: how a Python node is started.
     """
 
     key: str
@@ -34,6 +37,17 @@ class NodeWiring:
     interface: Interface
     is_ros_process: bool = True
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
+    start: NodeStart = KEYWORDS
+
+    @property
+    def role(self) -> ProcessRole | None:
+        """The role of its process, as in `NodeKind`; a function that is a program is a command."""
+        return "command" if self.start.style == "main" else self.node.kind.role
+
+    @property
+    def shares_process(self) -> bool:
+        """Whether it can run in one process with other nodes."""
+        return self.node.kind.shares_process and not self.start.needs_own_process
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,7 +36,7 @@ def _shared_process(context: Context, node: NodeWiring) -> str:
         return f"{node.path[0]}.{node.node.container}"
     shared = context.spec.graph.placement != "separate" and node.path[0] == "graph"
     kind = node.node.kind
-    return f" {kind.name}" if shared and kind.shares_process else ""
+    return f" {kind.name}" if shared and node.shares_process else ""
 
 
 RULE = Rule(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from r2bspec.check.installation_advice import ros_package_advice
 from r2bspec.check.installed_packages import ament_packages, ament_prefixes
 from r2bspec.check.rule_api import (
     Context,
     Finding,
     Findings,
     Path,
+    Pointer,
     Rule,
     did_you_mean,
     example,
@@ -19,23 +21,34 @@ from r2bspec.check.rule_api import (
 )
 from r2bspec.wiring.known_packages import catalogue_packages
 
+_MAX_RELATED = 5
+"""How many further places of a package a finding shows."""
+
 
 def _find(context: Context) -> Findings:
-    requested = list(_packages(context))
+    requested: dict[str, list[Path]] = {}
+    for path, package in _packages(context):
+        requested.setdefault(package, []).append(path)
     installed = ament_packages() if requested else set()
-    for path, package in requested:
+    for package, (first, *others) in requested.items():
         if package not in installed:
-            close = did_you_mean(package, installed | catalogue_packages())
             yield Finding(
                 message=f"ROS package {quote(package)} not found on this machine",
-                path=path,
-                help=f"did you mean {quote(close)}?"
-                if close
-                else "source the workspace that contains it (AMENT_PREFIX_PATH has "
-                f"{pluralize(len(ament_prefixes()), 'folder')})",
+                path=first,
+                help=_help(package, installed),
+                related=tuple(Pointer("also used here", path) for path in others[:_MAX_RELATED]),
                 machine_dependent=True,
-                suppresses={value_key(path)},
+                suppresses={value_key(path) for path in (first, *others)},
             )
+
+
+def _help(package: str, installed: set[str]) -> str:
+    known = catalogue_packages()
+    close = "" if package in known else did_you_mean(package, installed | known)
+    if close:
+        return f"did you mean {quote(close)}?"
+    prefixes = pluralize(len(ament_prefixes()), "folder")
+    return f"{ros_package_advice(package)} (AMENT_PREFIX_PATH has {prefixes})"
 
 
 def _packages(context: Context) -> Iterator[tuple[Path, str]]:

@@ -12,7 +12,7 @@ def _find(context: Context) -> Findings:
     colocated = [
         node.key
         for node in context.wiring.measure.nodes
-        if node.node.kind.role == "host" and not node.node.container
+        if node.role == "host" and node.shares_process and not node.node.container
     ]
     if colocated:
         yield Finding(

@@ -28,7 +28,7 @@ def _why_shared(context: Context, node: NodeWiring) -> str:
     if node.node.container:
         return f"the node runs in container {node.node.container}"
     placement = context.spec.graph.placement
-    shares = node.path[0] == "graph" and node.node.kind.shares_process
+    shares = node.path[0] == "graph" and node.shares_process
     if placement == "separate" or not shares:
         return ""
     return f"with 'placement: {placement}' the node shares a process"

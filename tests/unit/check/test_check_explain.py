@@ -73,3 +73,11 @@ def test_every_page_can_be_shown(code: str, capsys: pytest.CaptureFixture[str]) 
     said = capsys.readouterr().out
     assert code in said
     assert all(char.isprintable() or char == "\n" for char in said)
+
+
+@pytest.mark.parametrize("code", ["R2B999", "R2B299", "R2B658x9"])
+def test_a_code_that_is_not_near_any_other_has_no_suggestion(
+    code: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["explain", code]) == 2
+    assert "did you mean" not in capsys.readouterr().err

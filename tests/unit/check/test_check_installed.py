@@ -12,6 +12,7 @@ import pytest
 from check_specs import codes, findings
 
 from r2bspec.check.example_spec import example
+from r2bspec.check.installation_advice import ros_package_advice
 from r2bspec.check.installed_packages import find_module, package_executables, top_level_names
 from r2bspec.diagnostics import Certainty
 
@@ -160,3 +161,36 @@ def test_a_close_name_is_proposed(workspace: Path) -> None:
     del workspace
     (found,) = findings(node("package: detector, executable: detector_node"))
     assert found.help == "did you mean 'detectors'?"
+
+
+def test_a_package_of_the_distribution_is_named_as_ubuntu_has_it(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del workspace
+    monkeypatch.delenv("ROS_DISTRO", raising=False)
+    text = example(
+        graph="""
+            nodes:
+              one: {package: image_proc, plugin: "image_proc::RectifyNode"}
+              two: {package: image_proc, plugin: "image_proc::ResizeNode"}
+              three: {package: image_prok, executable: node}
+              four: {package: our_own, executable: node}
+        """
+    )
+    found = [each for each in findings(text) if each.code == "R2B622"]
+    assert [each.help.partition(" (")[0] for each in found] == [
+        "sudo apt install ros-jazzy-image-proc, or source the workspace that contains it",
+        "did you mean 'image_proc'?",
+        (
+            "source the workspace that contains it; if it is a released package: "
+            "sudo apt install ros-jazzy-our-own"
+        ),
+    ]
+    assert [each.message for each in found[0].related] == ["also used here"]
+
+
+def test_the_distribution_is_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DISTRO", "kilted")
+    assert "apt install ros-kilted-image-proc" in ros_package_advice("image_proc")
+    monkeypatch.setenv("ROS_DISTRO", "no; rm")
+    assert "apt install ros-jazzy-image-proc" in ros_package_advice("image_proc")

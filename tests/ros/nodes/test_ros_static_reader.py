@@ -1,0 +1,353 @@
+"""What is read from the source of a node is what the node has when it runs.
+
+Nodes are generated from the ways in which people write them, plain ones and roundabout ones. Each
+is really made, and read. What the reader is sure of must be true; it may be sure of nothing.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+pytest.importorskip("rclpy")
+
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from r2bspec.wiring.ast_reader import read_node_source
+from r2bspec.wiring.name_resolution import expand
+from r2bspec.wiring.node_interface import InterfaceEntry
+
+HEAD = """
+import contextlib
+import functools
+
+from rclpy.node import Node
+from std_msgs.msg import Bool, Int32
+from std_msgs.msg import String as Text
+try:
+    from std_msgs.msg import Float32 as Number
+except ImportError:
+    from std_msgs.msg import Float64 as Number
+
+
+def helper(function, *arguments):
+    return function(*arguments)
+
+
+def publisher_of(node, name):
+    return node.create_publisher(Bool, name, 10)
+
+
+def through_method(method, name):
+    return method.__self__.create_publisher(Bool, name, 10)
+
+
+class Outside:
+    def __init__(self, node):
+        self.node = node
+
+    def make(self, name):
+        self.node.create_publisher(Bool, name, 10)
+"""
+
+# Ways to make topics. NAME is a name that no other line uses, TYPE a message.
+TOPICS = (
+    "self.create_publisher(TYPE, 'NAME', 10)",
+    "self.pub_NAME = self.create_publisher(msg_type=TYPE, topic='NAME', qos_profile=5)",
+    "self.create_subscription(TYPE, 'NAME', self.tick, 10)",
+    "self.create_subscription(TYPE, 'NAME', lambda message: self.tick(message), 10)",
+    "self.create_subscription(TYPE, '~/NAME', self.tick, 10)",
+    "super().create_publisher(TYPE, 'NAME', 10)",
+    "super(N, self).create_subscription(TYPE, 'NAME', self.tick, 10)",
+    "mk = self.create_publisher; mk(TYPE, 'NAME', 10)",
+    "mk = self.create_subscription; mk(TYPE, 'NAME', self.tick, 10)",
+    "mk = functools.partial(self.create_publisher, TYPE, qos_profile=10); mk('NAME')",
+    "helper(self.create_publisher, TYPE, 'NAME', 10)",
+    "node = self; node.create_publisher(TYPE, 'NAME', 10)",
+    "(me := self).create_publisher(TYPE, 'NAME', 10)",
+    "[me] = [self]; me.create_publisher(TYPE, 'NAME', 10)",
+    "self.maker = self.create_publisher; self.maker(TYPE, 'NAME', 10)",
+    "self.me = self; self.me.create_publisher(TYPE, 'NAME', 10)",
+    "publisher_of(self, 'NAME')",
+    "publisher_of(name='NAME', node=self)",
+    "Outside(self).make('NAME')",
+    "through_method(self.tick, 'NAME')",
+    "self.tick.__self__.create_publisher(TYPE, 'NAME', 10)",
+    "getattr(self, 'create_' + 'publisher')(TYPE, 'NAME', 10)",
+    "locals()['self'].create_publisher(TYPE, 'NAME', 10)",
+    "Node.create_publisher(self, TYPE, 'NAME', 10)",
+    "type(self).create_publisher(self, TYPE, 'NAME', 10)",
+    "base = super(); base.create_publisher(TYPE, 'NAME', 10)",
+    "for each in ('NAMEa', 'NAMEb'): self.create_publisher(TYPE, each, 10)",
+    "for each in (): self.create_publisher(TYPE, 'NAME', 10)",
+    "[self.create_publisher(TYPE, each, 10) for each in ('NAMEa', 'NAMEb')]",
+    "[self.create_publisher(TYPE, 'NAME', 10) for each in ()]",
+    "kwargs.get('no') and self.create_publisher(TYPE, 'NAME', 10)",
+    "self.create_publisher(TYPE, 'NAME', 10) if kwargs.get('no') else None",
+    "if kwargs.get('no'): self.create_publisher(TYPE, 'NAME', 10)",
+    "if not kwargs.get('no'): return",
+    "if kwargs.get('no'): return",
+    "later = lambda: self.create_publisher(TYPE, 'NAME', 10)",
+    "def later(): self.create_publisher(TYPE, 'NAME', 10)",
+    "with contextlib.suppress(KeyError): {}['x']; self.create_publisher(TYPE, 'NAME', 10)",
+    "self.build('NAME')",
+    "self.never",
+    "name = 'NAME'; self.create_publisher(TYPE, name, 10)",
+    "self.create_publisher(*(TYPE, 'NAME', 10))",
+    "self.create_publisher(**{'msg_type': TYPE, 'topic': 'NAME', 'qos_profile': 10})",
+    "self.destroy_publisher(self.create_publisher(TYPE, 'NAME', 10))",
+    "gone = self.create_publisher(TYPE, 'NAME', 10); self.destroy_publisher(gone)",
+    "Text = Int32; self.create_publisher(Text, 'NAME', 10)",
+    "self.create_publisher(TYPE, 'same', 10)",
+    "self.create_timer(100.0, self.tick)",
+    "self.data = [1]; helper(len, self.data)",
+    "self.get_logger().debug('NAME')",
+)
+PARAMETERS = (
+    "self.declare_parameter('NAME', 1)",
+    "self.declare_parameter(name='NAME', value='x')",
+    "super().declare_parameter('NAME', 1.0)",
+    "declare = self.declare_parameter; declare('NAME', 1)",
+    "functools.partial(self.declare_parameter, value=1)('NAME')",
+    "helper(self.declare_parameter, 'NAME', 1)",
+    "node = self; node.declare_parameter('NAME', 1)",
+    "self.declare_parameters('', [('NAME', 1), ('NAME2', 2)])",
+    "for each in ('NAMEa', 'NAMEb'): self.declare_parameter(each, 1)",
+    "self.declare_parameter('NAME', 1); self.undeclare_parameter('NAME')",
+    "self.configure('NAME')",
+    "self.has_parameter('given') or self.declare_parameter('given', 0)",
+)
+BASE_CALLS = (
+    "super().__init__('n', **kwargs)",
+    "super(N, self).__init__('n', **kwargs)",
+    "Node.__init__(self, 'n', **kwargs)",
+    "super().__init__('n', automatically_declare_parameters_from_overrides=True, **kwargs)",
+    "super().__init__('n', automatically_declare_parameters_from_overrides=False, **kwargs)",
+    "super().__init__('n', allow_undeclared_parameters=True, **kwargs)",
+    (
+        "kwargs['automatically_declare_parameters_from_overrides'] = True; "
+        "super().__init__('n', **kwargs)"
+    ),
+    (
+        "more = dict(kwargs, automatically_declare_parameters_from_overrides=True); "
+        "super().__init__('n', **more)"
+    ),
+    "super().__init__('n', **{**kwargs, 'automatically_declare_parameters_from_overrides': True})",
+)
+CLASSES = (
+    "class N(Node):",
+    "class N(Node):\n    depth = 10",
+    (
+        "class N(Node):\n    def create_publisher(self, kind, name, qos, **more):\n"
+        "        return super().create_publisher(kind, 'x' + name, qos, **more)"
+    ),
+    (
+        "class N(Node):\n    create_publisher = lambda self, kind, name, qos, **more: "
+        "Node.create_publisher(self, kind, 'x' + name, qos, **more)"
+    ),
+    (
+        "class Above(Node):\n    def __init__(self, *a, **k):\n        super().__init__(*a, **k)\n"
+        "        self.create_publisher(Bool, 'above', 10)\n\n\nclass N(Above):"
+    ),
+    (
+        "class Mixin:\n    def create_publisher(self, kind, name, qos, **more):\n"
+        "        return super().create_publisher(kind, 'x' + name, qos, **more)\n\n\n"
+        "class N(Mixin, Node):"
+    ),
+    (
+        "def add_publisher(kind):\n    def make(**k):\n        node = kind(**k)\n"
+        "        publisher_of(node, 'added')\n        return node\n    return make\n\n\n"
+        "@add_publisher\nclass N(Node):"
+    ),
+)
+TAILS = (
+    "",
+    "Other = N",
+    (
+        "original = Node.create_publisher\n\n\ndef replaced(self, kind, name, qos, **more):\n"
+        "    return original(self, kind, 'x' + name, qos, **more)\n\n\n"
+        "N.create_publisher = replaced"
+    ),
+    (
+        "original = Node.create_publisher\n\n\ndef replaced(self, kind, name, qos, **more):\n"
+        "    return original(self, kind, 'x' + name, qos, **more)\n\n\n"
+        "setattr(N, 'create_publisher', replaced)"
+    ),
+    (
+        "class N(N):\n    def __init__(self, **kwargs):\n        super().__init__(**kwargs)\n"
+        "        self.create_publisher(Bool, 'more', 10)"
+    ),
+    "def main():\n    rclpy.init()\n    rclpy.spin(N())",
+)
+METHODS = """
+    def tick(self, message=None):
+        pass
+
+    def build(self, name):
+        self.create_publisher(Bool, name, 10)
+
+    def configure(self, name):
+        self.declare_parameter(name, 1)
+
+    @property
+    def never(self):
+        self.create_publisher(Bool, "property", 10)
+"""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file with a class N."""
+
+    text: str
+
+    def __repr__(self) -> str:
+        return self.text
+
+
+@st.composite
+def sources(draw: st.DrawFn) -> Source:
+    # Plain parts are frequent, so that the reader is often sure of something.
+    plain = st.sampled_from(TOPICS[:5]) | st.sampled_from(PARAMETERS[:2])
+    roundabout = st.sampled_from(TOPICS) | st.sampled_from(PARAMETERS)
+    lines = draw(st.lists(plain, max_size=3)) + draw(st.lists(roundabout, max_size=2))
+    lines = draw(st.permutations(lines))
+    types = st.sampled_from(["Bool", "Text", "Number"])
+    body = [
+        each.replace("NAME", f"t{index}").replace("TYPE", draw(types))
+        for index, each in enumerate(lines)
+    ]
+    constructor = [draw(st.just(BASE_CALLS[0]) | st.sampled_from(BASE_CALLS)), *body]
+    head = draw(st.just(CLASSES[0]) | st.sampled_from(CLASSES))
+    self_name = draw(st.sampled_from(["self"] * 9 + ["this"]))
+    init = [f"    def __init__({self_name}, **kwargs):"]
+    init += [f"        {each}".replace("self", self_name) for each in constructor]
+    methods = METHODS
+    if draw(st.integers(0, 4)) > 0:  # without these, more is certain
+        methods = METHODS.split("\n    def build")[0] + "\n"
+        used = "\n".join(body)
+        for name in ("build", "configure", "never"):
+            if f"self.{name}" in used:
+                methods = METHODS
+    tail = draw(st.just("") | st.sampled_from(TAILS))
+    return Source("\n".join([HEAD, "", head, *init, methods, "", tail, ""]))
+
+
+@pytest.fixture(scope="module")
+def context() -> Iterator[Context]:
+    with mock.patch.dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE="OFF"):
+        made = Context()
+        made.init()
+        yield made
+        made.try_shutdown()
+
+
+COMMON_PARAMETERS = {"use_sim_time", "start_type_description_service"}
+
+
+def make(file: Path, context: Context) -> Node:
+    """The node of a file, as the node host makes it."""
+    description = importlib.util.spec_from_file_location(file.stem, file)
+    assert description is not None
+    assert description.loader is not None
+    module = importlib.util.module_from_spec(description)
+    sys.modules[file.stem] = module
+    try:
+        description.loader.exec_module(module)
+        found = module.N(
+            context=context,
+            namespace="/r2b",
+            cli_args=["--ros-args", "-r", "__node:=n"],
+            use_global_arguments=False,
+            parameter_overrides=[Parameter("given", value=3)],  # type: ignore[no-untyped-call]
+        )
+    finally:
+        del sys.modules[file.stem]
+    assert isinstance(found, Node)
+    return found
+
+
+def topics(endpoints: Any) -> set[tuple[str, str]]:
+    """The topics and types of endpoints of a node, without those of every node."""
+    return {
+        (each.topic_name, f"std_msgs/msg/{each.msg_type.__name__}")
+        for each in endpoints
+        if each.topic_name not in {"/rosout", "/parameter_events"}
+    }
+
+
+def expected(read: Any) -> set[tuple[str, str]]:
+    return {(expand(name, "n", "/r2b"), kind) for name, kind in read.items()}
+
+
+def test_what_is_read_is_what_runs(context: Context, tmp_path: Path) -> None:
+    known: Counter[str] = Counter()
+    numbers = itertools.count(1)
+
+    @settings(max_examples=300, deadline=None, derandomize=True, database=None)
+    @given(source=sources())
+    def compare(source: Source) -> None:
+        file = tmp_path / f"generated_{next(numbers)}.py"
+        file.write_text(source.text, encoding="utf-8")
+        compile(source.text, file.name, "exec")
+        try:
+            node = make(file, context)
+        except Exception:
+            known["does not run"] += 1
+            return
+        known["runs"] += 1
+        try:
+            known.update(compared(read_node_source(file, "N"), node))
+        finally:
+            node.destroy_node()  # type: ignore[no-untyped-call]
+
+    compare()
+    # Nodes are made, and the reader is sure of many.
+    assert known["runs"] > 5 * known["does not run"], known
+    for part in ("publishes", "subscribes", "parameters"):
+        assert known[part] > known["runs"] / 5, known
+
+
+def compared(read: InterfaceEntry | None, node: Node) -> list[str]:
+    """The parts of an interface that are known, all of which are those of the node."""
+    known = []
+    if read is not None and read.publishes is not None:
+        known.append("publishes")
+        assert expected(read.publishes) == topics(node.publishers)
+    if read is not None and read.subscribes is not None:
+        known.append("subscribes")
+        assert expected(read.subscribes) == topics(node.subscriptions)
+    if read is not None and read.parameters is not None:
+        known.append("parameters")
+        names = set(node.list_parameters([], 0).names)
+        assert set(read.parameters) == names - COMMON_PARAMETERS
+    return known
+
+
+@pytest.mark.parametrize("line", [*TOPICS[:7], *PARAMETERS[:3]])
+def test_plain_ways_are_understood(line: str, tmp_path: Path) -> None:
+    text = line.replace("NAME", "t").replace("TYPE", "Bool")
+    methods = METHODS.split("\n    def build")[0]
+    code = [HEAD, "", CLASSES[0], "    def __init__(self, **kwargs):", f"        {BASE_CALLS[0]}"]
+    file = tmp_path / "nodes.py"
+    file.write_text("\n".join([*code, f"        {text}", methods]), encoding="utf-8")
+    read = read_node_source(file, "N")
+    assert read is not None
+    assert read.publishes is not None
+    assert read.subscribes is not None
+    assert read.parameters is not None
+    assert len(read.publishes) + len(read.subscribes) + len(read.parameters) == 1

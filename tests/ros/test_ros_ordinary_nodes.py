@@ -1,0 +1,123 @@
+"""Nodes as they are written for ``ros2 run`` run as they are."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_runs import Bench, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+# The first is the node of the tutorials; the second has defaults only; the third brings its main.
+NODES = """
+import rclpy
+from rclpy.executors import ExternalShutdownException
+
+
+class Brightness(Node):
+    def __init__(self):
+        super().__init__("brightness")
+        self.declare_parameter("gain", 1.0)
+        self.declare_parameter("label", "")
+        self.publisher = self.create_publisher(Image, "bright", 10)
+        self.create_subscription(Image, "image", self.on_image, 10)
+
+    def on_image(self, message):
+        assert self.get_parameter("gain").value == 2.5
+        assert self.get_parameter("label").value == 'a "quoted": 10'
+        self.publisher.publish(message)
+
+
+class Defaults(Node):
+    def __init__(self, node_name="something", depth=10):
+        super().__init__(node_name)
+        self.publisher = self.create_publisher(Image, "~/out", depth)
+        self.create_subscription(Image, "in", self.publisher.publish, depth)
+
+
+class Last(Node):
+    def __init__(self):
+        super().__init__("last")
+        self.publisher = self.create_publisher(Image, "out", 10)
+        self.create_subscription(Image, "in", self.publisher.publish, 10)
+
+
+def main(args=None):
+    rclpy.init(args=args)
+    try:
+        rclpy.spin(Last())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+
+
+class Ignores(Node):
+    def __init__(self, **kwargs):
+        super().__init__("ignores")
+
+
+if __name__ == "__main__":
+    raise SystemExit("it was run as a script")
+"""
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    found = Bench(tmp_path_factory.mktemp("ordinary"))
+    found.write_node("nodes.py", NODES)
+    return found
+
+
+def chain(placement: str) -> dict[str, Any]:
+    return relay_spec(
+        graph={
+            "placement": placement,
+            "nodes": {
+                "bright": {
+                    "python": "./nodes.py:Brightness",
+                    "remappings": {"image": "input", "bright": "first"},
+                    "parameters": {"gain": 2.5, "label": 'a "quoted": 10'},
+                },
+                "middle": {
+                    "python": "./nodes.py:Defaults",
+                    "namespace": "inner",
+                    "remappings": {"in": "/r2b/first", "~/out": "/r2b/second"},
+                },
+                "last": {
+                    "python": "./nodes.py:main",
+                    "publishes": {"out": "sensor_msgs/msg/Image"},
+                    "subscribes": {"in": "sensor_msgs/msg/Image"},
+                    "remappings": {"in": "second", "out": "output"},
+                },
+            },
+        }
+    )
+
+
+@pytest.mark.parametrize("placement", ["separate", "shared"])
+def test_nodes_without_keyword_arguments_run_in_processes_of_their_own(
+    bench: Bench, placement: str
+) -> None:
+    done = bench.run(chain(placement))
+    done.assert_complete()
+    assert {"bright", "middle", "last"} <= {each.name for each in done.run().record.processes}
+    text = json.dumps(done.result()["metrics"])
+    assert '"missed": 0' in text
+    assert '"received": 20' in text
+
+
+def test_a_constructor_that_swallows_its_arguments_is_named(bench: Bench) -> None:
+    spec = chain("separate")
+    spec["graph"]["nodes"] = {
+        "relay": {
+            "python": "./nodes.py:Ignores",
+            "publishes": {"output": "sensor_msgs/msg/Image"},
+            "subscribes": {"input": "sensor_msgs/msg/Image"},
+        }
+    }
+    done = bench.run(spec)
+    assert "node /r2b/relay has the name /ignores" in done.error
+    assert "Pass the **kwargs" in done.error

@@ -1,0 +1,175 @@
+"""How a node is started is read from its constructor, and never guessed."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from r2bspec.check import check
+from r2bspec.diagnostics import Diagnostic
+from r2bspec.language.load_spec import load_spec
+from r2bspec.plan.compile_plan import compile_plan
+from r2bspec.plan.plan import Plan
+from r2bspec.wiring.companion_files import read_companion_files
+from r2bspec.wiring.node_start import NodeStart, read_node_start
+
+CLASS = "from rclpy.node import Node\nclass N(Node):\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (CLASS + "    def __init__(self): ...", NodeStart("ros_arguments")),
+        (CLASS + "    def __init__(self, name='n', *, depth=1): ...", NodeStart("ros_arguments")),
+        (CLASS + "    def __init__(self, *args): ...", NodeStart("ros_arguments")),
+        (CLASS + "    def __init__(self, **kwargs): ...", NodeStart()),
+        (CLASS + "    def __init__(self, name, **k): ...", NodeStart("keywords", ("name",))),
+        (
+            CLASS + "    def __init__(self, name, /, a=1, *, b): ...",
+            NodeStart("ros_arguments", ("name", "b")),
+        ),
+        (
+            CLASS + "    def __init__(self, namespace, cli_args, use_global_arguments, "
+            "parameter_overrides): ...",
+            NodeStart(),
+        ),
+        ("class B:\n    def __init__(self): ...\nclass N(B): ...", NodeStart("ros_arguments")),
+        (CLASS + "    pass", None),
+        (CLASS + "    @wrap\n    def __init__(self): ...", None),
+        (CLASS + "    def __new__(cls): ...\n    def __init__(self): ...", None),
+        ("@wrap\n" + CLASS.splitlines()[1] + "\n    def __init__(self): ...", None),
+        (CLASS + "    def __init__(self): ...\nN = wrap(N)", None),
+        ("class N(N): ...", None),
+        ("from other import N", None),
+        ("def N(**kwargs): ...", NodeStart()),
+        ("def N(): return Node('n')", NodeStart("ros_arguments")),
+        ("def N():\n    rclpy.init()\n    rclpy.spin(Node('n'))", NodeStart("main")),
+        ("def N(args=None):\n    with rclpy.init(args=args):\n        return 0", NodeStart("main")),
+        ("def N():\n    rclpy.init()\n    return Node('n')", NodeStart("ros_arguments")),
+        ("def N(path):\n    rclpy.init()", NodeStart("main", ("path",))),
+    ],
+)
+def test_what_a_constructor_takes_decides(text: str, expected: NodeStart | None) -> None:
+    assert read_node_start(ast.parse(text), "N") == expected
+
+
+NODES = """
+import rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+
+class Plain(Node):
+    def __init__(self):
+        super().__init__("plain")
+        self.out = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "image", self.out.publish, 10)
+
+
+class Flexible(Node):
+    def __init__(self, **kwargs):
+        super().__init__("flexible", **kwargs)
+        self.out = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "image", self.out.publish, 10)
+
+
+class Demanding(Plain):
+    def __init__(self, camera, **kwargs):
+        super().__init__(**kwargs)
+
+
+def main():
+    rclpy.init()
+    rclpy.spin(Plain())
+"""
+SPEC = """
+r2bspec: 1
+name: example
+data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}
+playback: {inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}}
+containers: {box: {executable: python}}
+graph:
+  placement: PLACEMENT
+  nodes:
+    one: {python: "./nodes.py:ONE"KEYS}
+    two: {python: "./nodes.py:Flexible", remappings: {image: output, output: last}KEYS}
+monitors: {out: {topic: last, format: sensor_msgs/msg/Image}}
+benchmark: {rates: [30 Hz]}
+"""
+
+
+def spec(folder: Path, name: str, placement: str = "separate", keys: str = "") -> Path:
+    (folder / "nodes.py").write_text(NODES, encoding="utf-8")
+    file = folder / "spec.r2b.yaml"
+    text = SPEC.replace("ONE", name).replace("PLACEMENT", placement).replace("KEYS", keys)
+    if not keys:
+        text = text.replace("containers: {box: {executable: python}}\n", "")
+    if name == "main":
+        topics = ", subscribes: {image: sensor_msgs/msg/Image}"
+        topics += ", publishes: {output: sensor_msgs/msg/Image}"
+        text = text.replace(':main"', f':main"{topics}')
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def findings(file: Path) -> list[Diagnostic]:
+    return check(load_spec(file), offline=True)
+
+
+def plan(file: Path) -> Plan:
+    loaded = load_spec(file).spec
+    assert loaded is not None
+    return compile_plan(loaded, None, companion_files=read_companion_files(loaded, file.parent))
+
+
+def test_validate_says_how_a_node_without_keyword_arguments_starts(tmp_path: Path) -> None:
+    [found] = findings(spec(tmp_path, "Plain"))
+    assert (found.code, found.severity) == ("R2B230", "info")
+    assert found.message.startswith("one has a constructor without **kwargs: it starts in a ")
+    [found] = findings(spec(tmp_path, "Plain", "shared"))
+    assert "of its own, not one with 'placement: shared'," in found.message
+    [found] = findings(spec(tmp_path, "main"))
+    assert found.message.startswith("one initialises ROS itself")
+    assert findings(spec(tmp_path, "Flexible")) == []
+
+
+@pytest.mark.parametrize("placement", ["separate", "shared", "harness"])
+@pytest.mark.parametrize(("name", "role"), [("Plain", "host"), ("main", "command")])
+def test_such_a_node_has_a_process_of_its_own(
+    tmp_path: Path, name: str, role: str, placement: str
+) -> None:
+    [process] = [
+        each
+        for each in plan(spec(tmp_path, name, placement)).processes
+        if "one" in {node.node for node in each.nodes}
+    ]
+    assert (process.name, process.role) == ("one", role)
+    assert len(process.nodes) == 1
+
+
+def test_a_program_gets_its_arguments_on_the_command_line(tmp_path: Path) -> None:
+    [process] = [each for each in plan(spec(tmp_path, "main")).processes if each.name == "one"]
+    assert process.argv[3:] == (
+        *("r2bspec.harness.node_main", "./nodes.py:main"),
+        *("--ros-args", "-r", "__node:=one", "-r", "__ns:=/r2b"),
+    )
+
+
+def test_a_constructor_with_required_arguments_is_an_error(tmp_path: Path) -> None:
+    [found] = [each for each in findings(spec(tmp_path, "Demanding")) if each.code == "R2B231"]
+    assert found.severity == "error"
+    assert found.message == (
+        "Demanding cannot be called without 'camera', for which a run has no value"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "codes"), [("Plain", ["R2B232"]), ("main", ["R2B232"]), ("Flexible", [])]
+)
+def test_a_container_cannot_hold_it_with_others(
+    tmp_path: Path, name: str, codes: list[str]
+) -> None:
+    found = findings(spec(tmp_path, name, keys=", container: box"))
+    assert [each.code for each in found] == codes
