@@ -16,6 +16,7 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.default_starts import default_starts
 from r2bspec.language.node_kinds import NodeKind, kind_of
 from r2bspec.language.probe_length import PROBE
 from r2bspec.language.quantities import Duration, Rate, Share, Size
@@ -370,10 +371,12 @@ class Benchmark(_SpecStruct, frozen=True, kw_only=True):
     """What is played: `iterations` of `duration` at each of `rates`, and an optional search.
 
     `max_iterations` is their maximum number while a verdict is inconclusive; 0 means `iterations`.
+    `starts` is the number of starts as written; `Spec.starts` is the one that applies.
     """
 
-    duration: Duration = Duration(5 * 10**9)
-    iterations: int = 5
+    duration: Duration = Duration(2_500_000_000)
+    iterations: int = 10
+    starts: int | None = None
     max_iterations: int = 0
     rates: tuple[Rate, ...] = ()
     search: Search | None = None
@@ -432,3 +435,16 @@ class Spec(_SpecStruct, frozen=True, kw_only=True):
     def live(self) -> bool:
         """Whether nothing is played, because the graph has a source of its own."""
         return self.playback.mode == "live"
+
+    @property
+    def has_external_nodes(self) -> bool:
+        """Whether a node already runs, so that a run cannot restart it."""
+        nodes = (*self.preprocessors.values(), *self.graph.nodes.values())
+        return any(each.kind.role is None for each in nodes)
+
+    @property
+    def starts(self) -> int:
+        """How often all processes are started, each time for a part of the iterations."""
+        if self.has_external_nodes:
+            return 1
+        return self.benchmark.starts or default_starts(self.benchmark.iterations)

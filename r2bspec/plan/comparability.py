@@ -21,7 +21,7 @@ IGNORED_FIELDS: Final = frozenset(
 _LOAD_FIELDS: Final = frozenset(
     {
         *("dataset", "datasets", "playback_mode", "buffer", "inputs", "monitors", "play"),
-        *("play_at_peak", "timeline", "harness", "search", "warm_up_ns", "transport"),
+        *("play_at_peak", "timeline", "harness", "search", "warm_up_ns", "transport", "starts"),
     }
 )
 """Fields for the load on the graph, and for its monitoring."""
@@ -46,10 +46,10 @@ def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
 
 
 def single_run_plan(plan: Plan) -> Plan:
-    """The plan of one run of a pair: one iteration per rate, without a confirmation run.
+    """The plan of one run of a pair: one iteration per rate in one start, without a confirmation.
 
-    Pairs replace iterations. The peak search takes the most time, so it is included only if an
-    objective needs the peak.
+    Pairs replace iterations and starts: each run of a pair is a start of its own. The peak search
+    takes the most time, so it is included only if an objective needs the peak.
     """
     searched = any(_wants_peak(each) for each in plan.objectives.values())
     at_peak = plan.play_at_peak
@@ -57,6 +57,7 @@ def single_run_plan(plan: Plan) -> Plan:
         plan,
         play=tuple(_single_iteration(each) for each in plan.play),
         play_at_peak=_single_iteration(at_peak) if at_peak is not None else None,
+        starts=1,
         search=plan.search if searched else None,
         phases=tuple(each for each in plan.phases if searched or each != "search"),
         gate=msgspec.structs.replace(plan.gate, confirm=False, time_budget_ns=0),

@@ -100,6 +100,8 @@ def compile_plan(
         drain_timeout_ns=spec.benchmark.drain_timeout.ns,
         segment_bytes=0 if spec.segment is None else spec.segment.bytes,
         play_at_peak=play_at_peak,
+        # A search and probes of sustained rates alone are made in one start.
+        starts=spec.starts if play or play_at_peak else 1,
     )
 
 

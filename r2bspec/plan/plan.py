@@ -324,6 +324,8 @@ class Plan(_Value, frozen=True, kw_only=True):
         external: nodes that must already run.
         segment_bytes: the size of the shared memory segment in the spec; 0 derives it from the
             largest message.
+        starts: how often all processes are started, each time for a part of the iterations;
+            see `r2bspec.plan.start_groups`.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -361,3 +363,4 @@ class Plan(_Value, frozen=True, kw_only=True):
     drain_timeout_ns: int = 5 * 10**9
     segment_bytes: int = 0
     play_at_peak: PlayPlan | None = None
+    starts: int = 1

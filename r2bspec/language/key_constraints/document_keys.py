@@ -174,7 +174,7 @@ def _benchmark(root: TreeNode) -> Iterator[Diagnostic]:
     benchmark = child(root, "benchmark")
     if not isinstance(benchmark, MapNode):
         return
-    iterations = _number(benchmark, "iterations", 5)
+    iterations = _number(benchmark, "iterations", 10)
     max_iterations = _number(benchmark, "max_iterations", 0)
     if iterations is not None and max_iterations and max_iterations < iterations:
         message = (

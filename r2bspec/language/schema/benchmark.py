@@ -126,22 +126,35 @@ _RATES: Schema = {
 }
 
 BENCHMARK: Schema = record(
-    "What is played: 'iterations' iterations of 'duration' at each of 'rates', and a search if "
-    "there is one.",
+    "What is played: 'iterations' iterations of 'duration' at each of 'rates', in 'starts' starts "
+    "of all processes; and a search if there is one.",
     {
         "duration": quantity(
             Duration,
             "The duration of one iteration.",
-            default="5 s",
+            default="2.5 s",
             examples=["10 s"],
             positive=True,
         ),
         "iterations": integer(
-            "The number of iterations at each rate.", minimum=1, default=5, examples=[5, 10]
+            "The number of iterations at each rate, over all starts.",
+            minimum=1,
+            default=10,
+            examples=[10],
+        ),
+        "starts": integer(
+            "The number of starts: how often all processes are started afresh, each time for a "
+            "part of the iterations. A verdict is about the graph, and not about one start of it, "
+            "if there are several. Default: 5, but each start has at least two iterations; 1 for "
+            "graphs with external nodes, which cannot be restarted.",
+            minimum=1,
+            maximum=1000,
+            examples=[5, 1],
         ),
         "max_iterations": integer(
             "The maximum number of iterations at each rate, played while a verdict is inconclusive "
-            "after 'iterations'; 0 means no additional ones.",
+            "after 'iterations', in further starts if there are several; 0 means no additional "
+            "ones.",
             minimum=0,
             default=0,
             examples=[20],

@@ -52,7 +52,8 @@ def test_options_change_the_plan_and_the_difference_shows_it(
     assert main(["plan", str(RELAY), *options, "--diff", str(RELAY)]) == 1
     assert capsys.readouterr().out.splitlines() == [
         "processes.relay.nodes['/r2b/relay'].parameters.service_time_ms: 10.0 -> 20.0",
-        "play['50.0'].iterations: 5 -> 3",
+        "play['50.0'].iterations: 10 -> 3",
+        "starts: 5 -> 1",
     ]
 
 

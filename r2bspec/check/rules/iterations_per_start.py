@@ -1,0 +1,36 @@
+"""Starts with fewer than two iterations each."""
+
+from __future__ import annotations
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, pluralize
+from r2bspec.language.default_starts import MIN_ITERATIONS, default_starts
+
+
+def _find(context: Context) -> Findings:
+    benchmark = context.spec.benchmark
+    starts = benchmark.starts or 1
+    if starts == 1 or benchmark.iterations >= MIN_ITERATIONS * starts:
+        return
+    fitting = default_starts(benchmark.iterations)
+    fewer = f"'starts' to {fitting}, or " if fitting > 1 else ""
+    yield Finding(
+        message=f"{starts} starts need at least {MIN_ITERATIONS * starts} iterations, two each: "
+        f"there {'is' if benchmark.iterations == 1 else 'are'} "
+        f"{pluralize(benchmark.iterations, 'iteration')}",
+        path=("benchmark", "starts"),
+        help=f"set {fewer}'iterations' to {MIN_ITERATIONS * starts} or more; with 'starts: 1' the "
+        "verdict is about one start of the processes",
+        related=(Pointer(f"'iterations' is {benchmark.iterations}", ("benchmark", "iterations")),),
+    )
+
+
+RULE = Rule(
+    code="R2B530",
+    title="too few iterations for the number of starts",
+    severity="error",
+    why="Starts of the same processes differ, and so do the iterations of one start. With one "
+    "iteration in each start, a verdict could not tell how much of the difference is the start's.",
+    failing=example(benchmark="{iterations: 4, starts: 5, rates: [30 Hz]}"),
+    passing=example(benchmark="{iterations: 10, starts: 5, rates: [30 Hz]}"),
+    find=_find,
+)
