@@ -27,7 +27,7 @@ _RESULT = click.Path(path_type=Path)
     show_default=True,
     help="Differences up to this share count as none.",
 )
-@click.option("--force", is_flag=True, help="Compare even if plan, data or machine differ.")
+@click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
 @click.option(
     "--format",
     "output_format",

@@ -71,7 +71,8 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     if verdict.outcome in {"invalid", "incomplete"}:
         case.result = [Error(printable_lines(verdict.reason), verdict.outcome)]
     texts = [
-        printable_lines(note) for note in (*comparison(report_input.result), *notes(report_input.result))
+        printable_lines(note)
+        for note in (*comparison(report_input.result), *notes(report_input.result))
     ]
     if texts:
         case.system_out = "\n".join(texts)
