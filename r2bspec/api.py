@@ -102,15 +102,30 @@ PrepareBase = Callable[["BaseReference"], PreparedBenchmark]
 """Prepares the base of a comparison, if it differs from the head in more than the environment."""
 
 
-def load(path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None) -> Spec:
-    """Load a spec.
+def load(
+    path: Path | str,
+    *,
+    sets: Sequence[str] = (),
+    variables: Variables | None = None,
+    case: str = "",
+    allow_paths: Iterable[Path] = (),
+    untrusted: UntrustedSpecs | None = None,
+) -> Spec:
+    """Load a spec; the arguments are those of `prepare`.
 
     Raises:
         InvalidSpecError: it is not valid; see its `diagnostics`.
     """
     from r2bspec.language.load_spec import load_spec
 
-    loaded = load_spec(Path(path), sets=sets, variables=variables)
+    loaded = load_spec(
+        Path(path),
+        sets=sets,
+        variables=variables,
+        case=case,
+        allow_paths=allow_paths,
+        untrusted=untrusted,
+    )
     if loaded.spec is None:
         raise InvalidSpecError(loaded, loaded.diagnostics)
     return loaded.spec

@@ -22,10 +22,11 @@ if TYPE_CHECKING:
 @click.command("calibrate")
 @click.argument("spec", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
-    "--runs",
-    type=click.IntRange(min=6),
-    help="The number of runs; two make a pair.  [default: 20]",
+    "--pairs",
+    type=click.IntRange(min=3),
+    help="The number of pairs of runs.  [default: 10]",
 )
+@click.option("--runs", type=click.IntRange(min=6), hidden=True, help="Twice --pairs.")
 @click.option(
     "--from",
     "source",
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
 def command(
     spec: Path,
+    pairs: int | None,
     runs: int | None,
     source: Path | None,
     output: Path | None,
@@ -59,31 +61,35 @@ def command(
     """
     if spec.suffix == ".json":
         raise click.UsageError("limits cannot be proposed for a plan: give the spec")
-    if source is not None and (runs is not None or output is not None):
-        raise click.UsageError("--from cannot be combined with --runs or --output: it runs nothing")
+    if runs is not None:
+        pairs = math.ceil(runs / 2)
+    if source is not None and (pairs is not None or output is not None):
+        raise click.UsageError(
+            "--from cannot be combined with --pairs or --output: it runs nothing"
+        )
     from r2bspec.compare.calibration import compute_calibration, store_calibration
     from r2bspec.record.comparison_folder import open_comparison
 
     selection = SpecSelection(spec, *values)
     prepared = prepare_and_report(selection)
-    folder = source or _run(prepared, runs or 20, output, quiet=quiet)
-    pairs = open_comparison(folder)
-    _require_same_graph(prepared, pairs, folder)
-    found = compute_calibration(pairs)
-    path = store_calibration(spec, pairs, found)
-    _show(found, prepared.plan.name, pairs)
+    folder = source or _run(prepared, pairs or 10, output, quiet=quiet)
+    compared = open_comparison(folder)
+    _require_same_graph(prepared, compared, folder)
+    found = compute_calibration(compared)
+    path = store_calibration(spec, compared, found)
+    _show(found, prepared.plan.name, compared)
     echo(f"stored in {path}", err=True)
     _propose(selection, prepared, found, write=write)
     return ExitStatus.OK
 
 
-def _run(prepared: PreparedBenchmark, runs: int, output: Path | None, *, quiet: bool) -> Path:
+def _run(prepared: PreparedBenchmark, pairs: int, output: Path | None, *, quiet: bool) -> Path:
     from r2bspec import api
     from r2bspec.report.progress_display import shown_progress
 
     folder = output or api.default_run_folder(f"{prepared.plan.name}-pairs")
     with shown_progress(quiet=quiet) as progress:
-        api.calibrate(prepared, folder, progress, pairs=math.ceil(runs / 2))
+        api.calibrate(prepared, folder, progress, pairs=pairs)
     return folder
 
 

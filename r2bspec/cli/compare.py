@@ -7,7 +7,9 @@ from pathlib import Path
 
 import click
 
+from r2bspec.cli.quantity_options import share
 from r2bspec.exit_status import ExitStatus
+from r2bspec.language.quantities import Share
 from r2bspec.report.output import echo_document
 
 FORMATS = ("text", "json", "markdown", "html", "csv", "github")
@@ -20,13 +22,12 @@ _RESULT = click.Path(path_type=Path)
 @click.argument("heads", type=_RESULT, nargs=-1, required=True, metavar="HEAD...")
 @click.option(
     "--margin",
-    type=click.FloatRange(0, 100, min_open=True),
-    default=5.0,
+    type=share("0.001 %", "100 %"),
+    default="5 %",
     show_default=True,
-    metavar="PERCENT",
-    help="Differences up to this percentage count as none.",
+    help="Differences up to this share count as none.",
 )
-@click.option("--force", is_flag=True, help="Compare even if plan, data or machine differ.")
+@click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
 @click.option(
     "--format",
     "output_format",
@@ -36,7 +37,7 @@ _RESULT = click.Path(path_type=Path)
     help="The output format.",
 )
 def command(
-    base: Path, heads: tuple[Path, ...], margin: float, force: bool, output_format: str
+    base: Path, heads: tuple[Path, ...], margin: Share, force: bool, output_format: str
 ) -> int:
     """Compare each HEAD with BASE, metric by metric.
 
@@ -50,7 +51,7 @@ def command(
 
     first = read_compared_result(base)
     found = [
-        compare(first, read_compared_result(head), margin=margin / 100, force=force)
+        compare(first, read_compared_result(head), margin=margin.fraction, force=force)
         for head in heads
     ]
     width = shutil.get_terminal_size((100, 24)).columns

@@ -162,20 +162,17 @@ def info(bag: str, output: str) -> None:
 
 
 @command.command(epilog=f"Exit status {ExitStatus.FINDINGS_OR_FAILED} if something is wrong.")
-@click.argument("path", type=click.Path(path_type=Path))
+@click.argument("bag")
 @_format_option
 @click.pass_context
-def verify(context: click.Context, path: Path, output: str) -> None:
-    """Read the whole bag at PATH and check its metadata."""
-    from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
+def verify(context: click.Context, bag: str, output: str) -> None:
+    """Read the whole BAG (a path, or the name of a dataset) and check its metadata.
+
+    A synthetic dataset that is not in the cache is created first.
+    """
     from r2bspec.bags.verification import verify as verify_bag
 
-    if not os.path.exists(path):  # noqa: PTH110 - a name may be too long
-        raise DataError(
-            f"{path} does not exist",
-            code=BAG_NOT_FOUND,
-            hint="Give a bag folder or a storage file.",
-        )
+    path = _bag_on_disk(bag)
     problems = verify_bag(path)
     if output == "json":
         _print_json({"path": str(path), "problems": problems})
@@ -185,6 +182,24 @@ def verify(context: click.Context, path: Path, output: str) -> None:
         if not problems:
             echo(f"{path} is consistent")
     context.exit(ExitStatus.FINDINGS_OR_FAILED if problems else ExitStatus.OK)
+
+
+def _bag_on_disk(bag: str) -> Path:
+    """The place of a bag or a dataset; a synthetic one is created.
+
+    Raises:
+        DataError: there is neither.
+    """
+    if os.path.exists(bag):  # noqa: PTH110 - a name may be too long
+        return Path(bag)
+    from r2bspec.datasets.locate_bag import locate
+    from r2bspec.datasets.synthesis import make as make_dataset
+
+    location = locate(bag, Path.cwd())
+    if location.path is not None:
+        return location.path
+    with _progress_bar(f"creating {bag}") as progress:
+        return make_dataset(bag, progress=progress).path
 
 
 def _window(text: str | None, start_ns: int | None, end_ns: int | None) -> Window | None:

@@ -25,9 +25,16 @@ _WIDTH = 88
 @click.command("explain")
 @click.argument("code", required=False)
 def command(code: str | None) -> int:
-    """Explain the diagnostic CODE, such as R2B101 or unknown-key; without CODE, list all."""
-    from r2bspec.check.pages import all_pages
+    """Explain the diagnostic CODE, such as R2B101 or unknown-key; without CODE, list all.
 
+    CODE may also be a metric, such as latency.p99; 'r2bspec metrics' lists them.
+    """
+    from r2bspec.check.pages import all_pages
+    from r2bspec.cli.metrics import explain_metric
+
+    if code is not None and (metric := explain_metric(code)):
+        echo("\n".join(metric))
+        return ExitStatus.OK
     pages = all_pages()
     lines = _list(pages) if code is None else _explain(_find(code, pages))
     echo("\n".join(lines), styled=True)
@@ -50,9 +57,14 @@ def _find(code: str, pages: Mapping[str, Page]) -> Page:
     from r2bspec.diagnostics import did_you_mean
 
     close = _near(number, pages) if number[3:].isdigit() else did_you_mean(slug, by_slug)
+    if not close and "." in code:
+        from r2bspec.measure.metric_catalogue import names
+
+        close = did_you_mean(code, names())
     raise UsageError(
         f"unknown code {code!r}",
-        hint=f"did you mean {close}? " * bool(close) + "'r2bspec explain' lists all codes",
+        hint=f"did you mean {close}? " * bool(close)
+        + "'r2bspec explain' lists all codes, 'r2bspec metrics' all metrics",
     )
 
 

@@ -18,6 +18,7 @@ USER_HISTORY = "user"
 """The name of the user's own history."""
 
 _file_option = click.option(
+    "--history",
     "--file",
     "file",
     default=USER_HISTORY,

@@ -7,8 +7,10 @@ from typing import Any
 
 import click
 
-from r2bspec.cli.shared_options import parse_variables, sets_option, variables_option
+from r2bspec.cli.quantity_options import duration
+from r2bspec.cli.shared_options import SpecValues, spec_options
 from r2bspec.exit_status import ExitStatus
+from r2bspec.language.quantities import Duration
 from r2bspec.report.output import echo
 
 _HEAD = (
@@ -26,21 +28,17 @@ _HEAD = (
 )
 @click.option(
     "--timeout",
-    "timeout_s",
-    type=click.FloatRange(1.0, 600.0),
-    default=20.0,
+    type=duration("1 s", "10 min"),
+    default="20 s",
     show_default=True,
-    metavar="SECONDS",
     help="The longest time for a node to appear.",
 )
-@sets_option
-@variables_option
+@spec_options
 def command(
     spec: Path,
     only: tuple[str, ...],
-    timeout_s: float,
-    sets: tuple[str, ...],
-    variables: tuple[str, ...],
+    timeout: Duration,
+    values: SpecValues,
 ) -> int:
     """Start each node of SPEC once, on real ROS 2, and record its interface.
 
@@ -52,7 +50,7 @@ def command(
     from r2bspec.diagnostics import did_you_mean
     from r2bspec.introspect.record_interfaces import record_interfaces
 
-    loaded = load(spec, sets=sets, variables=parse_variables(variables))
+    loaded = load(spec, **values._asdict())
     known = {**loaded.preprocessors, **loaded.graph.nodes}
     for each in only:
         if each not in known:
@@ -64,7 +62,7 @@ def command(
         loaded,
         spec.parent,
         only=only,
-        timeout_s=timeout_s,
+        timeout_s=timeout.seconds,
         on_node=lambda name: echo(f"starting {name}", err=True),
     ):
         if found.interface is None:

@@ -28,6 +28,7 @@ _VERBS = {
     "init": "Create a commented spec to start from.",
     "validate": "Check specs without running anything.",
     "explain": "Explain a diagnostic code, or list all codes.",
+    "metrics": "List the metrics that requirements can name.",
     "interfaces": "Start each node once and record its interface.",
     "plan": "Show the plan of a run, as JSON or as a diagram.",
     "run": "Run a benchmark on real ROS 2 and judge it by its SLOs.",

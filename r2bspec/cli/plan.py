@@ -79,6 +79,9 @@ def command(
         _write("".join(f"{each}\n" for each in differences).encode(), output)
         return ExitStatus.FINDINGS_OR_FAILED if differences else ExitStatus.OK
     _write(_render(plan, graph), output, is_json=graph is None)
+    from r2bspec.plan.time_estimate import estimate_time
+
+    echo(f"a run takes {estimate_time(plan).text()}", err=True)
     return ExitStatus.OK
 
 

@@ -18,7 +18,7 @@ sets_option = click.option(
     "sets",
     multiple=True,
     metavar="PATH=VALUE",
-    help="Replace a value of the spec, such as benchmark.iterations=3; may be repeated.",
+    help="Set a value of the spec, such as benchmark.iterations=3; may be repeated.",
 )
 
 variables_option = click.option(

@@ -41,6 +41,10 @@ if TYPE_CHECKING:
 )
 @click.option("--fix", is_flag=True, help="Apply safe fixes to the files.")
 @click.option("--diff", is_flag=True, help="Show the changes of --fix without writing them.")
+@click.option("--strict", is_flag=True, help="Warnings fail, too.")
+@click.option(
+    "--quiet", "-q", is_flag=True, help="Print nothing but findings: no summary at the end."
+)
 def command(
     paths: tuple[str, ...],
     output_format: str,
@@ -49,6 +53,8 @@ def command(
     offline: bool,
     fix: bool,
     diff: bool,
+    strict: bool,
+    quiet: bool,
 ) -> int:
     """Check specs and report problems.
 
@@ -69,15 +75,18 @@ def command(
         if diff:
             return ExitStatus.FINDINGS_OR_FAILED if changes else ExitStatus.OK
     checked = list(check_files(files, check_options))
-    failed = any(one.severity == "error" for each in checked for one in each.findings)
+    failing = {"error", "warning"} if strict else {"error"}
+    failed = any(one.severity in failing for each in checked for one in each.findings)
     if resolved and not failed:
         _print_resolved(checked)
     else:
-        _print_findings(checked, output_format, offline=offline)
+        _print_findings(checked, output_format, offline=offline, quiet=quiet)
     return ExitStatus.FINDINGS_OR_FAILED if failed else ExitStatus.OK
 
 
-def _print_findings(checked: list[FileReport], output_format: str, *, offline: bool) -> None:
+def _print_findings(
+    checked: list[FileReport], output_format: str, *, offline: bool, quiet: bool
+) -> None:
     from r2bspec.report.findings import finding_formats
     from r2bspec.report.findings.print_findings import wants_colour
 
@@ -90,7 +99,7 @@ def _print_findings(checked: list[FileReport], output_format: str, *, offline: b
         echo_document(shown, nl=False)
     else:
         echo(shown, nl=False, styled=colour, commands=output_format == "github")
-    if output_format not in finding_formats.DOCUMENT_FORMATS:
+    if not quiet and output_format not in finding_formats.DOCUMENT_FORMATS:
         echo(_summary(checked, found, offline=offline))
 
 

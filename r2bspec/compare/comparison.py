@@ -55,7 +55,8 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     """One result compared with the base.
 
     Attributes:
-        differences: in plan, data or machine; not empty only with ``--force``.
+        differences: in plan, data or machine, a line each; those in load, data or machine occur
+            only with ``--force``.
     """
 
     r2bspec_comparison: Literal[1] = 1

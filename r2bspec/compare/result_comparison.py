@@ -24,7 +24,7 @@ from r2bspec.compare.errors import IncomparableError
 from r2bspec.judge.statistics.welch_t import welch_ratio
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.units import show
-from r2bspec.plan.comparability import graph_differences
+from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
 from r2bspec.record.machine_fingerprint import MACHINE_FACTS
 
@@ -33,6 +33,8 @@ SHARE_MARGIN = 0.005
 
 _BIGGER_IS_BETTER = ("throughput.mean", "peak.rate")
 _MAX_DIFFERENCES = 12
+_COMPARED_BY_RATE = frozenset({"play", "play_at_peak", "search", "monitors"})
+"""Fields of a load that may differ: only metrics at the same rate and monitor are compared."""
 
 
 def compare(
@@ -44,13 +46,13 @@ def compare(
         base: to compare with.
         head: to be compared.
         margin: a ratio nearer to 1 than this counts as the same; 0.05 is 5 %.
-        force: compare even with differences in plan, data or machine.
+        force: compare even with differences in load, data or machine.
 
     Raises:
-        IncomparableError: plan, data or machine differ, or they have no metric in common.
+        IncomparableError: load, data or machine differ, or they have no metric in common.
     """
     differences = tuple(differences_of(base, head))
-    if differences and not force:
+    if not force and any(_blocking_differences(base, head)):
         raise IncomparableError(
             f"{base.side.source} and {head.side.source} are not comparable:\n"
             + "\n".join(f"  {each}" for each in differences),
@@ -66,6 +68,24 @@ def compare(
     )
 
 
+def _blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterator[object]:
+    """The differences for which a ratio says nothing about the graphs.
+
+    Graphs that differ are what one compares. Of reports of another tool, plan, data and machine are
+    unknown anyway; the comparison says so.
+    """
+    if "r2bspec" not in {base.tool, head.tool} or base.tool != head.tool:
+        return
+    if base.plan is not None and head.plan is not None:
+        yield from (
+            each
+            for each in load_differences(base.plan, head.plan)
+            if each.path != ("dataset", "sha256") and each.path[0] not in _COMPARED_BY_RATE
+        )
+    yield from _data_difference(base, head)
+    yield from _machine_differences(base, head)
+
+
 def differences_of(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
     """The differences of two results in tool, plan, data and machine, a line each."""
     if base.tool != head.tool:
@@ -79,8 +99,16 @@ def differences_of(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
             f"plan: {base.plan_hash or 'unknown'} -> {head.plan_hash or 'unknown'} "
             "(compare run folders to see the differences)"
         )
+    yield from _data_difference(base, head)
+    yield from _machine_differences(base, head)
+
+
+def _data_difference(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
     if base.dataset != head.dataset:
         yield f"data: {base.dataset or 'unknown'} -> {head.dataset or 'unknown'}"
+
+
+def _machine_differences(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
     for key in MACHINE_FACTS:
         before, after = ((side.machine or {}).get(key) or None for side in (base, head))
         # That reports of another tool lack these facts has been stated already.
@@ -92,7 +120,7 @@ def _plan_differences(base: Plan, head: Plan) -> Iterator[str]:
     found = graph_differences(base, head)
     # The data have a line of their own.
     found = [each for each in found if each.path != ("dataset", "sha256")]
-    yield from (f"plan, {each}" for each in found[:_MAX_DIFFERENCES])
+    yield from (f"plan, {brief_difference(each)}" for each in found[:_MAX_DIFFERENCES])
     if len(found) > _MAX_DIFFERENCES:
         yield f"plan: {len(found) - _MAX_DIFFERENCES} more differences"
 

@@ -13,6 +13,11 @@ def printable(text: str) -> str:
     return "".join(char if char.isprintable() else "\ufffd" for char in text)
 
 
+def printable_lines(text: str) -> str:
+    """The same, but line breaks stay: for formats that have several lines in a value."""
+    return "\n".join(map(printable, text.splitlines()))
+
+
 def clip(text: str, max_length: int = MAX_SHOWN_CHARS) -> str:
     """The text on one line, truncated to `max_length` characters."""
     short = text[: max_length + 1]

@@ -13,7 +13,9 @@ from dataclasses import dataclass, field, replace
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.diagnostic_collector import DiagnosticCollector
+from r2bspec.language.extend.extended_files import KEY as EXTENDS
 from r2bspec.language.located_tree import (
+    Entry,
     ListNode,
     MapNode,
     ScalarNode,
@@ -23,6 +25,7 @@ from r2bspec.language.located_tree import (
     lookup,
     replace_at,
 )
+from r2bspec.language.schema_validator import schema_at
 from r2bspec.language.source_text import Source, read_text
 from r2bspec.language.substitution import parse_unquoted
 from r2bspec.language.variable_declarations import is_declared_text, with_variable
@@ -82,19 +85,66 @@ def _apply_set(result: OverrideResult, text: str) -> None:
             "for example: --set benchmark.iterations=3",
         )
         return
-    node = result.tree
+    node: TreeNode | None = result.tree
     for depth, part in enumerate(option.path):
-        below = child(node, part)
-        if below is None:
+        below = child(node, part) if node is not None else None
+        if below is None and not _can_add(node, option.path[: depth + 1]):
             start = option.offsets[depth]
             wrong = format_path(option.path[: depth + 1])
             span = option.span(start, start + len(str(part)))
             message = f"the document has no '{wrong}' to replace"
-            result.problems.error("R2B127", message, span, _path_suggestion(node, part))
+            help_text = _path_suggestion(node, option.path[: depth + 1])
+            result.problems.error("R2B127", message, span, help_text)
             return
         node = below
     value = _value(result, option)
-    result.tree = replace_at(result.tree, option.path, value)
+    result.tree = _with_value(result.tree, option, 0, value)
+
+
+def _can_add(node: TreeNode | None, path: Path) -> bool:
+    """Whether a value that the document lacks can be set: a key of the language.
+
+    A name that the user chooses, such as that of a node, is added only where its value has no keys
+    of its own, as a parameter has none: a misspelt node must not become a second one.
+
+    Args:
+        node: the parent; None if the document lacks it, too.
+        path: of the value.
+    """
+    if not (node is None or isinstance(node, MapNode) or _is_empty(node)):
+        return False
+    key = path[-1]
+    if not isinstance(key, str) or key == EXTENDS:
+        return False
+    parent = schema_at(path[:-1])
+    if parent is None or "object" not in parent.get("type", ""):
+        return False
+    if key in parent.get("properties", {}):
+        return True
+    named = parent.get("additionalProperties", "properties" not in parent)
+    if isinstance(named, dict):
+        return "properties" not in named
+    return bool(named)
+
+
+def _is_empty(node: TreeNode) -> bool:
+    """Whether it is a key without a value, as in ``benchmark:``."""
+    return isinstance(node, ScalarNode) and node.value is None
+
+
+def _with_value(root: TreeNode | None, option: _Option, depth: int, value: TreeNode) -> TreeNode:
+    """The tree with the value at the option's path, and the maps above it that were missing."""
+    if depth == len(option.path):
+        return value
+    part = option.path[depth]
+    below = child(root, part) if root is not None else None
+    changed = _with_value(below, option, depth + 1, value)
+    if root is not None and below is not None:
+        return replace_at(root, (part,), changed)
+    span = option.span(option.offsets[depth], option.offsets[depth] + len(str(part)))
+    entries = root.entries if isinstance(root, MapNode) else {}
+    place = root.span if isinstance(root, MapNode) else span
+    return MapNode({**entries, str(part): Entry(span, changed)}, place)
 
 
 def _apply_variable(result: OverrideResult, name: str, text: str) -> None:
@@ -169,11 +219,16 @@ def _value(result: OverrideResult, option: _Option) -> TreeNode:
     return composed.tree or UnknownNode(span)
 
 
-def _path_suggestion(node: TreeNode, part: str | int) -> str:
-    if isinstance(node, MapNode) and node.entries:
-        close = did_you_mean(str(part), node.entries)
-        known = "known keys: " + ", ".join(list(node.entries)[:12])
-        return f"did you mean '{close}'? {known}" if close else known
+def _path_suggestion(node: TreeNode | None, path: Path) -> str:
+    """What to write instead of the last part of a path."""
     if isinstance(node, ListNode):
         return f"the list has {len(node.items)} items, the first is [0]"
-    return "--set can only replace values that the document has"
+    parent = schema_at(path[:-1]) or {}
+    written = list(node.entries) if isinstance(node, MapNode) else []
+    of_language = parent.get("properties", ()) if node is None or written else ()
+    keys = list(dict.fromkeys([*written, *of_language]))
+    if keys:
+        close = did_you_mean(str(path[-1]), keys)
+        known = "known keys: " + ", ".join(keys[:12])
+        return f"did you mean '{close}'? {known}" if close else known
+    return "--set can only replace values that the document has, or set keys of the language"

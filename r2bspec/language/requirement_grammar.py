@@ -32,6 +32,7 @@ Operator = Literal["<", "<=", ">", ">=", "==", "!="]
 _WORD = "[A-Za-z][A-Za-z0-9_]*"
 _METRIC = re.compile(rf"\s*(?P<metric>{_WORD}(?:\.{_WORD})*)")
 _OPERATOR = re.compile(r"\s*(?P<op><=|>=|==|!=|<|>)")
+_DECIMALS = re.compile(r"\.(\d{1,4})\b")
 _MAX_LENGTH = 300
 _OPERATOR_TYPOS = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}
 _RELATIVE_BOUND = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
@@ -170,6 +171,7 @@ def parse_requirement(text: str) -> Requirement:
     compared = _OPERATOR.match(text, found.end())
     if compared is None:
         column = _next_token_column(text, found.end())
+        _check_decimal_percentile(text, metric, found)
         meant = next(
             (op for other, op in _OPERATOR_TYPOS.items() if text.startswith(other, column)), "<"
         )
@@ -193,6 +195,24 @@ def parse_requirement(text: str) -> Requirement:
         windows_share=share,
         window_ns=window_ns,
         windows_column=windows.start() + 1 if windows is not None else 0,
+    )
+
+
+def _check_decimal_percentile(text: str, metric: str, found: re.Match[str]) -> None:
+    """Point out how a percentile with decimals is written.
+
+    Raises:
+        RequirementError: the metric goes on with a decimal point, as in ``latency.p99.9``.
+    """
+    decimals = _DECIMALS.match(text, found.end())
+    name = metric.rpartition(".")[2]
+    if decimals is None or not re.fullmatch(r"p\d{1,2}", name):
+        return
+    meant = f"{metric}_{decimals[1]}"
+    raise RequirementError(
+        f"a percentile with decimals is written with an underscore: {name}_{decimals[1]}",
+        found.end() - len(name),
+        meant + text[decimals.end() :],
     )
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterator
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
+from r2bspec.diagnostics.diagnostic import format_path
+from r2bspec.diagnostics.quote import clip
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
-from r2bspec.plan.plan_diff import PlanDifference, diff_plans
+from r2bspec.plan.plan_diff import ABSENT, PlanDifference, diff_plans
 
 IGNORED_FIELDS: Final = frozenset(
     {"objectives", "title", "description", "labels", "generator", "name", "gate"}
@@ -25,6 +28,9 @@ _LOAD_FIELDS: Final = frozenset(
     }
 )
 """Fields for the load on the graph, and for its monitoring."""
+
+_MAX_PATH, _MAX_VALUE = 60, 24
+"""The most characters of a path and of a value in a brief difference: both fit on a line."""
 
 
 def measured_hash(plan: Plan) -> str:
@@ -83,3 +89,24 @@ def difference_lines(differences: list[PlanDifference], max_lines: int = 12) -> 
     yield from (str(each) for each in differences[:max_lines])
     if len(differences) > max_lines:
         yield f"{len(differences) - max_lines} more differences"
+
+
+def brief_difference(each: PlanDifference) -> str:
+    """A difference in at most a line: what was added or removed is named, not printed."""
+    path = clip(format_path(each.path), _MAX_PATH)
+    if each.before is ABSENT:
+        return f"{path}: only in the head{_brief_value(each.after)}"
+    if each.after is ABSENT:
+        return f"{path}: only in the base{_brief_value(each.before)}"
+    before, after = (
+        clip(json.dumps(value, ensure_ascii=False), _MAX_VALUE)
+        for value in (each.before, each.after)
+    )
+    return f"{path}: {before} -> {after}"
+
+
+def _brief_value(value: Any) -> str:
+    """The value after a colon, unless it is a map or a list."""
+    if isinstance(value, dict | list | tuple):
+        return ""
+    return f": {clip(json.dumps(value, ensure_ascii=False), _MAX_VALUE)}"

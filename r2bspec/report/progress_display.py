@@ -1,4 +1,4 @@
-"""The progress of a run on standard error: live on a terminal, a few plain lines elsewhere."""
+"""The progress of a run on standard error: live on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import printable
 from r2bspec.measure.units import show
 from r2bspec.report.output import console, write
+from r2bspec.report.remaining_time import RemainingTime
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 
 _LINE_INTERVAL_S = 10.0
 """Logs should be short, and show that the run continues."""
+
+_CI_INTERVAL_S = 60.0
+"""The log of a CI job has a line a minute: many jobs are read only when they have failed."""
 
 _REFRESH_INTERVAL_S = 0.5
 """Faster updates are not readable, and each takes time from the run."""
@@ -64,15 +68,24 @@ def load_text(cores: Mapping[str, float]) -> str:
 class _PlainProgress:
     """A plain line for each event, with the seconds since the start."""
 
-    def __init__(self) -> None:
+    def __init__(self, remaining: RemainingTime | None = None) -> None:
         self._began = time.monotonic()
         self._steps = 0
         self._next = 0.0
+        self._remaining = remaining
+
+    def _begin_phase(self, name: str) -> None:
+        if self._remaining is not None:
+            self._remaining.begin(name)
+
+    def _rest(self) -> str:
+        return self._remaining.text() if self._remaining is not None else ""
 
     def _write_line(self, text: str) -> None:
         write(sys.stderr, f"[{time.monotonic() - self._began:6.1f} s] {plain(text)}\n")
 
-    def phase(self, _name: str, text: str) -> None:
+    def phase(self, name: str, text: str) -> None:
+        self._begin_phase(name)
         self._write_line(text)
 
     def step(self, done: int, total: int) -> None:
@@ -86,17 +99,57 @@ class _PlainProgress:
     def playing(self, progress: SegmentProgress) -> None:
         if time.monotonic() >= self._next:
             self._next += _LINE_INTERVAL_S
-            parts = (progress_text(progress, self._steps), load_text(progress.cores()))
+            parts = (
+                progress_text(progress, self._steps),
+                self._rest(),
+                load_text(progress.cores()),
+            )
             self._write_line(f"    {' · '.join(filter(None, parts))}")
 
     def note(self, text: str) -> None:
         self._write_line(f"  {text}")
 
 
+class _CiProgress(_PlainProgress):
+    """At most a line a minute, and each note once."""
+
+    def __init__(self, remaining: RemainingTime | None = None) -> None:
+        super().__init__(remaining)
+        self._phase_text = self._title = ""
+        self._notes: set[str] = set()
+
+    def _write_at_times(self, detail: str = "") -> None:
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + _CI_INTERVAL_S
+            parts = (self._phase_text, self._title, detail, self._rest())
+            self._write_line(" · ".join(filter(None, parts)))
+
+    def phase(self, name: str, text: str) -> None:
+        self._begin_phase(name)
+        self._phase_text, self._title = text, ""
+        self._write_at_times()
+
+    def segment(self, title: str, steps: int) -> None:
+        self._title, self._steps = title, steps
+        self._write_at_times()
+
+    def playing(self, progress: SegmentProgress) -> None:
+        if time.monotonic() >= self._next:
+            self._write_at_times(progress_text(progress, self._steps))
+
+    def note(self, text: str) -> None:
+        if text not in self._notes:
+            self._notes.add(text)
+            self._write_line(f"  {text}")
+
+
 class _LiveProgress:
     """Two lines that change in place, progress and load; notes stay above."""
 
-    def __init__(self, console: Console, status: Status) -> None:
+    def __init__(
+        self, console: Console, status: Status, remaining: RemainingTime | None = None
+    ) -> None:
+        self._remaining = remaining
         self._console = console
         self._status = status
         self._began = time.monotonic()
@@ -110,6 +163,8 @@ class _LiveProgress:
         from rich.text import Text
 
         elapsed = f"{time.monotonic() - self._began:.0f} s"
+        if self._remaining is not None:
+            elapsed += f" · {self._remaining.text()}"
         above = Text.assemble((self._phase, "bold"), f"  {detail}  ", (elapsed, "dim"))
         lines = [above, *([Text(below, style="dim")] if below else [])]
         for each in lines:
@@ -117,7 +172,9 @@ class _LiveProgress:
             each.no_wrap, each.overflow = True, "ellipsis"
         self._status.update(Group(*lines))
 
-    def phase(self, _name: str, text: str) -> None:
+    def phase(self, name: str, text: str) -> None:
+        if self._remaining is not None:
+            self._remaining.begin(name)
         self._phase, self._title = text, ""
         self._show()
 
@@ -151,17 +208,25 @@ class _NullProgress(_PlainProgress):
 
 
 @contextlib.contextmanager
-def shown_progress(*, quiet: bool = False) -> Iterator[_PlainProgress | _LiveProgress]:
+def shown_progress(
+    *, quiet: bool = False, remaining: RemainingTime | None = None
+) -> Iterator[_PlainProgress | _LiveProgress]:
     """A progress listener for a run, for as long as the context lasts.
 
-    CI systems keep what is printed, so a live view there would be a thousand lines; ``CI=true``
-    disables it.
+    CI systems keep what is printed, so a live view there would be a thousand lines; with the
+    variable ``CI`` there is a line a minute.
+
+    Args:
+        quiet: show nothing.
+        remaining: is told of the phases, and shown; None shows no remaining time.
     """
     if quiet:
         yield _NullProgress()
-    elif not sys.stderr.isatty() or os.environ.get("CI"):
-        yield _PlainProgress()
+    elif os.environ.get("CI"):
+        yield _CiProgress(remaining)
+    elif not sys.stderr.isatty():
+        yield _PlainProgress(remaining)
     else:
         terminal = console(sys.stderr)
         with terminal.status("starting") as status:
-            yield _LiveProgress(terminal, status)
+            yield _LiveProgress(terminal, status, remaining)

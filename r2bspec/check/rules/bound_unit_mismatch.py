@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, known_metrics, quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Findings,
+    KnownMetric,
+    Rule,
+    example,
+    known_metrics,
+    quote,
+)
 
 _EXAMPLES = {
     "time": "a time, such as 50 ms",
@@ -12,11 +21,17 @@ _EXAMPLES = {
     "count": "a whole number",
 }
 
+_UNITS = {"time": "ms", "rate": "Hz", "size": "MiB", "share": "%"}
+"""The usual unit of a bound."""
+
 
 def _find(context: Context) -> Findings:
     for each in known_metrics(context):
         bound = each.located.requirement.bound
         if bound is not None and not each.info.accepts(bound):
+            if bound.dimension == "count" and each.info.dimension in _UNITS:
+                yield _without_unit(each)
+                continue
             written = (
                 "relative to the baseline"
                 if bound.of_baseline
@@ -32,6 +47,18 @@ def _find(context: Context) -> Findings:
                 help=f"use {_EXAMPLES[each.info.dimension]}",
                 suppresses={each.located.subject},
             )
+
+
+def _without_unit(each: KnownMetric) -> Finding:
+    """A number where a quantity is meant: the unit is what is missing, not the number wrong."""
+    written = str(each.located.requirement.text)[each.located.requirement.bound_column :].split()[0]
+    return Finding(
+        message=f"the bound {written} of {quote(each.info.name)} has no unit",
+        path=each.located.path,
+        part=each.located.bound_part,
+        help=f"write {written} {_UNITS[each.info.dimension]}",
+        suppresses={each.located.subject},
+    )
 
 
 def _noun(dimension: str) -> str:

@@ -74,8 +74,9 @@ VARIABLE_PAGES = (
         "invalid-set-option",
         "R2B127",
         "an invalid --set option",
-        "--set PATH=VALUE replaces a value that the document has, so that a misspelt path is "
-        "noticed; for example --set benchmark.iterations=3.",
+        "--set PATH=VALUE replaces a value that the document has, or sets a key of the language "
+        "that it does not have; for example --set benchmark.iterations=3. Nodes, monitors and "
+        "other entries with names of their own must be there, so that a misspelt path is noticed.",
         "",
         "",
     ),

@@ -13,7 +13,7 @@ import io
 from typing import TYPE_CHECKING
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.diagnostics.quote import printable
+from r2bspec.diagnostics.quote import printable, printable_lines
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.units import at_rate, show
 from r2bspec.report.report_wording import (
@@ -69,9 +69,10 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     verdict = report_input.result.verdict
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
-        case.result = [Error(printable(verdict.reason), verdict.outcome)]
+        case.result = [Error(printable_lines(verdict.reason), verdict.outcome)]
     texts = [
-        printable(note) for note in (*comparison(report_input.result), *notes(report_input.result))
+        printable_lines(note)
+        for note in (*comparison(report_input.result), *notes(report_input.result))
     ]
     if texts:
         case.system_out = "\n".join(texts)
@@ -84,7 +85,7 @@ def _case(one: RequirementVerdict, name: str, *, several: bool, lenient: bool) -
     text = requirement_text(one, name_monitor=several)
     at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
     case = TestCase(printable(f"{text}{at}"), printable(f"{name}.{one.objective}"))
-    reason = printable(" ".join(sentences(one)))
+    reason = printable_lines(" ".join(sentences(one)))
     if one.outcome == "pass" or one.level != "error":
         case.system_out = f"{verdict_word(one)}: {reason}\n{_numbers(one)}"
     else:

@@ -110,6 +110,14 @@ def plain(loaded: LoadedSpec) -> Any:
         ("labels.x=", ("labels", "x"), ""),
         ("labels.x=$(var fine)", ("labels", "x"), True),
         ("variables.width=7", ("labels", "x"), 7),
+        # Keys of the language that the document does not have.
+        ("benchmark.warm_up=2 s", ("benchmark", "warm_up"), "2 s"),
+        ("transport=udp", ("transport",), "udp"),
+        ("benchmark.gate.confidence=99 %", ("benchmark", "gate", "confidence"), "99 %"),
+        ("monitors.output.match=order", ("monitors", "output", "match"), "order"),
+        ("graph.nodes.relay.env.A=b", ("graph", "nodes", "relay", "env", "A"), "b"),
+        ("graph.nodes.relay.parameters.q=3", ("graph", "nodes", "relay", "parameters", "q"), 3),
+        ("labels.new=y", ("labels", "new"), "y"),
     ],
 )
 def test_set(option: str, path: tuple[str | int, ...], value: object) -> None:
@@ -134,6 +142,11 @@ def test_var(given: Any, value: object) -> None:
     ("sets", "variables", "code", "column", "help_part"),
     [
         (["benchmark.rate=1 Hz"], {}, "R2B127", 11, "did you mean 'rates'"),
+        (["benchmark.wram_up=1 s"], {}, "R2B127", 11, "did you mean 'warm_up'"),
+        (["benchmark.gate.confidenc=99 %"], {}, "R2B127", 16, "did you mean 'confidence'"),
+        (["graph.nodes.rely.parameters.p=1"], {}, "R2B127", 13, "did you mean 'relay'"),
+        (["benchmark.warm_up.x=1"], {}, "R2B127", 19, "keys of the language"),
+        (["extends=other.r2b.yaml"], {}, "R2B127", 1, "known keys"),
         (["benchmark.rates[2]=1 Hz"], {}, "R2B127", 17, "2 items"),
         (["name.x=1"], {}, "R2B127", 6, "--set can only replace values that the document has"),
         (["nonsense"], {}, "R2B127", 1, "--set benchmark.iterations=3"),

@@ -68,7 +68,7 @@ def test_what_is_no_result_is_said(tmp_path: Path, content: str | None) -> None:
 
 def test_compare_prints_and_does_not_gate(run: Path, capfd: pytest.CaptureFixture[str]) -> None:
     for form in ("text", "markdown", "json"):
-        assert call(compare, run, run, run, "--format", form, "--margin", "3") == 0
+        assert call(compare, run, run, run, "--format", form, "--margin", "3 %") == 0
     out = capfd.readouterr().out
     assert out.count("= same") > 10
 

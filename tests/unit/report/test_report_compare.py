@@ -23,7 +23,7 @@ from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.comparison.text import to_json, to_markdown, to_text
 from r2bspec.report.formats.ros2_benchmark import render
-from report_runs import TWO, skewed
+from report_runs import TWO, GraphSimulation, skewed
 from run_simulation import Played, Simulation, probe
 
 
@@ -129,6 +129,32 @@ def test_other_plans_are_refused_and_the_difference_told(tmp_path: Path) -> None
     assert "--force" in caught.value.hint
 
 
+class OtherGraph(GraphSimulation):
+    """The same load on a graph with other nodes."""
+
+    def plan(self) -> Plan:
+        plan = super().plan()
+        host = plan.processes[-1]
+        more = msgspec.structs.replace(host, name="second", argv=("x" * 500,))
+        fewer_nodes = msgspec.structs.replace(host, nodes=())
+        return msgspec.structs.replace(
+            plan, processes=(plan.processes[0], fewer_nodes, more), namespace="/other"
+        )
+
+
+def test_graphs_that_differ_are_compared_with_a_line_for_each_difference(tmp_path: Path) -> None:
+    segments = simulated().segments
+    comparison = compared(
+        tmp_path, GraphSimulation(segments=segments), OtherGraph(segments=segments)
+    )
+    assert comparison.lines
+    said = comparison.differences
+    assert "plan, processes.second: only in the head" in said
+    assert any("/r2b/apriltag" in each and each.endswith("only in the base") for each in said)
+    assert any(each.endswith(' -> "/other"') for each in said)
+    assert all(len(each) <= 120 and "\n" not in each for each in said)
+
+
 def test_force_compares_them_and_says_so(tmp_path: Path) -> None:
     comparison = compared(tmp_path, simulated(), Other(segments=simulated().segments), force=True)
     assert comparison.differences == ("plan, buffer: 0 -> 7",)
@@ -163,9 +189,10 @@ def test_a_report_of_the_reference_tool_shows_ratios_only(tmp_path: Path) -> Non
     path = tmp_path / "reference.json"
     path.write_bytes(render(ReportInput(result=result_of(run), run=run)))
     base, head = read_compared_result(path), read_compared_result(run.folder)
-    with pytest.raises(IncomparableError, match="different measurement rules"):
-        compare(base, head, margin=0.05, force=False)
-    comparison = compare(base, head, margin=0.05, force=True)
+    comparison = compare(base, head, margin=0.05, force=False)
+    assert "tool: ros2_benchmark -> r2bspec, with different measurement rules" in (
+        comparison.differences
+    )
     assert line(comparison, "latency.mean").monitor == ""
     assert line(comparison, "latency.mean").ratio == pytest.approx(1)
     assert {each.outcome for each in comparison.lines} == {"can't tell"}

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 
 import pytest
 
+from r2bspec.plan.time_estimate import TimeEstimate
 from r2bspec.report.progress_display import load_text, progress_text, shown_progress
+from r2bspec.report.remaining_time import RemainingTime
 
 
 class Seen:
@@ -54,6 +56,49 @@ def test_without_a_terminal_a_stretch_is_one_line_unless_it_is_long(
     assert len(said) == 1 + 2
     assert said[1].endswith("p99 12.3 ms · " + load_text(seen.cores()))
     assert seen.looks == 2
+
+
+def test_the_log_of_a_ci_job_has_a_line_a_minute_and_each_note_once(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen, now = Seen(), [100.0]
+    monkeypatch.setattr("r2bspec.report.progress_display.time.monotonic", lambda: now[0])
+    monkeypatch.setenv("CI", "true")
+    estimate = TimeEstimate({"load": 1.0, "play": 200.0}, 201.0)
+    remaining = RemainingTime(estimate, clock=lambda: now[0])
+    with shown_progress(remaining=remaining) as listener:
+        listener.phase("load", "reading a bag")
+        listener.note("/image: 15 messages")
+        listener.note("/image: 15 messages")
+        listener.phase("play", "playing at fixed rates")
+        for number in range(20):
+            listener.segment(f"20 Hz, iteration {number}", 100)
+            for _ in range(40):
+                now[0] += 0.25
+                listener.playing(seen)
+    said = capsys.readouterr().err.splitlines()
+    # 200 s, a note, and a line at the start.
+    assert len(said) == 1 + 1 + 3
+    assert said[0].endswith("reading a bag · about 4 min left")
+    assert "playing at fixed rates · 20 Hz, iteration 5" in said[2]
+    assert said[2].endswith("about 3 min left")
+
+
+def test_the_remaining_time_counts_phases_and_runs() -> None:
+    now = [0.0]
+    estimate = TimeEstimate({"load": 10.0, "start": 5.0, "play": 100.0}, 115.0)
+    remaining = RemainingTime(estimate, runs=2, after_s=7.0, clock=lambda: now[0])
+    assert remaining.seconds() == 2 * 115 + 7
+    remaining.begin("load")
+    now[0] += 4
+    assert remaining.seconds() == 2 * 115 + 7 - 4
+    remaining.begin("a phase that nobody has planned")
+    remaining.begin("play")
+    assert remaining.seconds() == 100 + 115 + 7
+    now[0] += 500
+    assert remaining.seconds() == 115 + 7
+    remaining.begin("load")
+    assert remaining.seconds() == 115 + 7
 
 
 def test_nobody_looks_where_nobody_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,109 @@
+"""How long a run will take, from its plan alone: an estimate for people who wait.
+
+What the plan declares is exact: iterations, warm-up and probes. What it does not know, such as the
+start of processes, is a typical value. Nothing is decided by these numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from r2bspec.plan.plan import Plan, PlayPlan
+
+_LOAD_S = 1.5
+_PREPROCESS_S = 10.0
+_HARNESS_START_S = 4.0
+_HARNESS_OVERHEAD_S = 2.5
+_GRAPH_START_S = 2.0
+_PROCESS_START_S = 0.5
+_COLLECT_S = 2.5
+_SEGMENT_END_S = 0.2
+_TYPICAL_PROBE_S = 4.0
+"""Typical times; a probe ends as soon as it is decided."""
+
+_SESSION_PHASES = ("start", "floor", "graph", "warm_up")
+
+
+@dataclass(frozen=True)
+class TimeEstimate:
+    """The expected time of a run.
+
+    Attributes:
+        phases: seconds by phase, in the order of the run.
+        at_most_s: with all additional iterations and the confirmation run that the plan allows.
+    """
+
+    phases: Mapping[str, float]
+    at_most_s: float
+
+    @property
+    def seconds(self) -> float:
+        """The time of everything that is played in any case."""
+        return sum(self.phases.values())
+
+    def text(self) -> str:
+        """The estimate in words: ``about 40 s, up to 2 min``."""
+        expected, longest = time_text(self.seconds), time_text(self.at_most_s)
+        return f"about {expected}" + (f", up to {longest}" if longest != expected else "")
+
+
+def estimate_time(plan: Plan) -> TimeEstimate:
+    """The time that a run of the plan will take."""
+    play_s = sum(_play_s(each, each.iterations) for each in _plays(plan))
+    # Rates up to the peak are unknown before the search, but their number is not.
+    phases = {
+        "load": _LOAD_S if "load" in plan.phases else 0.0,
+        "preprocess": _PREPROCESS_S if "preprocess" in plan.phases else 0.0,
+        "start": _HARNESS_START_S,
+        "floor": _HARNESS_OVERHEAD_S if plan.inputs else 0.0,
+        "graph": _GRAPH_START_S + _PROCESS_START_S * len(plan.processes),
+        "warm_up": plan.warm_up_ns / 1e9,
+        "search": _search_s(plan),
+        "sustained": len(plan.sustained_hz) * _TYPICAL_PROBE_S,
+        "play": play_s,
+        "collect": _COLLECT_S,
+    }
+    phases = {name: seconds for name, seconds in phases.items() if seconds}
+    longest_play_s = sum(
+        _play_s(each, max(each.iterations, each.max_iterations)) for each in _plays(plan)
+    )
+    longest = sum(phases.values()) + longest_play_s - play_s
+    if plan.gate.confirm and plan.objectives and not plan.external:
+        measured = longest_play_s + phases.get("search", 0.0) + phases.get("sustained", 0.0)
+        longest += measured + sum(phases.get(each, 0.0) for each in _SESSION_PHASES)
+    if plan.gate.time_budget_ns:
+        declared = sum(phases.values())
+        longest = max(declared, min(longest, declared - play_s + plan.gate.time_budget_ns / 1e9))
+    return TimeEstimate(phases, longest)
+
+
+def _plays(plan: Plan) -> tuple[PlayPlan, ...]:
+    return (*plan.play, *((plan.play_at_peak,) if plan.play_at_peak is not None else ()))
+
+
+def _play_s(play: PlayPlan, iterations: int) -> float:
+    return iterations * (play.duration_ns / 1e9 + _SEGMENT_END_S)
+
+
+def _search_s(plan: Plan) -> float:
+    """Both ends of the range, then halving it (in logarithms) down to the precision."""
+    wanted = plan.search
+    if wanted is None or wanted.max_hz <= wanted.min_hz or wanted.precision <= 0:
+        return 0.0
+    span = math.log(wanted.max_hz / wanted.min_hz) / math.log1p(wanted.precision)
+    probes = 2 + math.ceil(math.log2(max(span, 1.0)))
+    return probes * min(wanted.probe_ns / 1e9, _TYPICAL_PROBE_S)
+
+
+def time_text(seconds: float) -> str:
+    """A time for people: ``40 s``, ``3 min``, ``1 h 20 min``."""
+    if seconds < 10:
+        return f"{math.ceil(seconds)} s"
+    if seconds < 90:
+        return f"{math.ceil(seconds / 5) * 5} s"
+    minutes = math.ceil(seconds / 60)
+    if minutes < 60:
+        return f"{minutes} min"
+    return f"{minutes // 60} h {minutes % 60} min" if minutes % 60 else f"{minutes // 60} h"

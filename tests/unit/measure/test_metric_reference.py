@@ -1,0 +1,122 @@
+"""Every metric is defined, docs/metrics.md has it, and the command line shows it."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from r2bspec.check import check
+from r2bspec.check.example_spec import example
+from r2bspec.cli.main import main
+from r2bspec.language.load_spec import load_spec
+from r2bspec.language.requirement_grammar import RequirementError, parse_requirement
+from r2bspec.measure import metric_reference as reference
+from r2bspec.measure.metric_catalogue import METRICS, PROCESS
+
+PAGE = Path(__file__).parents[3] / "docs" / "metrics.md"
+
+
+def test_the_page_is_that_of_the_catalogue() -> None:
+    made = reference.markdown_page()
+    if os.environ.get("R2BSPEC_REWRITE"):
+        PAGE.write_text(made, encoding="utf-8")
+    assert made == PAGE.read_text(encoding="utf-8"), "run this test with R2BSPEC_REWRITE=1"
+
+
+def test_every_metric_has_a_definition_and_every_definition_a_metric() -> None:
+    assert {reference.stem(info) for info in METRICS.values()} == set(reference.DEFINITIONS)
+    assert all(each.text and each.formula for each in reference.DEFINITIONS.values())
+
+
+@pytest.mark.parametrize("name", list(METRICS))
+def test_every_metric_can_be_explained(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", name.replace(PROCESS, "camera")]) == 0
+    shown = capsys.readouterr().out
+    info = METRICS[name]
+    assert shown.startswith(f"{name.replace(PROCESS, 'camera')}: {info.description}\n")
+    assert f"unit          {info.unit or 'none'}\n" in shown
+    assert "\nformula       " in shown
+
+
+@pytest.mark.parametrize("name", list(METRICS))
+def test_the_example_of_a_metric_is_a_requirement_with_its_unit(name: str) -> None:
+    info = METRICS[name]
+    text = reference.example_requirement(info).replace(PROCESS, "camera")
+    bound = parse_requirement(text).bound
+    assert (bound is None) == (info.dimension == "none")
+    assert bound is None or info.accepts(bound)
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("latency.p42", "latency.p42"),
+        ("detections.latency.p99_5", "latency.p99_5"),
+        ("cpu.apriltag.mean", "cpu.apriltag.mean"),
+        ("memory.apriltag.max", "memory.apriltag.max"),
+        ("cpu.system.max", "cpu.system.max"),
+        ("sustained", "sustained"),
+    ],
+)
+def test_names_with_a_monitor_or_a_process_are_found(name: str, found: str) -> None:
+    assert reference.find_metric(name).name == found
+
+
+def test_the_modes_are_those_that_the_rules_accept() -> None:
+    assert reference.modes(METRICS["missed"]) == ("looping", "sweeping", "timeline")
+    assert reference.modes(METRICS["sustained"]) == ("looping", "sweeping")
+    assert reference.modes(METRICS["jitter.p99"]) == reference.MODES
+
+
+def test_the_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["metrics"]) == 0
+    listed = {line.split()[0] for line in capsys.readouterr().out.splitlines() if line.strip()}
+    assert set(METRICS) <= listed
+    assert main(["metrics", "--format", "json"]) == 0
+    assert [one["name"] for one in json.loads(capsys.readouterr().out)] == list(METRICS)
+
+
+def test_an_unknown_metric_is_answered_with_the_meant_one(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["metrics", "latncy.p99"]) == 2
+    assert "did you mean latency.p99?" in capsys.readouterr().err
+    assert main(["explain", "latncy.p99"]) == 2
+    assert "did you mean latency.p99?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "suggestion"),
+    [
+        ("latency.p99.9 < 50 ms", "latency.p99_9 < 50 ms"),
+        ("detections.jitter.p99.95 <= 1 ms", "detections.jitter.p99_95 <= 1 ms"),
+    ],
+)
+def test_a_percentile_with_a_point_is_answered_with_an_underscore(
+    text: str, suggestion: str
+) -> None:
+    with pytest.raises(RequirementError) as caught:
+        parse_requirement(text)
+    assert caught.value.suggestion == suggestion
+    assert parse_requirement(suggestion).metric == suggestion.split()[0]
+    assert text[caught.value.column :].startswith("p99.9")
+
+
+@pytest.mark.parametrize(
+    ("requirement", "written"),
+    [
+        ("latency.p50 < 100", "write 100 ms"),
+        ("throughput.mean >= 25", "write 25 Hz"),
+        ("drop_rate <= 1", "write 1 %"),
+        ("latency.p50 < 100 in 99 % of 1 s windows", "write 100 ms"),
+    ],
+)
+def test_a_bound_without_a_unit_is_answered_with_one(requirement: str, written: str) -> None:
+    loaded = load_spec(example(slos=f"{{fast: {{at: 30 Hz, require: ['{requirement}']}}}}"))
+    found = [each for each in check(loaded, offline=True) if each.code == "R2B502"]
+    assert [(each.message.endswith("has no unit"), each.help) for each in found] == [
+        (True, written)
+    ]

@@ -1,0 +1,52 @@
+"""How long a run is expected to take."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+from plan_specs import plan
+
+from r2bspec.plan.plan import GatePlan, PlayPlan
+from r2bspec.plan.time_estimate import estimate_time, time_text
+
+
+def plays(rates: int, iterations: int, seconds: float, most: int = 0) -> tuple[PlayPlan, ...]:
+    return tuple(
+        PlayPlan(
+            rate_hz=10.0 * number,
+            duration_ns=int(seconds * 1e9),
+            iterations=iterations,
+            max_iterations=most,
+        )
+        for number in range(1, rates + 1)
+    )
+
+
+def test_what_is_declared_is_counted() -> None:
+    base = msgspec.structs.replace(plan(), play=(), search=None, gate=GatePlan(confirm=False))
+    without = estimate_time(base)
+    declared = estimate_time(msgspec.structs.replace(base, play=plays(2, 5, 10)))
+    assert 100 <= declared.seconds - without.seconds <= 110
+    assert declared.at_most_s == declared.seconds
+    more = estimate_time(msgspec.structs.replace(base, play=plays(2, 5, 10, most=20)))
+    assert more.seconds == declared.seconds
+    assert more.at_most_s - more.seconds == pytest.approx(300, abs=10)
+
+
+def test_a_confirmation_and_a_budget_bound_the_longest_time() -> None:
+    base = msgspec.structs.replace(plan(), play=plays(1, 10, 10), search=None)
+    once = estimate_time(msgspec.structs.replace(base, gate=GatePlan(confirm=False)))
+    twice = estimate_time(msgspec.structs.replace(base, gate=GatePlan(confirm=True)))
+    assert twice.seconds == once.seconds
+    assert twice.at_most_s > once.at_most_s + 100
+    budget = GatePlan(confirm=True, time_budget_ns=130_000_000_000)
+    limited = estimate_time(msgspec.structs.replace(base, gate=budget))
+    assert once.at_most_s < limited.at_most_s < twice.at_most_s
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.2, "1 s"), (8.1, "9 s"), (41, "45 s"), (89, "90 s"), (91, "2 min"), (4800, "1 h 20 min")],
+)
+def test_times_are_written_for_people(seconds: float, text: str) -> None:
+    assert time_text(seconds) == text
