@@ -79,6 +79,7 @@ def judge(
         requirements=requirements,
         unusable=unusable,
         disturbed=tuple(disturbed.values()),
+        starts=samples.starts,
     )
 
 
