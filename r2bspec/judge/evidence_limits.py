@@ -1,7 +1,8 @@
 """What a decision on shares and means cannot know, as notes of its verdict.
 
 A test takes account of what the run has shown. It cannot take account of bursts that happened not
-to occur, and one iteration does not show by how much iterations differ.
+to occur, one iteration does not show by how much iterations differ, and few that resemble each
+other carry too little information to know by how much they do.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ _FEW_BURSTS: Final = 5
 _LONG_BURST: Final = 20.0
 """Messages; a run whose PASS withstands bursts of this mean length needs no note on them."""
 
+_FEW_INDEPENDENT: Final = 2.0
+
 
 def share_notes(question: Question, test: ShareTest, outcome: Outcome) -> tuple[str, ...]:
     """The notes on a percentile or a share."""
@@ -31,6 +34,24 @@ def piece_notes(question: Question) -> tuple[str, ...]:
     if len(question.iterations) > 1:
         return ()
     return ("One iteration does not show by how much iterations differ.",)
+
+
+def correlation_notes(pieces: str, number: int, inflation: float) -> tuple[str, ...]:
+    """That iterations or starts resemble each other by more than a test can take account of.
+
+    Args:
+        pieces: what they are.
+        number: how many.
+        inflation: their F (`r2bspec.judge.statistics.autocorrelation`).
+    """
+    left = number / inflation
+    if left >= _FEW_INDEPENDENT:
+        return ()
+    note = (
+        f"Successive {pieces} may resemble each other: {number} carry the information of about "
+        f"{left:.1f} independent ones, too few for a test to be sure of its confidence."
+    )
+    return (note,)
 
 
 def _unseen_bursts(question: Question, test: ShareTest) -> tuple[str, ...]:

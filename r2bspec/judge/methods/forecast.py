@@ -9,10 +9,10 @@ from r2bspec.judge.statistics.binomial import (
     lower_bound,
     messages_to_settle,
     upper_bound,
-    zero_failure_messages,
 )
 from r2bspec.judge.statistics.level_interval import LevelMargin
 from r2bspec.judge.statistics.order_statistics import PercentileInterval
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.judge.statistics.t_interval import iterations_to_settle
 from r2bspec.judge.verdict import ShareTest
 from r2bspec.judge.verdict_wording import clustering
@@ -43,7 +43,7 @@ def settle_share(question: Question, test: ShareTest, things: str = "messages") 
         question.confidence,
         max_messages=max(
             _MAX_RUN_FACTOR * test.effective_n,
-            _LARGER * zero_failure_messages(test.allowed, question.confidence),
+            _LARGER * (min_sample_size(test.allowed, question.confidence) or 0),
         ),
     )
     if needed is None:

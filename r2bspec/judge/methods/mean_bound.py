@@ -15,6 +15,7 @@ import math
 from dataclasses import replace
 
 from r2bspec.judge.decision import Answer, Decider, Question, decide
+from r2bspec.judge.evidence_limits import correlation_notes
 from r2bspec.judge.statistics.hierarchical_interval import (
     HierarchicalInterval,
     hierarchical_interval,
@@ -83,6 +84,9 @@ def judge_mean(question: Question) -> Answer:
         upper=interval.upper,
         n=len(values),
         effective_n=sample.number / sample.inflation,
+        notes=()
+        if outcome == "inconclusive"
+        else correlation_notes(sample.pieces, sample.number, sample.inflation),
     )
     return _without_lost(question, answer)
 

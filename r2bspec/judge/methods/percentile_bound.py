@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from r2bspec.judge.decision import Answer, Decider, Question, decide
-from r2bspec.judge.evidence_limits import share_notes
+from r2bspec.judge.evidence_limits import correlation_notes, share_notes
 from r2bspec.judge.methods.forecast import settle_levels, settle_share
 from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
 from r2bspec.judge.statistics.order_statistics import (
@@ -54,7 +54,7 @@ def judge_percentile(question: Question) -> Answer:
         method="exact binomial",
         reason=reason,
         settle=settle,
-        notes=share_notes(question, share, outcome),
+        notes=percentile_notes(question, share, interval, outcome),
         estimate=interval.estimate,
         lower=interval.lower,
         upper=interval.upper,
@@ -94,6 +94,16 @@ def percentile_texts(
         level_sentence(question, interval, levels),
         settle_levels(question, interval, levels),
     )
+
+
+def percentile_notes(
+    question: Question, test: ShareTest, interval: PercentileInterval, outcome: Outcome
+) -> tuple[str, ...]:
+    """What a decided percentile cannot know."""
+    notes, levels = share_notes(question, test, outcome), interval.levels
+    if levels is None or outcome == "inconclusive":
+        return notes
+    return (*notes, *correlation_notes(levels.pieces, levels.number, levels.inflation))
 
 
 def _values_by_iteration(question: Question) -> tuple[list[Seconds], int]:

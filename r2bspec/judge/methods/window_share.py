@@ -17,7 +17,7 @@ import numpy as np
 from r2bspec.judge.decision import Answer, Decider, Question, WindowCondition, decide
 from r2bspec.judge.evidence_limits import share_notes
 from r2bspec.judge.methods.forecast import settle_share
-from r2bspec.judge.methods.percentile_bound import percentile_texts
+from r2bspec.judge.methods.percentile_bound import percentile_notes, percentile_texts
 from r2bspec.judge.methods.share_bound import share_test
 from r2bspec.judge.statistics.effective_sample_size import (
     BadFlags,
@@ -95,7 +95,13 @@ def _judge_ordered(question: Question, windows: WindowCondition, pieces: list[Se
     shown = replace(interval, estimate=estimate, lower=lower, upper=upper)
     reason, settle = percentile_texts(question, test, shown, outcome, counted_noun(question))
     return replace(
-        answer, estimate=estimate, lower=lower, upper=upper, reason=reason, settle=settle
+        answer,
+        estimate=estimate,
+        lower=lower,
+        upper=upper,
+        reason=reason,
+        settle=settle,
+        notes=percentile_notes(question, test, interval, outcome),
     )
 
 

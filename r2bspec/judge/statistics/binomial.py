@@ -87,20 +87,6 @@ def burst_tolerance(k: float, n: float, allowed: float, confidence: float) -> fl
     return (low + 1) / 2
 
 
-def zero_failure_messages(allowed: float, confidence: float) -> int:
-    """The smallest number of independent messages that show a share of at most `allowed`.
-
-    None of them may be bad: (1 - allowed)^n <= 1 - confidence.
-
-    Args:
-        allowed: 0 < allowed <= 1.
-        confidence: of the test.
-    """
-    if allowed >= 1:
-        return 1
-    return math.ceil(math.log1p(-confidence) / math.log1p(-allowed))
-
-
 def messages_to_settle(
     share: float, allowed: float, confidence: float, max_messages: float
 ) -> int | None:

@@ -21,9 +21,9 @@ With x_i = 1 where message i is bad and 0 otherwise, k their sum, p = k / n:
                 these counts over the binomial one, n p (1 - p) / m. It is known from m values
                 only, so that the quantiles of t take the place of the normal ones:
                     F = V (t_c(m - 1) / z_c)^2,    c the confidence of the decision.
-                By how much V exceeds 1 is the variation between the iterations themselves. Only
-                this part can be correlated from one iteration to the next (`autocorrelation`),
-                    F = 1 + (V - 1) F_serial (t_c / z_c)^2    if that is larger.
+                If V exceeds 1, the iterations themselves differ, and may be correlated from one to
+                the next: F is then inflated once more (`autocorrelation`). Where each message has a
+                value, its levels show that better than counts (`level_interval`).
     starts      The same for the counts of whole starts. A run with several starts is a
                 hierarchical sample: messages in iterations in starts. What differs between starts
                 is known from so many values as there are starts, however many iterations each has
@@ -32,9 +32,10 @@ With x_i = 1 where message i is bad and 0 otherwise, k their sum, p = k / n:
 
 F is assessed where it is needed. If iterations or starts differ by a factor, the variance of their
 shares rises with p^2: a run that by chance had its better starts would also look uniform. So where
-p is nearer to 0 or 1 than the allowed share p_0, the excess V - 1 is taken to be that at p_0,
+p is nearer to 0 or 1 than the allowed share p_0, and V exceeds 1, its excess V - 1 is taken to be
+that at p_0, where it is larger by the ratio
 
-    (V - 1) p_0 (1 - p_0) / (p (1 - p)),    at most 4 (V - 1).
+    p_0 (1 - p_0) / (p (1 - p)),    at most 4.
 
 F is at least 1: counts that scatter less than binomial ones do not help a run. No pair of messages
 spans two iterations. Without bad messages there is nothing to estimate: F is 1.
@@ -240,9 +241,12 @@ def _level_inflation(
     scatter = float((sizes * (shares - p) ** 2).sum()) / (m - 1) / (p * (1 - p))
     between = serial_inflation(shares.tolist()) if serial else 1.0
     factor = _small_sample_factor(serial_degrees_of_freedom(m, between), design.confidence)
-    excess = max(scatter - 1, 0.0) * between * factor
-    found = max(scatter * _small_sample_factor(m - 1.0, design.confidence), 1 + excess)
-    return found + excess * (_excess_ratio(p, design.allowed) - 1)
+    plain = scatter * _small_sample_factor(m - 1.0, design.confidence)
+    if scatter <= 1:
+        return plain
+    ratio = _excess_ratio(p, design.allowed)
+    correlated = scatter * between * factor
+    return max(plain, correlated) + (plain - plain / scatter) * (ratio - 1)
 
 
 def _excess_ratio(p: float, allowed: float | None) -> float:

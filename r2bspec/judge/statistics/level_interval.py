@@ -46,12 +46,14 @@ class LevelMargin:
         deviation: the standard deviation s of the levels.
         number: m.
         pieces: what has these levels.
+        inflation: F, by the correlation of the levels in time.
     """
 
     half: float
     deviation: float
     number: int
     pieces: Literal["iterations", "starts"]
+    inflation: float
 
 
 def level_margin(
@@ -123,4 +125,4 @@ def _margin(
     reach = float(ndtri(q)) ** 2 * variance / total / (2 * (m - 1)) if total > 0 else 0.0
     t = float(stdtrit(serial_degrees_of_freedom(m, inflation), confidence))
     half = t * math.sqrt(variance * inflation * (1 / m + reach))
-    return LevelMargin(half=half, deviation=math.sqrt(variance), number=m, pieces=pieces)
+    return LevelMargin(half, math.sqrt(variance), m, pieces, inflation)
