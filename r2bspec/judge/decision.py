@@ -7,11 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from r2bspec.judge.methods.method_registry import Method
+from r2bspec.judge.statistics.effective_sample_size import SampleDesign
 from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import MetricInfo
-from r2bspec.measure.samples import SegmentSamples
+from r2bspec.measure.samples import SegmentSamples, starts_of
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import RunRecord
 
@@ -64,6 +65,16 @@ class Question:
         """Whether the requirement is ``==`` or ``!=``, which only an observation can decide."""
         return self.requirement.op in {"==", "!="}
 
+    def design(self, allowed: float | None = None) -> SampleDesign:
+        """How the iterations came about, for a test of a share.
+
+        Args:
+            allowed: the share that is tested.
+        """
+        return SampleDesign(
+            starts=starts_of(self.iterations), allowed=allowed, confidence=self.confidence
+        )
+
     @property
     def limit_text(self) -> str:
         """The limit with its unit."""
@@ -101,6 +112,7 @@ class Answer:
     bursts: int | None = None
     share: ShareTest | None = None
     rule_of_three: float | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +162,7 @@ def requirement_verdict(question: Question, answer: Answer) -> RequirementVerdic
         rule_of_three=answer.rule_of_three,
         reason=answer.reason,
         settle=answer.settle,
+        notes=answer.notes,
     )
 
 

@@ -19,6 +19,7 @@ from r2bspec.judge.interim_looks import InterimLooks, combine_looks
 from r2bspec.judge.judge_requirement import iterations_at, judge_requirement, objective_rate
 from r2bspec.judge.outcome import outcome_of
 from r2bspec.judge.playback_validity import PlaybackValidity
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import (
     EXIT_CODES,
     DisturbedIteration,
@@ -27,6 +28,7 @@ from r2bspec.judge.verdict import (
     Unusable,
     Verdict,
 )
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
 from r2bspec.measure.units import show
@@ -79,6 +81,8 @@ def judge(
         requirements=requirements,
         unusable=unusable,
         disturbed=tuple(disturbed.values()),
+        starts=samples.starts,
+        unseen_starts=zero_failure_bound(samples.starts, CONFIDENCE),
     )
 
 

@@ -38,7 +38,8 @@ class ShareTest(msgspec.Struct, frozen=True, kw_only=True):
         effective_n: effective sample size: the number of independent messages equivalent to `n`.
         bursts: in how many bursts the messages over the limit come.
         clustering: why `effective_n` is below `n`: they come in ``bursts`` one after the other,
-            in ``stretches`` near one another, or in some ``iterations`` more than in others.
+            in ``stretches`` near one another, or in some ``iterations`` or ``starts`` more than in
+            others.
         withstands: burst tolerance: for a share that was shown to be small enough, the mean length
             of bursts up to which the same counts would still show it; otherwise None. Bursts that
             are too rare to occur in this run cannot be seen in it.
@@ -48,7 +49,7 @@ class ShareTest(msgspec.Struct, frozen=True, kw_only=True):
     effective_n: float
     over: int
     bursts: int
-    clustering: Literal["", "bursts", "stretches", "iterations"]
+    clustering: Literal["", "bursts", "stretches", "iterations", "starts"]
     lost: int
     share: float
     lower: float
@@ -164,7 +165,10 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 
     `reason` is the outcome in one sentence. `disturbed` are the iterations affected by host
     interference, those of the confirmation session among them; their effect on a requirement is in
-    its notes.
+    its notes. `starts` is how many starts of the graph's processes the run is a sample of: with 1,
+    the verdict is of this start, and another one may differ. `unseen_starts` is the largest share
+    of starts of a kind that is not among these, at 95 % confidence (0.45 for 5 starts); None in
+    results of versions that did not state it.
     """
 
     outcome: OverallOutcome
@@ -173,3 +177,5 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     requirements: tuple[RequirementVerdict, ...]
     unusable: tuple[Unusable, ...]
     disturbed: tuple[DisturbedIteration, ...] = ()
+    starts: int = 1
+    unseen_starts: float | None = None

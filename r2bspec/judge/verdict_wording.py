@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from r2bspec.judge.decision import Question
+from r2bspec.judge.statistics.level_interval import LevelMargin
+from r2bspec.judge.statistics.order_statistics import PercentileInterval
 from r2bspec.judge.verdict import Outcome, ShareTest
 from r2bspec.measure.units import show
 
@@ -48,6 +50,17 @@ def share_sentence(question: Question, test: ShareTest, outcome: Outcome) -> str
     return f"{seen}; {sure} the true share is at least {lower}, {needed}."
 
 
+def level_sentence(question: Question, interval: PercentileInterval, levels: LevelMargin) -> str:
+    """That iterations or starts differ by too much for a percentile to be decided."""
+    unit = question.info.unit
+    return (
+        f"{question.info.name} is {show(interval.estimate, unit)}, but the {levels.number} "
+        f"{levels.pieces} differ by {show(levels.deviation, unit)} (standard deviation); at "
+        f"{question.confidence_text} it is {show(interval.lower, unit)} to "
+        f"{show(interval.upper, unit)}, which includes the limit {question.limit_text}."
+    )
+
+
 def _effective_size_text(test: ShareTest) -> str:
     """The effective sample size, where messages over the limit come in bursts."""
     if test.effective_n > _MIN_EFFECTIVE_SHARE * test.n:
@@ -63,8 +76,8 @@ def clustering(test: ShareTest) -> str:
     match test.clustering:
         case "stretches":
             return "close to one another"
-        case "iterations":
-            return "more in some iterations than in others"
+        case "iterations" | "starts":
+            return f"more in some {test.clustering} than in others"
     return "in 1 burst" if test.bursts == 1 else f"in {show(test.bursts, 'count')} bursts"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -171,9 +171,22 @@ class RunSamples:
         return self.mode in {"timeline", "live"}
 
     @property
+    def starts(self) -> int:
+        """Starts of the graph's processes behind the iterations, at the rate with the fewest.
+
+        1 where the verdict is of this start alone; also without any iteration.
+        """
+        return min((len(set(starts_of(found))) for found in self.iterations.values()), default=1)
+
+    @property
     def processes(self) -> tuple[str, ...]:
         """The names of all processes that ran, once each."""
         return tuple(dict.fromkeys(process.name for process in self.record.processes))
+
+
+def starts_of(iterations: Sequence[SegmentSamples]) -> tuple[int, ...]:
+    """The start of the graph's processes that each iteration was played in."""
+    return tuple(one.segment.start for one in iterations)
 
 
 def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> MonitorSamples:

@@ -91,8 +91,8 @@ def _part(cause: str) -> Callable[[Flags], float]:
             "stretches": lambda: effective_sample_size._autocorrelation_inflation(
                 flags, sizes, bad / n
             ),
-            "iterations": lambda: effective_sample_size._iteration_inflation(
-                flags.sum(axis=1), sizes, bad / n
+            "iterations": lambda: effective_sample_size._level_inflation(
+                flags.sum(axis=1), sizes, effective_sample_size.ONE_START, serial=True
             ),
         }
         return max(1.0, found[cause]())

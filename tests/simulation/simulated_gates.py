@@ -11,7 +11,7 @@ from simulated_worlds import World
 from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
-from r2bspec.judge.statistics.effective_sample_size import effective_sample
+from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
 from r2bspec.judge.statistics.paired_ratio import RatioInterval, abba, paired_ratio
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.judge.statistics.t_interval import mean_interval
@@ -45,7 +45,7 @@ def share_outcome(
     plain: bool = False,
 ) -> int:
     """The exact binomial test of one run, on its effective number or on the plain one."""
-    worth = effective_sample(list(pieces))
+    worth = effective_sample(list(pieces), SampleDesign(allowed=allowed, confidence=confidence))
     f = 1.0 if plain else worth.inflation
     if upper_bound(worth.bad / f, worth.n / f, confidence) <= allowed:
         return 1

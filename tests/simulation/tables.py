@@ -28,6 +28,7 @@ from simulated_gates import (
 )
 from simulated_runs import judged
 from simulated_worlds import WORLDS
+from start_tables import START_TABLES
 
 from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.statistics.binomial import upper_bound
@@ -286,6 +287,7 @@ def disturbances() -> None:
 
 
 TABLES = (
+    *START_TABLES,
     messages,
     shares,
     means,

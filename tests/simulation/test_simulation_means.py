@@ -20,7 +20,7 @@ def remembering(phi: float, iterations: int) -> NDArray[np.float64]:
     return np.asarray(1 + 0.02 * values)
 
 
-@pytest.mark.parametrize(("iterations", "most"), [(5, 0.15), (10, 0.12), (20, 0.08)])
+@pytest.mark.parametrize(("iterations", "most"), [(5, 0.09), (10, 0.07), (20, 0.065)])
 def test_iterations_that_resemble_their_neighbours(iterations: int, most: float) -> None:
     """Where t alone is wrong in 15 to 17 %, however many there are."""
     found = mean_gate(remembering(0.5, iterations), 1.0)
@@ -29,11 +29,12 @@ def test_iterations_that_resemble_their_neighbours(iterations: int, most: float)
 
 
 @pytest.mark.parametrize("iterations", [3, 5, 10, 20])
-def test_both_errors_are_five_percent(iterations: int) -> None:
+def test_both_errors_are_below_five_percent(iterations: int) -> None:
+    """Independent iterations pay for those that resemble each other."""
     values = np.random.default_rng(1).normal(1, 0.02, (RUNS, iterations))
     found = mean_gate(values, 1.0)
-    assert found.passed == pytest.approx(0.05, abs=0.015)
-    assert found.failed == pytest.approx(0.05, abs=0.015)
+    assert 0.02 <= found.passed <= 0.05
+    assert 0.02 <= found.failed <= 0.05
 
 
 def test_messages_that_remember_each_other_do_not_matter() -> None:
@@ -70,6 +71,6 @@ def test_heavy_tails_cost_two_points_on_one_side(tail: str) -> None:
 def test_power() -> None:
     random = np.random.default_rng(5)
     # Iterations that resemble each other by chance cost some of it.
-    for slower, iterations, least in ((1.1, 3, 0.85), (1.05, 10, 0.75)):
+    for slower, iterations, least in ((1.12, 3, 0.85), (1.06, 10, 0.75)):
         values = random.normal(slower, 0.02 * slower, (500, iterations))
         assert mean_gate(values, 1.03).failed >= least

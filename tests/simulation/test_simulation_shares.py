@@ -54,7 +54,7 @@ def test_bursts_of_five_pass_a_third_of_the_time_if_messages_are_counted_one_by_
     plain = share_gate(bursts(5), 0.01, 0.01, runs=RUNS, plain=True)
     found = share_gate(bursts(5), 0.01, 0.01, runs=RUNS)
     assert plain.passed > 0.25
-    assert 0.02 <= found.passed <= 0.06
+    assert 0.01 <= found.passed <= 0.06
 
 
 def test_bursts_of_twenty_stay_undecided_at_p99_unless_none_came() -> None:
@@ -67,9 +67,10 @@ def test_bursts_of_twenty_stay_undecided_at_p99_unless_none_came() -> None:
 
 
 def test_the_cost_of_care_is_small_where_messages_are_independent() -> None:
-    for truth in (0.003, 0.02):
-        plain = share_gate(stationary, truth, 0.01, runs=300, plain=True)
-        found = share_gate(stationary, truth, 0.01, runs=300)
+    """Counts of few bad messages hardly show whether iterations are correlated: 10,000 do."""
+    for truth in (0.002, 0.02):
+        plain = share_gate(stationary, truth, 0.01, runs=300, messages=1000, plain=True)
+        found = share_gate(stationary, truth, 0.01, runs=300, messages=1000)
         assert found.passed >= plain.passed - 0.03
         assert found.failed >= plain.failed - 0.03
 

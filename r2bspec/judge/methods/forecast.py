@@ -5,13 +5,28 @@ from __future__ import annotations
 import math
 
 from r2bspec.judge.decision import Question
-from r2bspec.judge.statistics.binomial import lower_bound, messages_to_settle, upper_bound
+from r2bspec.judge.statistics.binomial import (
+    lower_bound,
+    messages_to_settle,
+    upper_bound,
+)
+from r2bspec.judge.statistics.level_interval import LevelMargin
+from r2bspec.judge.statistics.order_statistics import PercentileInterval
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
+from r2bspec.judge.statistics.t_interval import iterations_to_settle
 from r2bspec.judge.verdict import ShareTest
 from r2bspec.judge.verdict_wording import clustering
 from r2bspec.measure.units import show
 
 _MAX_RUN_FACTOR = 100
-"""Runs more than this many times longer are not proposed."""
+"""Runs more than this many times longer are not proposed, unless they need so few messages that
+none over the limit would settle it."""
+
+_LARGER = 1.1
+"""The forecast goes in steps of 5 %."""
+
+_MAX_LEVELS = 200
+"""More iterations or starts than this are not proposed."""
 
 
 def settle_share(question: Question, test: ShareTest, things: str = "messages") -> str:
@@ -26,7 +41,10 @@ def settle_share(question: Question, test: ShareTest, things: str = "messages") 
         test.share,
         test.allowed,
         question.confidence,
-        max_messages=_MAX_RUN_FACTOR * test.effective_n,
+        max_messages=max(
+            _MAX_RUN_FACTOR * test.effective_n,
+            _LARGER * (min_sample_size(test.allowed, question.confidence) or 0),
+        ),
     )
     if needed is None:
         return (
@@ -42,6 +60,21 @@ def settle_share(question: Question, test: ShareTest, things: str = "messages") 
         f"{_clustering_note(question, test, things)}About {iterations} iterations like these ("
         f"{show(needed, 'count')} {things}) would decide it, if the share stays the same."
     )
+
+
+def settle_levels(question: Question, interval: PercentileInterval, levels: LevelMargin) -> str:
+    """What would decide a percentile that only the levels of iterations or starts leave open."""
+    needed = iterations_to_settle(
+        interval.estimate, levels.deviation, question.limit, question.confidence, _MAX_LEVELS
+    )
+    if needed is None:
+        return (
+            f"The percentile is too close to {question.limit_text} for {levels.pieces} that differ "
+            f"by {show(levels.deviation, question.info.unit)}: change the limit, or use a quieter "
+            "machine."
+        )
+    needed = max(needed, levels.number + 1)
+    return f"About {needed} {levels.pieces} would decide it, if they differ by as much."
 
 
 def _clustering_note(question: Question, test: ShareTest, things: str) -> str:

@@ -1,25 +1,37 @@
-"""A bound on a mean, by t over the iterations.
+"""A bound on a mean, by t over the iterations, and over the starts where there are several.
 
 One value for each iteration: messages within one are correlated, and the difference between
-iterations is the noise that a second run would show. Iterations that are correlated with their
-neighbours have a smaller effective sample size.
+iterations is the noise that a second run would show. A run with several starts of the graph's
+processes is a hierarchical sample (`r2bspec.judge.statistics.hierarchical_interval`).
+
+A lost output has no latency, and no mean includes it. So a latency whose mean is small enough does
+not PASS if more than 1 % of the outputs are lost: the mean describes only the others. Fewer are
+stated in a note.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from r2bspec.judge.decision import Answer, Decider, Question, decide
-from r2bspec.judge.statistics.autocorrelation import serial_inflation
-from r2bspec.judge.statistics.t_interval import MeanInterval, iterations_to_settle, mean_interval
+from r2bspec.judge.evidence_limits import correlation_notes
+from r2bspec.judge.statistics.hierarchical_interval import (
+    HierarchicalInterval,
+    hierarchical_interval,
+)
+from r2bspec.judge.statistics.t_interval import iterations_to_settle
 from r2bspec.judge.verdict import Outcome
 from r2bspec.measure.metric_catalogue import MetricInfo
 from r2bspec.measure.metric_values import metric_value
-from r2bspec.measure.samples import SegmentSamples
+from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSamples, starts_of
 from r2bspec.measure.units import show
 
 _MAX_ITERATIONS = 200
 """More than this many are not proposed."""
+
+_MAX_LOST_SHARE = 0.01
+"""A mean latency over a larger share of lost outputs does not PASS."""
 
 _CLOCK_RESOLUTION_S = 1e-6
 """Times are taken by software between system calls: nothing below a microsecond is meaningful."""
@@ -49,24 +61,59 @@ def judge_mean(question: Question) -> Answer:
             estimate=estimate,
             n=len(values),
         )
-    inflation = serial_inflation(values)
-    interval = mean_interval(values, question.confidence, _resolution(question, values), inflation)
+    sample = hierarchical_interval(
+        values,
+        starts_of(question.iterations),
+        question.confidence,
+        _resolution(question, values),
+    )
+    interval = sample.interval
     towards, against = (
         (interval.upper, interval.lower)
         if question.is_upper_bound
         else (interval.lower, interval.upper)
     )
     outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
-    return Answer(
+    answer = Answer(
         outcome=outcome,
         method="t over iterations",
-        reason=_reason(question, interval, outcome, len(values), inflation),
-        settle=_settle(question, interval, inflation) if outcome == "inconclusive" else "",
+        reason=_reason(question, sample, outcome),
+        settle=_settle(question, sample) if outcome == "inconclusive" else "",
         estimate=interval.mean,
         lower=interval.lower,
         upper=interval.upper,
         n=len(values),
-        effective_n=len(values) / inflation,
+        effective_n=sample.number / sample.inflation,
+        notes=()
+        if outcome == "inconclusive"
+        else correlation_notes(sample.pieces, sample.number, sample.inflation),
+    )
+    return _without_lost(question, answer)
+
+
+def _without_lost(question: Question, answer: Answer) -> Answer:
+    """The answer with regard to outputs that were lost, which a mean of latencies leaves out."""
+    if question.monitor is None or question.info.family not in LOSS_SENSITIVE_FAMILIES:
+        return answer
+    seen = [one.monitors[question.monitor] for one in question.iterations]
+    lost, expected = sum(one.missed for one in seen), sum(one.expected for one in seen)
+    if not lost:
+        return answer
+    share = show(lost / expected, "share")
+    left_out = (
+        f"{show(lost, 'count')} of {show(expected, 'count')} outputs ({share}), which were lost"
+    )
+    # What was lost can only have been slow: it does not change a FAIL of an upper limit.
+    small = lost <= _MAX_LOST_SHARE * expected
+    if small or answer.outcome != "pass" or not question.is_upper_bound:
+        return replace(answer, notes=(*answer.notes, f"The mean leaves out {left_out}."))
+    return replace(
+        answer,
+        outcome="inconclusive",
+        reason=f"The mean leaves out {left_out}, and describes only the others: "
+        f"{answer.reason[:1].lower()}{answer.reason[1:]}",
+        settle="State a percentile, in which lost outputs count, or a drop_rate.",
+        notes=(),
     )
 
 
@@ -110,13 +157,15 @@ def resolution(info: MetricInfo, typical: float, window_s: float) -> float:
             return 0.0
 
 
-def _reason(
-    question: Question, interval: MeanInterval, outcome: Outcome, n: int, inflation: float
-) -> str:
-    unit = question.info.unit
-    mean = f"The mean of {n} iterations is {show(interval.mean, unit)}"
-    if inflation > 1:
-        mean += f" (effective sample size {n / inflation:.2g}, as successive ones are correlated)"
+def _reason(question: Question, found: HierarchicalInterval, outcome: Outcome) -> str:
+    unit, interval = question.info.unit, found.interval
+    mean = f"The mean of {len(question.iterations)} iterations"
+    if found.pieces == "starts":
+        mean += f" in {found.number} starts"
+    mean += f" is {show(interval.mean, unit)}"
+    if found.inflation > 1:
+        effective = found.number / found.inflation
+        mean += f" (effective sample size {effective:.2g}, as successive ones may be correlated)"
     lower, upper = show(interval.lower, unit), show(interval.upper, unit)
     sure = f"at {question.confidence_text}"
     if outcome == "inconclusive":
@@ -131,18 +180,19 @@ def _reason(
     return f"{mean}, {sure} at least {lower}{limit}."
 
 
-def _settle(question: Question, interval: MeanInterval, inflation: float) -> str:
+def _settle(question: Question, found: HierarchicalInterval) -> str:
+    interval = found.interval
     needed = iterations_to_settle(
         interval.mean, interval.deviation, question.limit, question.confidence, _MAX_ITERATIONS
     )
     if needed is None:
         return (
-            f"The mean is too close to {question.limit_text} for iterations that differ by "
+            f"The mean is too close to {question.limit_text} for {found.pieces} that differ by "
             f"{show(interval.deviation, question.info.unit)}: change the limit, or use a quieter "
             "machine."
         )
-    needed = max(math.ceil(needed * inflation), len(question.iterations) + 1)
-    return f"About {needed} iterations would decide it, if mean and deviation stay the same."
+    needed = max(math.ceil(needed * found.inflation), found.number + 1)
+    return f"About {needed} {found.pieces} would decide it, if mean and deviation stay the same."
 
 
 DECIDER = Decider(

@@ -4,6 +4,9 @@
 iterations are pooled, with their effective sample size
 (`r2bspec.judge.statistics.effective_sample_size`). A lost message counts as on the wrong side of
 the limit: otherwise a graph that drops its slowest messages would improve its percentiles.
+
+The bounds are also at least as far from the percentile as iterations and starts differ
+(`r2bspec.judge.statistics.level_interval`). Where only that leaves the verdict open, it says so.
 """
 
 from __future__ import annotations
@@ -13,15 +16,17 @@ import math
 import numpy as np
 
 from r2bspec.judge.decision import Answer, Decider, Question, decide
-from r2bspec.judge.methods.forecast import settle_share
+from r2bspec.judge.evidence_limits import correlation_notes, share_notes
+from r2bspec.judge.methods.forecast import settle_levels, settle_share
 from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
 from r2bspec.judge.statistics.order_statistics import (
+    PercentileInterval,
     RankedMessages,
     allowed_share,
     percentile_interval,
 )
-from r2bspec.judge.verdict import ShareTest
-from r2bspec.judge.verdict_wording import share_sentence
+from r2bspec.judge.verdict import Outcome, ShareTest
+from r2bspec.judge.verdict_wording import level_sentence, share_sentence
 from r2bspec.measure.latency import Seconds
 from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES
 
@@ -32,7 +37,7 @@ def judge_percentile(question: Question) -> Answer:
     if quantile is None:
         raise ValueError(f"{question.info.name} is no percentile")
     pieces, lost = _values_by_iteration(question)
-    ranked = RankedMessages(pieces)
+    ranked = RankedMessages(pieces, question.design(allowed_share(quantile)))
     if not ranked.n:
         return Answer(outcome="inconclusive", method="none", reason="There is no message to judge.")
     interval = percentile_interval(ranked, quantile, question.confidence)
@@ -43,11 +48,13 @@ def judge_percentile(question: Question) -> Answer:
         else (interval.lower, interval.upper)
     )
     outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
+    reason, settle = percentile_texts(question, share, interval, outcome)
     return Answer(
         outcome=outcome,
         method="exact binomial",
-        reason=share_sentence(question, share, outcome),
-        settle=settle_share(question, share) if outcome == "inconclusive" else "",
+        reason=reason,
+        settle=settle,
+        notes=percentile_notes(question, share, interval, outcome),
         estimate=interval.estimate,
         lower=interval.lower,
         upper=interval.upper,
@@ -57,6 +64,46 @@ def judge_percentile(question: Question) -> Answer:
         bursts=share.bursts,
         share=share,
     )
+
+
+def percentile_texts(
+    question: Question,
+    test: ShareTest,
+    interval: PercentileInterval,
+    outcome: Outcome,
+    things: str = "messages",
+) -> tuple[str, str]:
+    """The reason of a decision by an interval, and what would settle an open one.
+
+    Args:
+        question: that was decided.
+        test: the binomial test of the same messages.
+        interval: the bounds, in the metric's unit.
+        outcome: by these bounds.
+        things: what was counted, in the plural.
+    """
+    levels = interval.levels
+    counts_decide = test.upper <= test.allowed or test.lower > test.allowed
+    if outcome != "inconclusive" or levels is None or not counts_decide:
+        settle = settle_share(question, test, things)
+        return (
+            share_sentence(question, test, outcome),
+            settle if outcome == "inconclusive" else "",
+        )
+    return (
+        level_sentence(question, interval, levels),
+        settle_levels(question, interval, levels),
+    )
+
+
+def percentile_notes(
+    question: Question, test: ShareTest, interval: PercentileInterval, outcome: Outcome
+) -> tuple[str, ...]:
+    """What a decided percentile cannot know."""
+    notes, levels = share_notes(question, test, outcome), interval.levels
+    if levels is None or outcome == "inconclusive":
+        return notes
+    return (*notes, *correlation_notes(levels.pieces, levels.number, levels.inflation))
 
 
 def _values_by_iteration(question: Question) -> tuple[list[Seconds], int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from r2bspec.judge.decision import Answer, Decider, Question, decide
+from r2bspec.judge.evidence_limits import share_notes
 from r2bspec.judge.methods.forecast import settle_share
 from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import EffectiveSample, effective_sample
@@ -15,7 +16,9 @@ from r2bspec.judge.verdict_wording import share_sentence
 def judge_share(question: Question) -> Answer:
     """Decide a requirement on ``drop_rate``: missed outputs, of the expected ones."""
     seen = [one.monitors[question.monitor or ""] for one in question.iterations]
-    sample = effective_sample([np.logical_not(one.steps.answered) for one in seen])
+    sample = effective_sample(
+        [np.logical_not(one.steps.answered) for one in seen], question.design(question.limit)
+    )
     if not sample.n:
         return Answer(outcome="inconclusive", method="none", reason="No step was played.")
     test = share_test(
@@ -34,6 +37,7 @@ def judge_share(question: Question) -> Answer:
         method="exact binomial",
         reason=share_sentence(question, test, outcome),
         settle=settle_share(question, test) if outcome == "inconclusive" else "",
+        notes=share_notes(question, test, outcome),
         estimate=test.share,
         lower=test.lower,
         upper=test.upper,

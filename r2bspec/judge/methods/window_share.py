@@ -15,7 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from r2bspec.judge.decision import Answer, Decider, Question, WindowCondition, decide
+from r2bspec.judge.evidence_limits import share_notes
 from r2bspec.judge.methods.forecast import settle_share
+from r2bspec.judge.methods.percentile_bound import percentile_notes, percentile_texts
 from r2bspec.judge.methods.share_bound import share_test
 from r2bspec.judge.statistics.effective_sample_size import (
     BadFlags,
@@ -77,7 +79,9 @@ def _without_windows(
 def _judge_ordered(question: Question, windows: WindowCondition, pieces: list[Seconds]) -> Answer:
     """The test with its bounds in the metric's unit."""
     sign = 1.0 if question.is_upper_bound else -1.0
-    ranked = RankedMessages([sign * piece for piece in pieces])
+    ranked = RankedMessages(
+        [sign * piece for piece in pieces], question.design(allowed_share(windows.share))
+    )
     interval = percentile_interval(ranked, windows.share, question.confidence)
     outcome = decide(
         passes=question.is_met(sign * interval.upper),
@@ -86,13 +90,25 @@ def _judge_ordered(question: Question, windows: WindowCondition, pieces: list[Se
     bad = sum(int(np.count_nonzero(flags)) for flags in _bad(question, pieces))
     test = _test(question, windows, ranked.effective_sample(bad))
     lower, upper = sorted((sign * interval.lower, sign * interval.upper))
+    estimate = sign * interval.estimate
     answer = _answer(question, test, outcome)
-    return replace(answer, estimate=sign * interval.estimate, lower=lower, upper=upper)
+    shown = replace(interval, estimate=estimate, lower=lower, upper=upper)
+    reason, settle = percentile_texts(question, test, shown, outcome, counted_noun(question))
+    return replace(
+        answer,
+        estimate=estimate,
+        lower=lower,
+        upper=upper,
+        reason=reason,
+        settle=settle,
+        notes=percentile_notes(question, test, interval, outcome),
+    )
 
 
 def _judge_equality(question: Question, windows: WindowCondition, pieces: list[Seconds]) -> Answer:
     """The test alone: with == and != the windows' values have no order that matters."""
-    test = _test(question, windows, effective_sample(_bad(question, pieces)))
+    design = question.design(allowed_share(windows.share))
+    test = _test(question, windows, effective_sample(_bad(question, pieces), design))
     outcome = decide(passes=test.upper <= test.allowed, fails=test.lower > test.allowed)
     return _answer(question, test, outcome)
 
@@ -116,6 +132,7 @@ def _answer(question: Question, test: ShareTest, outcome: Outcome) -> Answer:
         settle=settle_share(question, test, counted_noun(question))
         if outcome == "inconclusive"
         else "",
+        notes=share_notes(question, test, outcome),
         n=test.n,
         effective_n=test.effective_n,
         over=test.over,

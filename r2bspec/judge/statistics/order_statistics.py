@@ -15,6 +15,9 @@ lower confidence bound on the percentile: comparing them with the limit is the t
 Requiring it for every k' makes the verdict monotone (a looser limit never turns a pass into less)
 and can only make it more conservative.
 
+A percentile is also open by as much as the levels of iterations and starts leave it
+(`level_interval`): the bounds are at least that far from the estimate.
+
 F is worked out for some k, every one up to 16 and then in steps of a fifth, from either end, and
 is the same from one of them down to the one before.
 """
@@ -30,11 +33,14 @@ from numpy.typing import NDArray
 
 from r2bspec.judge.statistics.binomial import last_true, lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import (
+    ONE_START,
     Clustering,
     EffectiveSample,
+    SampleDesign,
     effective_sample_of_rows,
     pad_rows,
 )
+from r2bspec.judge.statistics.level_interval import LevelMargin, level_margin
 from r2bspec.measure.percentiles import rank
 
 _EXACT_LEVELS = 16
@@ -43,11 +49,17 @@ _LEVEL_GROWTH = 1.2
 
 @dataclass(frozen=True)
 class PercentileInterval:
-    """A percentile with its one-sided bounds; infinite where the messages do not bound it."""
+    """A percentile with its one-sided bounds; infinite where the messages do not bound it.
+
+    Attributes:
+        levels: by how much the levels of iterations or starts leave it open, where there are
+            several.
+    """
 
     estimate: float
     lower: float
     upper: float
+    levels: LevelMargin | None = None
 
 
 def allowed_share(q: float) -> float:
@@ -63,8 +75,18 @@ class RankedMessages:
         ordered: all of them, ascending; shape (n,).
     """
 
-    def __init__(self, pieces: Sequence[NDArray[np.float64]]) -> None:
-        """Take one array for each iteration; lost messages are +inf or -inf, whichever is worse."""
+    def __init__(
+        self, pieces: Sequence[NDArray[np.float64]], design: SampleDesign = ONE_START
+    ) -> None:
+        """Take one array for each iteration; lost messages are +inf or -inf, whichever is worse.
+
+        Args:
+            pieces: in the order they were played.
+            design: their starts, the share that is allowed, and the confidence.
+        """
+        # Levels show better than counts whether iterations are correlated (`level_interval`).
+        self._design = replace(design, serial=False)
+        self._pieces = pieces
         self._rows = pad_rows(pieces, fill=math.nan)
         self._sizes = np.array([piece.size for piece in pieces])
         self.ordered = np.sort(np.concatenate([*pieces, np.empty(0)]))
@@ -80,7 +102,9 @@ class RankedMessages:
         # Behind the end of an iteration there is NaN, which is neither over nor under.
         flags = self._rows > edge if largest else self._rows <= edge
         return replace(
-            effective_sample_of_rows(flags, self._sizes), inflation=inflation, cause=cause
+            effective_sample_of_rows(flags, self._sizes, self._design),
+            inflation=inflation,
+            cause=cause,
         )
 
     def _below(self, k: int) -> float:
@@ -91,9 +115,13 @@ class RankedMessages:
         """F at one of the levels, and which estimate it is."""
         if level not in self._found:
             least = self.ordered[self.n - level] if level else math.nan
-            found = effective_sample_of_rows(self._rows >= least, self._sizes)
+            found = effective_sample_of_rows(self._rows >= least, self._sizes, self._design)
             self._found[level] = found.inflation, found.cause
         return self._found[level]
+
+    def level_margin(self, q: float, confidence: float) -> LevelMargin | None:
+        """By how much the levels of iterations and starts leave a percentile open."""
+        return level_margin(self._pieces, self._design.starts, q, confidence)
 
     def max_passing(self, allowed: float, confidence: float) -> int | None:
         """k_pass; None if not even 0 passes."""
@@ -159,8 +187,14 @@ def percentile_interval(
     n, ordered = ranked.n, ranked.ordered
     passing = ranked.max_passing(allowed_share(q), confidence)
     failing = ranked.min_failing(allowed_share(q), confidence)
+    estimate = float(ordered[rank(q, n) - 1])
+    levels = ranked.level_margin(q, confidence)
+    half = levels.half if levels is not None else 0.0
+    lower = -math.inf if failing is None else float(ordered[n - failing])
+    upper = math.inf if passing is None or passing >= n else float(ordered[n - 1 - passing])
     return PercentileInterval(
-        estimate=float(ordered[rank(q, n) - 1]),
-        lower=-math.inf if failing is None else float(ordered[n - failing]),
-        upper=math.inf if passing is None or passing >= n else float(ordered[n - 1 - passing]),
+        estimate=estimate,
+        lower=min(lower, estimate - half),
+        upper=max(upper, estimate + half),
+        levels=levels,
     )

@@ -12,6 +12,16 @@ does, so that one-sided bounds on rho are
 
     exp(y - h -+ t_c(m - 1) s sqrt(1 + 1/m)).
 
+That is true of runs that scatter about one level. A machine that gets slower from run to run, or
+whose level wanders, makes the new run differ from the mean of the others by more than they scatter,
+and yet by no more than one run differs from the run before. With the root mean square s_d of the
+m - 1 steps between successive runs,
+
+    exp(y - h_m -+ t_c(m - 1) s_d)
+
+are bounds that such a machine does not break, and the wider of both is used on either side. The
+price, where runs scatter about one level: s_d is about sqrt(2) s.
+
 Here s is the variation between runs, not iterations, so that the error is as stated, unlike that
 of Welch's test on two runs. More iterations per run make s smaller, but not below the variation
 between runs.
@@ -21,6 +31,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final
 
 from r2bspec.judge.statistics.paired_ratio import RatioInterval
@@ -50,13 +61,17 @@ def predicted_ratio(history: Sequence[float], new: float, confidence: float) -> 
     from scipy.special import stdtrit
 
     m = len(used)
-    found = mean_interval([math.log(value) for value in used], confidence)
-    half = float(stdtrit(m - 1, confidence)) * found.deviation * math.sqrt(1 + 1 / m)
+    logs = [math.log(value) for value in used]
+    found = mean_interval(logs, confidence)
+    t = float(stdtrit(m - 1, confidence))
+    half = t * found.deviation * math.sqrt(1 + 1 / m)
     difference = math.log(new) - found.mean
+    step = t * math.sqrt(math.fsum((b - a) ** 2 for a, b in pairwise(logs)) / (m - 1))
+    last = math.log(new) - logs[-1]
     return RatioInterval(
         ratio=math.exp(difference),
-        lower=math.exp(difference - half),
-        upper=math.exp(difference + half),
+        lower=math.exp(min(difference - half, last - step)),
+        upper=math.exp(max(difference + half, last + step)),
         deviation=found.deviation,
         n=m,
     )

@@ -6,8 +6,8 @@ With values v_1 .. v_m of m independent iterations, their mean v and standard de
 
 follows Student's t with m - 1 degrees of freedom, if the values are close to normal, which means
 over seconds of messages are. One-sided bounds at the confidence c on the true mean mu are then
-v -+ t_c s / sqrt(m). Where values resemble their neighbours in time, m / F takes the place of m in
-both (`autocorrelation`).
+v -+ t_c s / sqrt(m). Where values resemble their neighbours in time, m / F takes the place of m,
+and t has fewer degrees of freedom (`autocorrelation`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,8 @@ def mean_interval(
     variance = math.fsum((value - mean) ** 2 for value in values) / (m - 1)
     deviation = max(math.sqrt(variance), resolution / math.sqrt(12))
     effective_n = m / inflation
-    half = (
-        float(stdtrit(max(effective_n - 1, 1.0), confidence)) * deviation / math.sqrt(effective_n)
-    )
+    t = float(stdtrit(serial_degrees_of_freedom(m, inflation), confidence))
+    half = t * deviation / math.sqrt(effective_n)
     return MeanInterval(mean=mean, lower=mean - half, upper=mean + half, deviation=deviation)
 
 

@@ -167,7 +167,7 @@ class TestOutcomes:
         assert "2 pairs" in judge_pairs(asked(), [1.0], [1.0]).settle
 
     @pytest.mark.parametrize(
-        ("new", "outcome"), [(103.0, "pass"), (85.0, "fail"), (97.5, "inconclusive")]
+        ("new", "outcome"), [(106.0, "pass"), (85.0, "fail"), (97.5, "inconclusive")]
     )
     def test_a_history(self, new: float, outcome: str) -> None:
         found = judge_history(asked(), BASE, new)

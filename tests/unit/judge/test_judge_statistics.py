@@ -258,8 +258,12 @@ class TestMeanInterval:
 
 
 class TestSerial:
-    def test_few_values_say_nothing(self) -> None:
-        assert serial_inflation([1.0, 2.0, 3.0, 4.0]) == 1.0
+    def test_two_values_say_nothing(self) -> None:
+        assert serial_inflation([1.0, 2.0]) == 1.0
+
+    @pytest.mark.parametrize("m", [3, 4, 5, 10, 100])
+    def test_some_information_always_remains(self, m: int) -> None:
+        assert serial_inflation([float(n) for n in range(m)]) <= m - 1 + 1e-6
 
     @pytest.mark.parametrize(
         "values", [[1.0] * 10, [1.0, -1.0] * 10, [3.0, 1.0, 2.0, 5.0, 1.0, 4.0]]
@@ -283,6 +287,7 @@ class TestSerial:
     def test_the_interval_is_that_of_so_many_values(self) -> None:
         values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
         plain, wide = mean_interval(values, 0.95), mean_interval(values, 0.95, inflation=2.0)
-        half = stats.t.ppf(0.95, 6 / 2 - 1) * plain.deviation / math.sqrt(6 / 2)
+        freedom = (6 + 6 / 2) / 2 - 1
+        half = stats.t.ppf(0.95, freedom) * plain.deviation / math.sqrt(6 / 2)
         assert wide.upper - wide.mean == pytest.approx(half)
         assert mean_interval([1.0, 2.0], 0.95, inflation=50.0).upper < math.inf

@@ -1,0 +1,120 @@
+"""The tables of errors in a world of worlds; printed by `tables.py`."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterable, Sequence
+
+from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors
+from simulated_starts import QUANTITIES, WORLDS, Errors, Shape, errors
+
+from r2bspec.judge.interim_looks import InterimLooks
+
+RUNS = 1000
+
+
+def chance(promise: float, runs: int) -> float:
+    """What a promised share comes to in so many runs with bad luck: three standard errors more."""
+    return promise + 3 * math.sqrt(promise * (1 - promise) / runs)
+
+
+def held(found: Errors) -> bool:
+    """Whether the three shares are what is promised, or more by chance."""
+    passed, failed, confirmed = found.shares
+    most = chance(0.05, found.runs)
+    return passed <= most and failed <= most and confirmed <= chance(0.01, found.runs)
+
+
+def cell(found: Errors) -> str:
+    """The three shares in percent; bold where they are more than is promised."""
+    return str(found) if held(found) else f"**{found}**"
+
+
+def show(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    lines = [title, "", f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    lines += [f"| {' | '.join(map(str, row))} |" for row in rows]
+    sys.stdout.write("\n".join(lines) + "\n\n")
+    sys.stdout.flush()
+
+
+def starts() -> None:
+    """Every world, a run of 5 starts of 2 iterations of 300 messages."""
+    show(
+        "5 starts x 2 iterations x 300 messages: wrong passes / fails / confirmed fails, in %",
+        ["world", *QUANTITIES],
+        ([name, *map(cell, errors(world, runs=RUNS).values())] for name, world in WORLDS.items()),
+    )
+
+
+SHAPES = ((1, 1), (1, 3), (1, 5), (1, 10), (2, 2), (3, 2), (5, 2), (10, 2), (20, 2))
+SHAPE_WORLDS = (
+    "nothing differs",
+    "iterations differ by 2.7 %",
+    "iterations resemble (0.5), 5 %",
+    "starts differ by 2.7 %",
+)
+
+
+def shapes() -> None:
+    """How many starts and iterations are needed, by 3,000 messages a run."""
+
+    def row(starts: int, iterations: int, quantity: str) -> Iterable[object]:
+        yield f"{starts} x {iterations}, {quantity}"
+        for name in SHAPE_WORLDS:
+            shape = Shape(starts, iterations, 3000 // (starts * iterations))
+            if quantity == "mean, throughput" and shape.pieces == 1:
+                yield "open"
+            else:
+                yield cell(errors(WORLDS[name], (quantity,), shape=shape, runs=500)[quantity])
+
+    show(
+        "Starts x iterations, 3,000 messages in all: the same",
+        ["starts x iterations", *SHAPE_WORLDS],
+        ([*row(*shape, quantity)] for quantity in ("p50", "mean, throughput") for shape in SHAPES),
+    )
+
+
+def looked_starts() -> None:
+    """Looks after 5, 10 and 20 starts."""
+    looks = InterimLooks((10, 20, 40))
+    names = ("nothing differs", "starts differ by 2.7 %", "iterations resemble (0.5), 5 %")
+    show(
+        "Looks after 5, 10 and 20 starts of 2 iterations x 75 messages: the same",
+        ["world", "p50", "p90", "mean, throughput"],
+        (
+            [
+                name,
+                *map(
+                    cell,
+                    errors(
+                        WORLDS[name],
+                        ("p50", "p90", "mean, throughput"),
+                        shape=Shape(20, 2, 75),
+                        looks=looks,
+                        runs=RUNS,
+                    ).values(),
+                ),
+            ]
+            for name in names
+        ),
+    )
+
+
+def comparisons() -> None:
+    """Base against head, in pairs and with a history."""
+    show(
+        "A against A, ratio and limit 1: wrong passes / fails / confirmed fails, in %",
+        ["world", "5 pairs", "10 pairs", "history of 5", "of 10", "of 30"],
+        (
+            [
+                name,
+                *(cell(pairs_errors(world, pairs=n, runs=2 * RUNS)) for n in (5, 10)),
+                *(cell(history_errors(world, history=n, runs=2 * RUNS)) for n in (5, 10, 30)),
+            ]
+            for name, world in RUN_WORLDS.items()
+        ),
+    )
+
+
+START_TABLES = (starts, shapes, looked_starts, comparisons)
