@@ -167,9 +167,11 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     proof: Literal["", "confirmed", "probes", "open"] = ""
     proof_s: float = 0.0
     lost_at_most: float | None = None
+    max_lost: float | None = None
     capacity: CapacityRecord | None = None
     unsteady: tuple[str, ...] = ()
     unsteady_ratio: float = 1.0
+    refuted: str = ""
 
     @property
     def upper_hz(self) -> float | None:
@@ -182,7 +184,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def shown(self) -> bool:
         """Whether the bracket has the stated confidence."""
-        return self.proof in {"", "confirmed"} and not self.unsteady
+        return self.proof in {"", "confirmed"} and not self.unsteady and not self.refuted
 
     @property
     def open_hz(self) -> tuple[float, ...]:

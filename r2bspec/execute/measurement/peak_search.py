@@ -183,6 +183,7 @@ class PeakSearch:
             proof=self._proof,
             proof_s=lower.played_s if lower is not None and self._proof else 0.0,
             lost_at_most=lower.lost_at_most if lower is not None else None,
+            max_lost=self._overload.loss + self._precision / 2 if self._long else None,
             capacity=self._overload.record(),
             unsteady=tuple(each.text for each in unsteady),
             unsteady_ratio=max((each.ratio for each in unsteady), default=1.0),
