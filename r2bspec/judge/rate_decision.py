@@ -21,7 +21,7 @@ by batch means, which knows of bursts, and that of Clopper and Pearson, which kn
 20 messages without a drop shows no more than that at most a fifth is dropped. So a rate that keeps
 up may be undecided, because too few messages were played.
 
-A graph may start slowly, so before `COLD_S` only a gross overload is not sustained: one that
+A graph may start slowly, so a look before `COLD_S` rejects only a gross overload: a graph that
 completes less than a third of what is offered. It may also start fast; a rate that must be shown to
 be sustained is played whole (`r2bspec.language.probe_length`).
 
@@ -240,7 +240,7 @@ def judge_interim(
         return ProbeJudgement(False, _shortfall(overall))
     if overall.answered < MIN_LOOK_MESSAGES or estimate.steady.batches < _MIN_BATCHES:
         return ProbeJudgement(None, "too few outputs so far")
-    return _judge(estimate, criterion, look)
+    return _judge(estimate, criterion, look, cold=look.at_s < COLD_S)
 
 
 def judge_final(
@@ -251,6 +251,7 @@ def judge_final(
     *,
     whole: bool = False,
     proven_hz: float = 0.0,
+    ended_early: bool = False,
 ) -> ProbeJudgement:
     """Judge a probe that is over, from all its samples.
 
@@ -262,8 +263,10 @@ def judge_final(
         whole: whether only this look could find the rate to be sustained.
         proven_hz: the rate with which other plays have shown that the graph keeps up. Then this
             one need not show it again, if its backlog does not seem to grow.
+        ended_early: whether it ended before its time, at this look.
     """
-    judgement = _judge(estimate, criterion, look, whole=whole, proven_hz=proven_hz)
+    cold = ended_early and look.at_s < COLD_S
+    judgement = _judge(estimate, criterion, look, whole=whole, proven_hz=proven_hz, cold=cold)
     if decided is not None:
         reason = "delivered as offered" if decided else _shortfall(estimate.overall)
         judgement = replace(judgement, holds=decided, reason=reason)
@@ -300,6 +303,7 @@ def _judge(
     criterion: Criterion,
     look: InterimLook,
     *,
+    cold: bool,
     whole: bool = False,
     proven_hz: float = 0.0,
 ) -> ProbeJudgement:
@@ -311,7 +315,7 @@ def _judge(
     undecided = ProbeJudgement(
         None, "", relative_half_width=half_hz / offered_hz, lost_at_most=lost
     )
-    if _fails(estimate, criterion, look, offered_hz, half_hz):
+    if _fails(estimate, criterion, offered_hz, half_hz, error, cold=cold):
         reason = _shortfall(estimate.overall)
         return replace(undecided, holds=False, reason=reason, keeps_up=False)
     # A play that nothing ends early has time to leave out a slow start here, too.
@@ -341,15 +345,16 @@ def _lost_text(estimate: ProbeEstimate, lost: float) -> str:
 def _fails(
     estimate: ProbeEstimate,
     criterion: Criterion,
-    look: InterimLook,
     offered_hz: float,
     half_hz: float,
+    error: float,
+    *,
+    cold: bool,
 ) -> bool:
     """Whether the rate is clearly not sustained, and not only because the graph is cold."""
     completed_hz = estimate.steady.completed_hz + half_hz
-    error = criterion.error * look.share
     dropped = _min_drop_share(estimate, offered_hz, error)
-    if look.at_s < COLD_S:
+    if cold:
         return completed_hz < _GROSS_SHARE * offered_hz or dropped > 1 - _GROSS_SHARE
     return completed_hz < (1 - criterion.precision / 10) * offered_hz or (
         dropped > criterion.max_lost

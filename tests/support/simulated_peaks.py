@@ -13,7 +13,7 @@ import numpy as np
 from r2bspec.judge.rate_decision import Criterion
 from r2bspec.judge.verdict import Outcome
 from r2bspec.record.run_record import SearchRecord
-from simulated_queues import SHALLOW, Searching, Server, probe
+from simulated_queues import SHALLOW, SUSTAINED, Searching, Server, probe
 
 Kind = Literal["D/D/1", "D/M/1", "M/D/1", "M/M/1"]
 
@@ -42,6 +42,7 @@ def outcome(kind: Kind, load: float, *, seconds: float, seed: int) -> Outcome | 
         Server(100.0, spread=1.0 if kind[2] == "M" else 0.0, seed=seed),
         rate_hz,
         seconds=seconds,
+        play=SUSTAINED,
         arrivals_s=np.cumsum(random.exponential(1 / rate_hz, steps)) if kind[0] == "M" else None,
     ).judgement
     if found.limited_by_player:

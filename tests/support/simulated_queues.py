@@ -142,6 +142,10 @@ class Play:
     proven_hz: float = 0.0
 
 
+SUSTAINED = Play(ends_on=frozenset({False}), whole=True, enough=True)
+"""Of a rate that an objective requires to be sustained."""
+
+
 def probe(
     server: Answering,
     rate_hz: float,
@@ -166,7 +170,7 @@ def probe(
     criterion = criterion or Criterion(precision=0.02)
     play = play or Play()
     steps = max(MIN_PROBE_STEPS, round(seconds * rate_hz))
-    if play.enough:
+    if play.enough and arrivals_s is None:
         steps = max(steps, min(criterion.messages_without_loss, MAX_LONGER * steps))
     due_s = np.arange(steps) / rate_hz
     published_s = np.arange(steps) / min(rate_hz, player_hz or rate_hz)
@@ -176,7 +180,7 @@ def probe(
     looks = plan_interim_looks(steps / rate_hz)
     if not play.ends_on:
         looks = (InterimLook(steps / rate_hz, 1.0),)
-    decided, stopped_s = None, float(published_s[-1])
+    decided, stopped_s, ended_at = None, float(published_s[-1]), None
     for look in looks[:-1]:
         now_ns = _ns(look.at_s)
         played = playback[playback["published_ns"] <= now_ns]
@@ -185,7 +189,7 @@ def probe(
         judged = judge_interim(found, criterion, look)
         if (True if judged.keeps_up else judged.holds) in play.ends_on:
             decided = judged.holds
-            stopped_s = look.at_s
+            stopped_s, ended_at = look.at_s, look
             break
     # Playing stops there, and the graph answers what is still inside.
     played = playback[playback["published_ns"] <= _ns(stopped_s)]
@@ -193,7 +197,13 @@ def probe(
     end_ns = max(_ns(stopped_s), int(rest["received_ns"].max()) if rest.size else 0) + 500_000_000
     final = estimate_probe(rate_hz, played, rest, match(played, rest, "stamp"), end_ns)
     judgement = judge_final(
-        final, criterion, looks[-1], decided, whole=play.whole, proven_hz=play.proven_hz
+        final,
+        criterion,
+        ended_at or looks[-1],
+        decided,
+        whole=play.whole,
+        proven_hz=play.proven_hz,
+        ended_early=ended_at is not None,
     )
     return Probed(judgement, final.overall, stopped_s, played, rest, final.departures)
 

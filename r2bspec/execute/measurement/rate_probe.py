@@ -257,6 +257,7 @@ class _InterimMonitor:
         self._estimate_all = estimate_all
         self._number = 0
         self._decided: list[bool | None] = []
+        self._ended_at: InterimLook | None = None
 
     def watch(self, observation: SegmentObservation, elapsed_s: float) -> bool:
         """Whether the result is clear; called while playing."""
@@ -272,6 +273,7 @@ class _InterimMonitor:
         state = True if worst.keeps_up else worst.holds
         if state not in self._play.ends_on:
             return False
+        self._ended_at = due[-1]
         if state is False or worst.holds:
             self._decided = [each.holds for each in judgements]
         return True
@@ -284,10 +286,11 @@ class _InterimMonitor:
                 judge_final(
                     each,
                     self._criterion,
-                    self._looks[-1],
+                    self._ended_at or self._looks[-1],
                     holds,
                     whole=self._play.whole,
                     proven_hz=self._play.proven_hz,
+                    ended_early=self._ended_at is not None,
                 )
                 for each, holds in zip(estimates, decided, strict=True)
             ]

@@ -15,9 +15,7 @@ from r2bspec.judge.rate_decision import (
     plan_interim_looks,
     worst_judgement,
 )
-from simulated_queues import DEEP, SHALLOW, Play, Probed, Server, probe
-
-SUSTAINED = Play(ends_on=frozenset({False}), whole=True, enough=True)
+from simulated_queues import DEEP, SHALLOW, SUSTAINED, Probed, Server, probe
 
 
 def sustained(server: Server, rate_hz: float, **how: Any) -> Probed:
