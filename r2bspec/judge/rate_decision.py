@@ -311,7 +311,9 @@ def _judge(
     steady = estimate.steady
     offered_hz = min(steady.offered_hz, steady.player_hz)
     half_hz = _t_quantile(steady.batches, error) * steady.completed_error_hz
-    lost = _max_drop_share(estimate.dropped, criterion.error if whole else error)
+    # Of a whole play this is the only look that can find the rate to be sustained.
+    hold_error = criterion.error if whole else error
+    lost = _max_drop_share(estimate.dropped, hold_error)
     undecided = ProbeJudgement(
         None, "", relative_half_width=half_hz / offered_hz, lost_at_most=lost
     )
@@ -320,7 +322,7 @@ def _judge(
         return replace(undecided, holds=False, reason=reason, keeps_up=False)
     # A play that nothing ends early has time to leave out a slow start here, too.
     skip = estimate.sent_s.size // _TRANSIENT_DIVISOR if whole else 0
-    climbs = trend(estimate.sent_s[skip:], estimate.latency_s[skip:], 1 - error).upper
+    climbs = trend(estimate.sent_s[skip:], estimate.latency_s[skip:], 1 - hold_error).upper
     if (climbs <= criterion.precision / 4 or steady.offered_hz <= proven_hz) and (
         steady.completed_hz >= (1 - criterion.precision / 2) * offered_hz
     ):

@@ -45,7 +45,7 @@ def spec(habit: dict[str, float], search: dict[str, Any], sustained: str) -> dic
             "iterations": 2,
             "warm_up": "100 ms",
             "start_timeout": "60 s",
-            "search": {"min": "30 Hz", "max": "400 Hz"} | search,
+            "search": {"min": "30 Hz"} | search,
             "gate": {"confirm": False},
         },
         slos={
@@ -73,15 +73,15 @@ def words(done: Finished) -> str:
 @pytest.fixture(scope="module")
 def losing(tmp_path_factory: pytest.TempPathFactory) -> Finished:
     """Of a node that loses one message in ten, where none may be lost."""
-    search = {"precision": "4 %", "probe": "3 s", "confirm": "4 s", "max": "250 Hz"}
+    search = {"precision": "4 %", "probe": "2 s", "confirm": "2 s", "max": "300 Hz"}
     return run(tmp_path_factory.mktemp("losing"), {"loses": 0.1}, search, "60 Hz")
 
 
 @pytest.fixture(scope="module")
 def sleeping(tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    """Of a node that sleeps for 0.4 s of each 2 s."""
-    search = {"precision": "5 %", "probe": "4 s", "confirm": "6 s"}
-    habit = {"asleep_s": 0.4, "every_s": 2.0}
+    """Of a node that sleeps for 0.3 s of each second."""
+    search = {"precision": "5 %", "probe": "3 s", "confirm": "3 s", "max": "300 Hz"}
+    habit = {"asleep_s": 0.3, "every_s": 1.0}
     return run(tmp_path_factory.mktemp("sleeping"), habit, search, "40 Hz")
 
 

@@ -8,7 +8,7 @@ The search is independent of processes: it calls functions that play, and evalua
    precision (`r2bspec.judge.capacity_estimate`). That bounds the peak from above, and says where
    to look for it. A check just above the bound must not keep up: a graph may be slower when it is
    overloaded.
-3. Where conditions or tolerated losses decide, or no overload was possible, the bracket is
+3. Where conditions or large tolerated losses decide, or no overload was possible, the bracket is
    narrowed by short probes: near the output rate of the overload first, then in growing strides,
    then by halves of the ratio of its ends.
 4. The lower end is played whole. If that refutes it, the search goes on below.
@@ -107,6 +107,10 @@ class LongPlays:
     conditions: bool = False
     allows: Callable[[float], bool] = lambda _: True
 
+    def needs_probes(self, precision: float) -> bool:
+        """Whether the capacity alone does not tell the peak to this precision."""
+        return self.conditions or self.loss > precision
+
 
 class PeakSearch:
     """One search; `run` executes it, `record` is its current state."""
@@ -161,7 +165,7 @@ class PeakSearch:
         if self._try(self._minimum_hz) is not False and self._maximum_hz > self._minimum_hz:
             self._try(self._maximum_hz)
         aimed = self._long is not None and self._aim(self._long)
-        if not aimed or (self._long is not None and (self._long.conditions or self._long.loss)):
+        if not aimed or (self._long is not None and self._long.needs_probes(self._precision)):
             while (rate_hz := self._next_rate()) is not None:
                 self._try(rate_hz)
         if self._long is not None:
@@ -219,7 +223,7 @@ class PeakSearch:
                 self._overload.capacity = None
                 return False
         self._fails_hz = min(upper_hz, self._fails_hz)
-        if plays.confirm is None or plays.conditions or plays.loss:
+        if plays.confirm is None or plays.needs_probes(self._precision):
             return self._try(lower_hz) is True
         self._candidate_hz = lower_hz
         return True
