@@ -14,6 +14,7 @@ from r2bspec.diagnostics.number_limits import check_numbers
 from r2bspec.judge.confirmation import judge_with_confirmation
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.history_comparison import judge_with_baseline
+from r2bspec.judge.peak_refutation import with_refuted_peak
 from r2bspec.judge.result import BaselineResult, ObjectiveText, PairsResult, Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.spec import Objective
@@ -51,7 +52,7 @@ def result_of(
         run,
         objectives,
         judged_by,
-        metrics=summarise(samples),
+        metrics=summarise(with_refuted_peak(samples)),
         verdict=verdict,
         baseline=_baseline_result(baseline, confirmed=again is not None)
         if baseline is not None

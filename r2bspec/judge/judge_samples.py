@@ -18,6 +18,7 @@ from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.interim_looks import InterimLooks, combine_looks
 from r2bspec.judge.judge_requirement import iterations_at, judge_requirement, objective_rate
 from r2bspec.judge.outcome import outcome_of
+from r2bspec.judge.peak_refutation import with_refuted_peak
 from r2bspec.judge.playback_validity import PlaybackValidity
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import (
@@ -55,6 +56,7 @@ def judge(
         samples: the run.
         policy: as the plan stated it before the run.
     """
+    samples = with_refuted_peak(samples)
     playback_validity = PlaybackValidity.of(samples)
     judged_objectives = {
         name: objective for name, objective in objectives.items() if objective.level != "off"

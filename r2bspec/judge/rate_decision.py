@@ -2,27 +2,39 @@
 
 A rate is sustained if the graph's backlog does not grow at it and few enough messages are lost. A
 probe is judged after 1 s, 1.5 s, 2.25 s and so on, and at its end (`plan_interim_looks`). At each
-look two tests are made, the second only if the first does not reject:
+look these tests are made, the others only if the first does not reject:
 
     not sustained   completed + t x error < (1 - precision / 10) x offered      the backlog grows
                     or the share dropped is clearly above  loss + precision / 2
-    sustained       the latency climbs by clearly less than  precision / 4  seconds per second,
-                    and the share dropped is clearly not above  loss + precision / 2
+    keeps up        the latency climbs by clearly less than  precision / 4  seconds per second
+    few lost        the upper bound of the share dropped is at most  loss + precision / 2
+    sustained       keeps up, and few lost
 
 `completed` is the rate at which the graph completes steps, with its error by batch means
 (`r2bspec.measure.completion_rate`): while a graph does not keep up, the completed steps are a
 random walk of service times. The first third of the steps is left out there, because queues that
 fill up to a constant level are no overload. While a graph does keep up, latencies scatter about a
 level, and the slope of the line through them is known much better than the rate is
-(`r2bspec.judge.statistics.trend`). `loss` is the drop rate that the spec allows, zero by default.
-A growth below a tenth of the precision cannot be told from none, and a sustained rate is proven up
-to a quarter of the precision.
+(`r2bspec.judge.statistics.trend`). `loss` is the drop rate that the spec allows, zero by default:
+"none is lost" means that at most half the precision is. The upper bound is the larger one of that
+by batch means, which knows of bursts, and that of Clopper and Pearson, which knows that a probe of
+20 messages without a drop shows no more than that at most a fifth is dropped. So a rate that keeps
+up may be undecided, because too few messages were played.
+
+A graph may start slowly, so a look before `COLD_S` rejects only a gross overload: a graph that
+completes less than a third of what is offered. It may also start fast; a rate that must be shown to
+be sustained is played whole (`r2bspec.language.probe_length`).
+
+A growth below a tenth of the precision cannot be told from none. Just above the capacity a short
+probe cannot tell either: the error of a probe is as stated from one precision above the capacity
+on.
 
 If neither test succeeds, the rate is undecided: a graph whose service times vary by as much as
 their mean needs ten seconds and more to show at 100 Hz that it keeps up with 90 % of its capacity.
 
 The error of a probe is divided among its looks in proportion to their times (an error-spending
-function that is linear in time), so that frequent looks do not increase the error.
+function that is linear in time), so that frequent looks do not increase the error. A probe that is
+played whole is sustained only by its end, which has the whole error.
 """
 
 from __future__ import annotations
@@ -34,6 +46,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.capacity_estimate import Departures
+from r2bspec.judge.statistics.binomial import upper_bound
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.judge.statistics.trend import trend
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.probe_length import (
@@ -57,6 +72,12 @@ _PROBE_ERROR_SHARE = 1 / 4
 several probes near the peak, and residuals that wander pass for scatter more often than a t
 distribution says. With this part the brackets of simulated searches keep their confidence."""
 
+COLD_S = 5.0
+"""Before this time a graph may still be cold; what it fails is not held against it."""
+
+_GROSS_SHARE = 1 / 3
+"""A graph that completes less than this share of what is offered is not only cold."""
+
 _MIN_PLAYER_SHARE = 0.98
 """Below this share of the offered rate the player did not keep up."""
 
@@ -72,18 +93,40 @@ class Criterion:
     loss: float = 0.0
     confidence: float = CONFIDENCE
 
+    @property
+    def max_lost(self) -> float:
+        """The share that may be lost: what the spec allows, and half the precision."""
+        return self.loss + self.precision / 2
+
+    @property
+    def error(self) -> float:
+        """The error of one probe, either way."""
+        return (1 - self.confidence) * _PROBE_ERROR_SHARE
+
+    @property
+    def messages_without_loss(self) -> int:
+        """So many messages, none of them lost, show that few enough are lost."""
+        found = min_sample_size(self.max_lost, 1 - self.error)
+        # The first third is left out, and a message on either side does not count.
+        return math.ceil((found or 0) * _TRANSIENT_DIVISOR / (_TRANSIENT_DIVISOR - 1)) + 3
+
 
 @dataclass(frozen=True)
 class ProbeJudgement:
     """Whether a rate is sustained, None while undecided; and the reason in words.
 
-    `relative_half_width` is the relative half-width within which the rate of the graph is known.
+    Attributes:
+        relative_half_width: the relative half-width within which the rate of the graph is known.
+        keeps_up: whether the backlog does not grow, whatever is lost; None while undecided.
+        lost_at_most: the upper bound of the share of messages that are lost.
     """
 
     holds: bool | None
     reason: str
     limited_by_player: bool = False
     relative_half_width: float = math.inf
+    keeps_up: bool | None = None
+    lost_at_most: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -104,6 +147,7 @@ class ProbeEstimate:
         dropped: for each later step that the graph has completed, whether it was dropped.
         sent_s: when the input of each output was published, in s from the first step, shape (n,).
         latency_s: the latency of each output, shape (n,).
+        departures: when the outputs arrived.
     """
 
     overall: DeliveryEstimate
@@ -111,6 +155,7 @@ class ProbeEstimate:
     dropped: NDArray[np.bool_]
     sent_s: NDArray[np.float64]
     latency_s: NDArray[np.float64]
+    departures: Departures
 
 
 def plan_interim_looks(limit_s: float) -> tuple[InterimLook, ...]:
@@ -155,13 +200,37 @@ def estimate_probe(
         dropped=~answered[transient:done_with],
         sent_s=(sent_ns - published_ns[:1]) / 1e9,
         latency_s=(received_ns - sent_ns) / 1e9,
+        departures=_departures(rate_hz, published_ns, received_ns, matching.per_step),
+    )
+
+
+def _departures(
+    rate_hz: float,
+    published_ns: NDArray[np.int64],
+    received_ns: NDArray[np.int64],
+    per_step: float,
+) -> Departures:
+    """The outputs that arrived while inputs were published."""
+    first_ns, last_ns = (
+        (int(published_ns[0]), int(published_ns[-1])) if published_ns.size else (0, 0)
+    )
+    arrived = np.sort(received_ns[received_ns <= last_ns])
+    return Departures(
+        begun_s=first_ns / 1e9,
+        times_s=(arrived - first_ns) / 1e9,
+        played_s=(last_ns - first_ns) / 1e9,
+        offered_hz=rate_hz * per_step,
+        per_step=per_step,
     )
 
 
 def judge_interim(
     estimate: ProbeEstimate, criterion: Criterion, look: InterimLook
 ) -> ProbeJudgement:
-    """Judge a probe that is still being played, by its samples so far."""
+    """Judge a probe that is still being played, by its samples so far.
+
+    A probe that is played whole goes on even if the rate seems to be sustained.
+    """
     overall = estimate.overall
     if (
         look.at_s >= MAX_NO_OUTPUT_S
@@ -171,11 +240,18 @@ def judge_interim(
         return ProbeJudgement(False, _shortfall(overall))
     if overall.answered < MIN_LOOK_MESSAGES or estimate.steady.batches < _MIN_BATCHES:
         return ProbeJudgement(None, "too few outputs so far")
-    return _judge(estimate, criterion, look)
+    return _judge(estimate, criterion, look, cold=look.at_s < COLD_S)
 
 
 def judge_final(
-    estimate: ProbeEstimate, criterion: Criterion, look: InterimLook, decided: bool | None
+    estimate: ProbeEstimate,
+    criterion: Criterion,
+    look: InterimLook,
+    decided: bool | None,
+    *,
+    whole: bool = False,
+    proven_hz: float = 0.0,
+    ended_early: bool = False,
 ) -> ProbeJudgement:
     """Judge a probe that is over, from all its samples.
 
@@ -184,51 +260,106 @@ def judge_final(
         criterion: of a sustained rate.
         look: the last one.
         decided: the decision of an earlier look; it stays, and only its reason is worked out.
+        whole: whether only this look could find the rate to be sustained.
+        proven_hz: the rate with which other plays have shown that the graph keeps up. Then this
+            one need not show it again, if its backlog does not seem to grow.
+        ended_early: whether it ended before its time, at this look.
     """
-    judgement = _judge(estimate, criterion, look)
+    cold = ended_early and look.at_s < COLD_S
+    judgement = _judge(estimate, criterion, look, whole=whole, proven_hz=proven_hz, cold=cold)
     if decided is not None:
         reason = "delivered as offered" if decided else _shortfall(estimate.overall)
         judgement = replace(judgement, holds=decided, reason=reason)
+        if not decided:
+            judgement = replace(judgement, keeps_up=False)
     overall = estimate.overall
     if judgement.holds is not False and overall.player_hz < _MIN_PLAYER_SHARE * overall.offered_hz:
         reason = f"the player reached only {overall.player_hz:.4g} Hz"
-        return replace(judgement, holds=False, reason=reason, limited_by_player=True)
+        return replace(
+            judgement, holds=False, reason=reason, limited_by_player=True, keeps_up=False
+        )
     return judgement
 
 
 def worst_judgement(judgements: Sequence[ProbeJudgement]) -> ProbeJudgement:
-    """The worst judgement of several monitors: not sustained, then undecided, then sustained."""
-    order = {False: 0, None: 1, True: 2}
+    """The worst judgement of several monitors.
+
+    Not sustained is worst, then undecided, then what keeps up but may lose messages.
+    """
     nothing = ProbeJudgement(None, "nothing was published yet")
-    return min(judgements, key=lambda each: order[each.holds], default=nothing)
+    worst = min(judgements, key=_rank, default=nothing)
+    lost = max((each.lost_at_most for each in judgements), default=1.0)
+    return replace(worst, lost_at_most=lost) if lost != worst.lost_at_most else worst
 
 
-def _judge(estimate: ProbeEstimate, criterion: Criterion, look: InterimLook) -> ProbeJudgement:
-    error = (1 - criterion.confidence) * _PROBE_ERROR_SHARE * look.share
+def _rank(judgement: ProbeJudgement) -> int:
+    if judgement.holds is None:
+        return 2 if judgement.keeps_up else 1
+    return 3 if judgement.holds else 0
+
+
+def _judge(
+    estimate: ProbeEstimate,
+    criterion: Criterion,
+    look: InterimLook,
+    *,
+    cold: bool,
+    whole: bool = False,
+    proven_hz: float = 0.0,
+) -> ProbeJudgement:
+    error = criterion.error * look.share
     steady = estimate.steady
     offered_hz = min(steady.offered_hz, steady.player_hz)
-    lossy = criterion.loss + criterion.precision / 2
     half_hz = _t_quantile(steady.batches, error) * steady.completed_error_hz
-    relative_half_width = half_hz / offered_hz
-    if steady.completed_hz + half_hz < (1 - criterion.precision / 10) * offered_hz or (
-        _min_drop_share(estimate, offered_hz, error) > lossy
+    # Of a whole play this is the only look that can find the rate to be sustained.
+    hold_error = criterion.error if whole else error
+    lost = _max_drop_share(estimate.dropped, hold_error)
+    undecided = ProbeJudgement(
+        None, "", relative_half_width=half_hz / offered_hz, lost_at_most=lost
+    )
+    if _fails(estimate, criterion, offered_hz, half_hz, error, cold=cold):
+        reason = _shortfall(estimate.overall)
+        return replace(undecided, holds=False, reason=reason, keeps_up=False)
+    # A play that nothing ends early has time to leave out a slow start here, too.
+    skip = estimate.sent_s.size // _TRANSIENT_DIVISOR if whole else 0
+    climbs = trend(estimate.sent_s[skip:], estimate.latency_s[skip:], 1 - hold_error).upper
+    if (climbs <= criterion.precision / 4 or steady.offered_hz <= proven_hz) and (
+        steady.completed_hz >= (1 - criterion.precision / 2) * offered_hz
     ):
-        return ProbeJudgement(
-            False, _shortfall(estimate.overall), relative_half_width=relative_half_width
-        )
-    climbs = trend(estimate.sent_s, estimate.latency_s, 1 - error).upper
-    if (
-        climbs <= criterion.precision / 4
-        and steady.completed_hz >= (1 - criterion.precision / 2) * offered_hz
-        and _share_bounds(estimate.dropped, error)[1] <= lossy
-    ):
-        return ProbeJudgement(True, "delivered as offered", relative_half_width=relative_half_width)
+        if lost <= criterion.max_lost:
+            return replace(undecided, holds=True, reason="delivered as offered", keeps_up=True)
+        return replace(undecided, keeps_up=True, reason=_lost_text(estimate, lost))
     growth_hz = offered_hz - steady.completed_hz
-    return ProbeJudgement(
-        None,
+    reason = (
         f"undecided: the backlog grows by {growth_hz - half_hz:.3g} to "
-        f"{growth_hz + half_hz:.3g} messages/s",
-        relative_half_width=relative_half_width,
+        f"{growth_hz + half_hz:.3g} messages/s"
+    )
+    return replace(undecided, reason=reason)
+
+
+def _lost_text(estimate: ProbeEstimate, lost: float) -> str:
+    """What is known of the losses of a graph that keeps up."""
+    number = int(estimate.dropped.size)
+    seen = int(np.count_nonzero(estimate.dropped))
+    return f"keeps up; at most {100 * lost:.2g} % lost ({seen} of {number} messages)"
+
+
+def _fails(
+    estimate: ProbeEstimate,
+    criterion: Criterion,
+    offered_hz: float,
+    half_hz: float,
+    error: float,
+    *,
+    cold: bool,
+) -> bool:
+    """Whether the rate is clearly not sustained, and not only because the graph is cold."""
+    completed_hz = estimate.steady.completed_hz + half_hz
+    dropped = _min_drop_share(estimate, offered_hz, error)
+    if cold:
+        return completed_hz < _GROSS_SHARE * offered_hz or dropped > 1 - _GROSS_SHARE
+    return completed_hz < (1 - criterion.precision / 10) * offered_hz or (
+        dropped > criterion.max_lost
     )
 
 
@@ -244,6 +375,14 @@ def _min_drop_share(estimate: ProbeEstimate, offered_hz: float, error: float) ->
         else math.inf
     )
     return max(1 - delivered_hz / offered_hz, _share_bounds(estimate.dropped, error)[0])
+
+
+def _max_drop_share(dropped: NDArray[np.bool_], error: float) -> float:
+    """The upper bound of the share dropped: by batch means, and at least by Clopper-Pearson."""
+    if not dropped.size:
+        return 1.0
+    exact = upper_bound(int(np.count_nonzero(dropped)), int(dropped.size), 1 - error)
+    return min(1.0, max(_share_bounds(dropped, error)[1], exact))
 
 
 def _share_bounds(happened: NDArray[np.bool_], error: float) -> tuple[float, float]:

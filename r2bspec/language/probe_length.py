@@ -9,6 +9,15 @@ from r2bspec.language.quantities import Duration
 PROBE: Final = Duration(10 * 10**9)
 """The longest duration of the probe of one rate, by default."""
 
+CONFIRM: Final = Duration(30 * 10**9)
+"""How long the lower end of the bracket is played, by default."""
+
+OVERLOAD_PROBES: Final = 6
+"""The graph is overloaded for at most as long as so many probes."""
+
+MAX_LONGER: Final = 6
+"""At low rates, what must show that few messages are lost lasts up to so many times as long."""
+
 MIN_PROBE_STEPS: Final = 20
 """A probe of a low rate lasts longer: for so many steps."""
 

@@ -18,7 +18,7 @@ import msgspec
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.default_starts import default_starts
 from r2bspec.language.node_kinds import NodeKind, kind_of
-from r2bspec.language.probe_length import PROBE
+from r2bspec.language.probe_length import CONFIRM, PROBE
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
 
@@ -340,7 +340,8 @@ class Search(_SpecStruct, frozen=True, kw_only=True):
     """The search for the highest sustained rate.
 
     `holds` are conditions on a probe in addition to the one that always applies: the backlog of
-    unanswered messages must not grow.
+    unanswered messages must not grow. `confirm` is how long the lower end of the result is played
+    whole; 0 for not at all.
     """
 
     min: Rate
@@ -348,6 +349,7 @@ class Search(_SpecStruct, frozen=True, kw_only=True):
     precision: Share = Share(0.02)
     holds: tuple[Requirement, ...] = ()
     probe: Duration = PROBE
+    confirm: Duration = CONFIRM
     confidence: Share = Share(CONFIDENCE)
 
 

@@ -183,6 +183,7 @@ def _search(spec: Spec) -> SearchPlan | None:
         probe_ns=search.probe.ns,
         holds=search.holds,
         confidence=search.confidence.fraction,
+        confirm_ns=search.confirm.ns,
     )
 
 

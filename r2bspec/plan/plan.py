@@ -241,7 +241,10 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
 
 
 class SearchPlan(_Value, frozen=True, kw_only=True):
-    """The peak search; `precision` is a relative width, as a fraction."""
+    """The peak search; `precision` is a relative width, as a fraction.
+
+    The lower end of its result is played for `confirm_ns`; 0 in plans of versions that did not.
+    """
 
     min_hz: float
     max_hz: float
@@ -249,6 +252,7 @@ class SearchPlan(_Value, frozen=True, kw_only=True):
     probe_ns: int
     holds: tuple[Requirement, ...]
     confidence: float = CONFIDENCE
+    confirm_ns: int = 0
 
 
 class PlayPlan(_Value, frozen=True, kw_only=True):

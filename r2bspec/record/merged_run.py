@@ -137,6 +137,7 @@ def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
     holds = [each.holds_hz for each in found if each.holds_hz is not None]
     fails = [each.fails_hz for each in found if each.fails_hz is not None]
     limits = {each.limited_by for each in found}
+    proofs = {each.proof for each in found}
     order: tuple[Limit, ...] = ("interrupted", "player", "range", "graph")
     return SearchRecord(
         probes=tuple(
@@ -149,4 +150,11 @@ def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
         limited_by=next(each for each in order if each in limits),
         precision=max(each.precision for each in found),
         confidence=min(each.confidence for each in found),
+        proof=next((each for each in ("open", "probes", "confirmed") if each in proofs), ""),
+        proof_s=min(each.proof_s for each in found),
+        lost_at_most=max((each.lost_at_most or 0.0 for each in found), default=None),
+        max_lost=max((each.max_lost or 0.0 for each in found), default=None) or None,
+        unsteady=tuple(dict.fromkeys(text for each in found for text in each.unsteady)),
+        unsteady_ratio=max(each.unsteady_ratio for each in found),
+        refuted=next((each.refuted for each in found if each.refuted), ""),
     )

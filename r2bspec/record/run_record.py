@@ -115,7 +115,11 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
     """One probe: the offered rate, the delivered rate, and whether the rate is sustained (`holds`).
 
     `holds` is None if undecided. `confidence` is one-sided; 0 in records of versions that did not
-    state it.
+    state it. `purpose` is why it was played: to test a rate, to measure an overloaded graph, to
+    check a rate above the capacity, or to confirm the lower end of the bracket. `keeps_up` tells
+    whether the backlog does not grow, whatever is lost: a rate that keeps up is undecided if too
+    few messages were played to show that few enough are lost (`lost_at_most`). `played_s` is 0 in
+    records of versions that did not state it.
     """
 
     segment: str
@@ -124,15 +128,39 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
     holds: bool | None
     reason: str
     confidence: float = 0.0
+    purpose: Literal["probe", "saturation", "check", "confirmation"] = "probe"
+    keeps_up: bool | None = None
+    lost_at_most: float | None = None
+    played_s: float = 0.0
+
+
+class CapacityRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What an overloaded graph processes, in steps per second, from `played_s` seconds of playing.
+
+    The bounds are those of a two-sided interval at the confidence of the search.
+    """
+
+    hz: float
+    lower_hz: float
+    upper_hz: float | None
+    played_s: float
 
 
 class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     """The result of the peak search.
 
     The peak is between `holds_hz`, the highest sustained rate (None if there is none), and
-    `fails_hz`, the lowest rate that was not sustained (None if there is none: the peak is at least
-    `holds_hz`). `limited_by` is what limits it. The bracket is as narrow as `precision`, a relative
-    width, unless probes in it were undecided; `confidence` is that of the bracket (0: not stated).
+    `fails_hz`, the upper end: the lowest rate that was not sustained, or the upper bound of the
+    capacity of the overloaded graph (None if there is none: the peak is at least `holds_hz`).
+    `limited_by` is what limits it. The bracket is as narrow as `precision`, a relative width,
+    unless probes in it were undecided; `confidence` is that of the bracket (0: not stated).
+
+    `proof` says how the lower end was shown: it was played whole for `proof_s` seconds
+    (`confirmed`); only in probes, of which the one at the lower end lasted `proof_s` seconds
+    (`probes`); or it was not, because it was refuted or stayed undecided when it was played whole
+    (`open`). It is empty in records of versions that did not state it. At the lower end at most the
+    share `lost_at_most` was lost. `unsteady` has a text for each way in which the graph is not
+    steady, and `unsteady_ratio` is the ratio of its fastest speed to its slowest.
     """
 
     probes: tuple[Probe, ...]
@@ -141,6 +169,14 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     limited_by: Literal["graph", "player", "range", "interrupted"]
     precision: float = 0.0
     confidence: float = 0.0
+    proof: Literal["", "confirmed", "probes", "open"] = ""
+    proof_s: float = 0.0
+    lost_at_most: float | None = None
+    max_lost: float | None = None
+    capacity: CapacityRecord | None = None
+    unsteady: tuple[str, ...] = ()
+    unsteady_ratio: float = 1.0
+    refuted: str = ""
 
     @property
     def upper_hz(self) -> float | None:
@@ -151,11 +187,18 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
         return None if self.limited_by == "player" else self.fails_hz
 
     @property
+    def shown(self) -> bool:
+        """Whether the bracket has the stated confidence."""
+        return self.proof in {"", "confirmed"} and not self.unsteady and not self.refuted
+
+    @property
     def open_hz(self) -> tuple[float, ...]:
         """The rates in the bracket whose probes were undecided, ascending."""
         lower, upper = self.holds_hz or 0.0, self.fails_hz or float("inf")
         decided = {probe.rate_hz for probe in self.probes if probe.holds is not None}
-        found = {probe.rate_hz for probe in self.probes if probe.holds is None} - decided
+        found = {
+            probe.rate_hz for probe in self.probes if probe.holds is None and not probe.keeps_up
+        } - decided
         return tuple(sorted(rate for rate in found if lower < rate < upper))
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from r2bspec.judge.methods.peak_bracket import peak_doubts
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration, OverallOutcome, RequirementVerdict, Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
-from r2bspec.record.run_record import SearchRecord
+from r2bspec.record.run_record import Probe, SearchRecord
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "pass": "✔ PASS",
@@ -70,6 +71,18 @@ def bounds_text(one: RequirementVerdict) -> str:
 PROBE_MARKS = {True: "✔", False: "✘", None: "?"}
 """Marks of a probe's outcome."""
 
+KEPT_UP_MARK = "~"
+"""The mark of a rate with which the graph kept up, in a probe too short to bound the losses."""
+
+
+def probe_mark(probe: Probe) -> str:
+    """The mark of a probe."""
+    return KEPT_UP_MARK if probe.keeps_up and probe.holds is None else PROBE_MARKS[probe.holds]
+
+
+PROBE_PURPOSES = {"saturation": "overload", "check": "check", "confirmation": "played whole"}
+"""Why a rate was played, where it was not only to test it."""
+
 
 def peak_text(search: SearchRecord) -> str:
     """The peak as a bracket, its confidence, what limited it, and the number of probes.
@@ -92,8 +105,9 @@ def peak_text(search: SearchRecord) -> str:
     parts = [found, limits[search.limited_by]]
     if search.open_hz:
         parts.insert(1, undecided_rates_text(search))
-    if search.confidence:
+    if search.shown and search.confidence:
         parts.append(f"{show(search.confidence, 'share', 4)} confidence")
+    parts += [f"{each[:1].lower()}{each[1:]}" for each in peak_doubts(search)]
     return " · ".join([*parts, f"{len(search.probes)} probes"])
 
 

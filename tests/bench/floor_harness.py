@@ -91,6 +91,7 @@ class Floor:
                 delivered_hz=seen.overall.delivered_hz,
                 holds=judged.holds,
                 reason=judged.reason,
+                keeps_up=judged.keeps_up,
             )
             return ProbeOutcome(found, judged.limited_by_player, judged.relative_half_width)
 

@@ -18,7 +18,13 @@ SPEC = relay_spec(
         "iterations": ITERATIONS,
         "warm_up": "100 ms",
         "start_timeout": "60 s",
-        "search": {"min": "20 Hz", "max": "40 Hz", "precision": "10 %", "probe": "4 s"},
+        "search": {
+            "min": "20 Hz",
+            "max": "40 Hz",
+            "precision": "10 %",
+            "probe": "4 s",
+            "confirm": "2 s",
+        },
         "gate": {"confirm": False},
     },
     slos={"at_its_limit": {"at": "peak", "level": "info", "require": ["received >= 0"]}},
@@ -48,7 +54,23 @@ def test_what_holds_up_to_the_end_of_the_range_is_called_a_lower_bound(
         assert f"at least {search.holds_hz:.4g} Hz" in words
     else:
         assert "between" in words
-    assert "95 % confidence" in words
+    # A machine that stops for a while makes any graph unsteady.
+    assert ("95 % confidence" in words) == search.shown
+    if search.proof == "open":
+        assert "no rate was confirmed" in words
+    assert ("not steady: " in words) == bool(search.unsteady)
+
+
+def test_the_lower_end_was_played_whole(search: SearchRecord) -> None:
+    if search.proof != "confirmed":
+        skip_for_load("relay 20 messages a second")
+    (last,) = [each for each in search.probes if each.holds and each.purpose == "confirmation"]
+    assert last.rate_hz == search.holds_hz
+    # As long as was asked for, or until enough messages were played to bound the losses.
+    assert search.proof_s >= 2.0
+    assert search.lost_at_most is not None
+    assert search.max_lost is not None
+    assert search.lost_at_most <= search.max_lost
 
 
 def test_the_iterations_are_played_at_the_peak_and_judged(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,10 +30,16 @@ from simulated_runs import judged
 from simulated_worlds import WORLDS
 from start_tables import START_TABLES
 
+from compared_searches import Method, csit, probabilistic_bisection, rfc_2544
 from r2bspec.judge.interim_looks import InterimLooks
+from r2bspec.judge.rate_decision import Criterion
 from r2bspec.judge.statistics.binomial import upper_bound
 from r2bspec.judge.statistics.power import smallest_detectable
 from simulated_peaks import SERVERS, Kind, outcome, searched
+from simulated_queues import SUSTAINED, Server
+from simulated_queues import probe as probed
+from simulated_speeds import WORLDS as SPEEDS
+from simulated_speeds import Graph, World, find
 
 RUNS = 2000
 
@@ -268,6 +274,110 @@ def peaks() -> None:
     )
 
 
+def peak_worlds() -> None:
+    def row(name: str, number: int = 300) -> list[str]:
+        found = [find(name, seed) for seed in range(number)]
+        results = Counter(each.result for each in found)
+        texts = Counter(text for each in found for text in each.record.unsteady)
+        return [
+            name,
+            *(f"{100 * results[each] / number:.1f}" for each in ("right", "wrong", "unsteady")),
+            f"{100 * (results['open'] + results['not shown']) / number:.1f}",
+            f"{100 * float(np.median([each.width for each in found])):.1f} %",
+            f"{np.median([each.played_s for each in found]):.0f} s",
+            texts.most_common(1)[0][0] if texts and results["unsteady"] > number / 2 else "",
+        ]
+
+    show(
+        "peak worlds: 300 searches each, in %: brackets with 95 % that hold the truth, that do "
+        "not, and without 95 %",
+        ["graph", "right", "wrong", "unsteady", "open", "width", "played", "such as"],
+        (row(name) for name in SPEEDS),
+    )
+
+
+def peak_methods() -> None:
+    def r2bspec(name: str, seed: int) -> tuple[bool, float, float]:
+        found = find(name, seed)
+        claimed = found.result in {"right", "wrong"}
+        return found.contains if claimed else False, found.width, found.played_s
+
+    def other(method: Method) -> Callable[[str, int], tuple[bool, float, float]]:
+        def run(name: str, seed: int) -> tuple[bool, float, float]:
+            found = method(name, seed)
+            return found.contains, found.width, found.played_s
+
+        return run
+
+    methods = {
+        "r2bspec": r2bspec,
+        "MLRsearch, RFC 2544": other(rfc_2544),
+        "MLRsearch, CSIT": other(csit),
+        "probabilistic bisection": other(probabilistic_bisection),
+    }
+
+    def cell(method: Callable[[str, int], tuple[bool, float, float]], name: str) -> str:
+        found = [method(name, seed) for seed in range(40)]
+        right, widths, times_s = zip(*found, strict=True)
+        unsteady = sum(
+            find(name, seed).result in {"unsteady", "open", "not shown"} for seed in range(40)
+        )
+        said = unsteady if method is r2bspec else 0
+        words = (
+            f"{said} said to be unsteady or open" if said > 20 else f"{100 * sum(right) / 40:.0f} %"
+        )
+        return f"{words}, {100 * np.median(widths):.1f} %, {np.median(times_s):.0f} s"
+
+    show(
+        "peak methods: truth in the bracket, median width, median time played, of 40 searches",
+        ["graph", *methods],
+        ([name, *(cell(each, name) for each in methods.values())] for name in SPEEDS),
+    )
+
+
+def peak_losses() -> None:
+    def cell(loses: float, rate_hz: float) -> str:
+        holds = {"probe": 0, "sustained": 0}
+        for seed in range(200):
+            server = Server(1000.0, loses=loses, seed=seed)
+            criterion = Criterion(precision=0.02)
+            short = probed(server, rate_hz, criterion=criterion)
+            whole = probed(server, rate_hz, criterion=criterion, play=SUSTAINED)
+            holds["probe"] += bool(short.judgement.holds)
+            holds["sustained"] += bool(whole.judgement.holds)
+        return f"{holds['probe'] / 2:.1f} / {holds['sustained'] / 2:.1f}"
+
+    rates = (10.0, 20.0, 30.0, 60.0, 120.0)
+    show(
+        "peak losses: probes of the search / of objectives that find a rate sustained at which a "
+        "graph loses messages, where none may be lost, in % of 200",
+        ["lost", *(f"{each:g} Hz" for each in rates)],
+        (
+            [f"{loses:.1%}", *(cell(loses, each) for each in rates)]
+            for loses in (0.005, 0.02, 0.05, 0.1)
+        ),
+    )
+
+
+def peak_edges() -> None:
+    def cell(variation: float, load: float) -> str:
+        holds = 0
+        for seed in range(400):
+            graph = Graph(World(variation=variation), 100.0, np.random.default_rng(seed))
+            criterion = Criterion(precision=0.02)
+            judged = probed(graph, 100 * load, criterion=criterion, play=SUSTAINED).judgement
+            holds += bool(judged.holds)
+        return f"{holds / 4:.1f}"
+
+    loads = (1.005, 1.01, 1.02, 1.03)
+    show(
+        "peak edges: objectives that find a rate sustained at this multiple of the capacity, "
+        "precision 2 %, in % of 400",
+        ["service times", *(f"{each:g}" for each in loads)],
+        ([f"log-normal, cv {cv:g}", *(cell(cv, each) for each in loads)] for cv in (0.1, 0.3, 0.6)),
+    )
+
+
 def disturbances() -> None:
     def cell(kind: Disturbance, share: float, slower: float) -> str:
         played, known = outcomes(Machine(kind, share), runs=200, slower=slower).fails()
@@ -297,6 +407,10 @@ TABLES = (
     baselines,
     sustained,
     peaks,
+    peak_worlds,
+    peak_methods,
+    peak_losses,
+    peak_edges,
     disturbances,
 )
 

@@ -37,9 +37,15 @@ def test_random_times_are_bracketed_with_the_stated_confidence(world: str, about
     found = searches(world, about_hz)
     assert sum(each.contains for each in found) >= _LEAST
     # A bracket that is wider than was asked for says why.
-    assert all(
-        each.record.open_hz or each.upper / each.lower <= 1 + PRECISION + 1e-9 for each in found
-    )
+    assert all(says_why(each) or each.upper / each.lower <= 1 + PRECISION + 1e-9 for each in found)
+
+
+def says_why(found: Searched) -> bool:
+    """Whether rates stayed open, nothing was proved, or the capacity is not known any better."""
+    record, capacity = found.record, found.record.capacity
+    if record.open_hz or record.proof == "open" or capacity is None or capacity.upper_hz is None:
+        return True
+    return capacity.upper_hz / capacity.lower_hz > 1 + PRECISION
 
 
 def test_longer_probes_give_narrower_brackets() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from r2bspec.judge.rate_decision import Criterion
 from r2bspec.judge.verdict import Outcome
 from r2bspec.record.run_record import SearchRecord
-from simulated_queues import SHALLOW, Server, probe, search
+from simulated_queues import SHALLOW, SUSTAINED, Searching, Server, probe
 
 Kind = Literal["D/D/1", "D/M/1", "M/D/1", "M/M/1"]
 
@@ -42,6 +42,7 @@ def outcome(kind: Kind, load: float, *, seconds: float, seed: int) -> Outcome | 
         Server(100.0, spread=1.0 if kind[2] == "M" else 0.0, seed=seed),
         rate_hz,
         seconds=seconds,
+        play=SUSTAINED,
         arrivals_s=np.cumsum(random.exponential(1 / rate_hz, steps)) if kind[0] == "M" else None,
     ).judgement
     if found.limited_by_player:
@@ -78,7 +79,6 @@ def searched(world: str, about_hz: float, seed: int, *, seconds: float = 10.0) -
     capacity_hz = about_hz * float(np.exp(np.random.default_rng(seed).uniform(-0.1, 0.1)))
     server = Server(capacity_hz, seed=seed, **SERVERS[world])  # type: ignore[arg-type]
     criterion = Criterion(precision=PRECISION)
-    record, played_s = search(
-        server, about_hz / 10, about_hz * 5, criterion=criterion, seconds=seconds
-    )
-    return Searched(record, capacity_hz, played_s)
+    searching = Searching(server, criterion, seconds=seconds, stages=server.stages)
+    record = searching.run(about_hz / 10, about_hz * 5)
+    return Searched(record, capacity_hz, searching.played_s)

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
+from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
+from r2bspec.judge.capacity_estimate import Departures
 from r2bspec.judge.rate_decision import (
     Criterion,
+    InterimLook,
     ProbeJudgement,
     estimate_probe,
     judge_final,
     judge_interim,
     plan_interim_looks,
 )
+from r2bspec.language.probe_length import MAX_LONGER, MIN_PROBE_STEPS, OVERLOAD_PROBES
 from r2bspec.measure.completion_rate import DeliveryEstimate
 from r2bspec.measure.matching import match
 from r2bspec.record.run_record import Probe, SearchRecord
@@ -116,16 +120,41 @@ class Probed:
     stopped_s: float
     playback: Rows
     monitor: Rows
+    departures: Departures
+
+
+class Answering(Protocol):
+    """What can be probed: a graph that answers inputs."""
+
+    def answers(self, arrivals_s: Times) -> tuple[NDArray[np.int64], Times]:
+        """See `Server.answers`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Play:
+    """How a rate is played; see `r2bspec.execute.measurement.rate_probe`."""
+
+    purpose: Literal["probe", "saturation", "check", "confirmation"] = "probe"
+    ends_on: frozenset[bool] = frozenset({True, False})
+    whole: bool = False
+    enough: bool = False
+    proven_hz: float = 0.0
+
+
+SUSTAINED = Play(ends_on=frozenset({False}), whole=True, enough=True)
+"""Of a rate that an objective requires to be sustained."""
 
 
 def probe(
-    server: Server,
+    server: Answering,
     rate_hz: float,
     *,
     criterion: Criterion | None = None,
     seconds: float = 10.0,
     player_hz: float | None = None,
     arrivals_s: Times | None = None,
+    play: Play | None = None,
 ) -> Probed:
     """Probe a rate as the controller does: looked at while it is played, judged when drained.
 
@@ -136,50 +165,74 @@ def probe(
         seconds: the longest time of the probe.
         player_hz: what the player reaches at most.
         arrivals_s: when the steps are published, if not at even intervals.
+        play: by default a probe that ends as soon as it is decided.
     """
     criterion = criterion or Criterion(precision=0.02)
-    steps = max(20, round(seconds * rate_hz))
+    play = play or Play()
+    steps = max(MIN_PROBE_STEPS, round(seconds * rate_hz))
+    if play.enough and arrivals_s is None:
+        steps = max(steps, min(criterion.messages_without_loss, MAX_LONGER * steps))
     due_s = np.arange(steps) / rate_hz
     published_s = np.arange(steps) / min(rate_hz, player_hz or rate_hz)
     if arrivals_s is not None:
         due_s = published_s = arrivals_s
     playback, monitor = rows(due_s, published_s, *server.answers(published_s))
     looks = plan_interim_looks(steps / rate_hz)
-    decided, stopped_s = None, float(published_s[-1])
+    if not play.ends_on:
+        looks = (InterimLook(steps / rate_hz, 1.0),)
+    decided, stopped_s, ended_at = None, float(published_s[-1]), None
     for look in looks[:-1]:
         now_ns = _ns(look.at_s)
         played = playback[playback["published_ns"] <= now_ns]
         seen = monitor[monitor["received_ns"] <= now_ns]
         found = estimate_probe(rate_hz, played, seen, match(played, seen, "stamp"), now_ns)
-        decided = judge_interim(found, criterion, look).holds
-        if decided is not None:
-            stopped_s = look.at_s
+        judged = judge_interim(found, criterion, look)
+        if (True if judged.keeps_up else judged.holds) in play.ends_on:
+            decided = judged.holds
+            stopped_s, ended_at = look.at_s, look
             break
     # Playing stops there, and the graph answers what is still inside.
     played = playback[playback["published_ns"] <= _ns(stopped_s)]
     rest = monitor[np.isin(monitor["stamp_ns"], played["stamp_ns"])]
     end_ns = max(_ns(stopped_s), int(rest["received_ns"].max()) if rest.size else 0) + 500_000_000
     final = estimate_probe(rate_hz, played, rest, match(played, rest, "stamp"), end_ns)
-    judgement = judge_final(final, criterion, looks[-1], decided)
-    return Probed(judgement, final.overall, stopped_s, played, rest)
+    judgement = judge_final(
+        final,
+        criterion,
+        ended_at or looks[-1],
+        decided,
+        whole=play.whole,
+        proven_hz=play.proven_hz,
+        ended_early=ended_at is not None,
+    )
+    return Probed(judgement, final.overall, stopped_s, played, rest, final.departures)
 
 
-def search(
-    server: Server,
-    minimum_hz: float,
-    maximum_hz: float,
-    *,
-    criterion: Criterion | None = None,
-    seconds: float = 10.0,
-) -> tuple[SearchRecord, float]:
-    """Search for the peak; returns what was found and how many seconds were played."""
-    criterion = criterion or Criterion(precision=0.02)
-    played_s = 0.0
+@dataclass
+class Searching:
+    """What a search plays on a simulated graph, and for how long in all.
 
-    def probe_once(rate_hz: float) -> ProbeOutcome:
-        nonlocal played_s
-        found = probe(server, rate_hz, criterion=criterion, seconds=seconds)
-        played_s += found.stopped_s
+    Attributes:
+        confirm_s: how long the lower end is played; 0 for not at all.
+        stages: how many queues there are in a row.
+        clock_s: goes on through the whole search; the graph is empty again before each play.
+    """
+
+    server: Answering
+    criterion: Criterion
+    seconds: float = 10.0
+    confirm_s: float = 30.0
+    stages: int = 1
+    played_s: float = 0.0
+    clock_s: float = 0.0
+
+    def play(self, rate_hz: float, seconds: float, play: Play) -> ProbeOutcome:
+        """Play one rate, as `r2bspec.execute.measurement.rate_probe` does."""
+        found = probe(self.server, rate_hz, criterion=self.criterion, seconds=seconds, play=play)
+        self.played_s += found.stopped_s
+        departures = replace(found.departures, begun_s=self.clock_s)
+        left_s = (found.monitor["received_ns"].max() - BEGIN_NS) / 1e9 if found.monitor.size else 0
+        self.clock_s += max(found.stopped_s, float(left_s)) + 0.3
         return ProbeOutcome(
             Probe(
                 segment="",
@@ -187,12 +240,41 @@ def search(
                 delivered_hz=found.delivery.delivered_hz,
                 holds=found.judgement.holds,
                 reason=found.judgement.reason,
+                purpose=play.purpose,
+                keeps_up=found.judgement.keeps_up,
+                lost_at_most=found.judgement.lost_at_most,
+                played_s=found.stopped_s,
             ),
             relative_half_width=found.judgement.relative_half_width,
+            departures=departures,
+            drop_share=found.delivery.drop_share,
         )
 
-    started = PeakSearch(minimum_hz, maximum_hz, criterion.precision, probe_once)
-    return started.run(), played_s
+    def run(self, minimum_hz: float, maximum_hz: float) -> SearchRecord:
+        """Search for the peak."""
+        never: frozenset[bool] = frozenset()
+
+        def confirm(rate_hz: float, proven_hz: float) -> ProbeOutcome:
+            play = Play("confirmation", never, whole=True, enough=True, proven_hz=proven_hz)
+            return self.play(rate_hz, self.confirm_s, play)
+
+        check = Play("check", frozenset({False}), whole=True)
+        return PeakSearch(
+            minimum_hz,
+            maximum_hz,
+            self.criterion.precision,
+            lambda rate_hz: self.play(rate_hz, self.seconds, Play()),
+            long_plays=LongPlays(
+                overload=lambda rate_hz: self.play(
+                    rate_hz, self.seconds, Play("saturation", never)
+                ),
+                check=lambda rate_hz: self.play(rate_hz, self.seconds, check),
+                confirm=confirm if self.confirm_s else None,
+                budget_s=OVERLOAD_PROBES * self.seconds,
+                stages=self.stages,
+                loss=self.criterion.loss,
+            ),
+        ).run()
 
 
 def _ns(seconds: float) -> int:

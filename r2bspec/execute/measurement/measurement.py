@@ -136,8 +136,17 @@ class Measurement:
             wanted.precision,
             self._prober.probe,
             confidence=wanted.confidence,
+            long_plays=self._prober.long_plays(self._allows_more(wanted.confirm_ns / 1e9)),
         )
         self._search.run()
+
+    def _allows_more(self, seconds: float) -> Callable[[float], bool]:
+        """Whether the time budget has room to play one more rate whole."""
+
+        def allows(rate_hz: float) -> bool:
+            return self._budget.allows(f"{rate_hz:.4g} Hz was not played whole", seconds)
+
+        return allows
 
     def _probe_sustained(self) -> None:
         if not self._plan.sustained_hz:

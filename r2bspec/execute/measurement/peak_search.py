@@ -1,9 +1,17 @@
 """The peak search: the highest offered rate that is sustained, to a given relative precision.
 
-The search is independent of processes: it calls a probe and evaluates its outcome. It narrows the
-bracket quickly, because the output rate of an overloaded graph is close to the rate that it can
-sustain; the first candidates are just below and just above it. The bracket is then bisected, by the
-ratio of its ends, until it is as narrow as the precision.
+The search is independent of processes: it calls functions that play, and evaluates their outcomes.
+
+1. Both ends of the range are probed. The output rate of an overloaded graph is close to the rate
+   that it can sustain.
+2. The graph is overloaded by a third, some seconds at a time, until its capacity is known to the
+   precision (`r2bspec.judge.capacity_estimate`). That bounds the peak from above, and says where
+   to look for it. A check just above the bound must not keep up: a graph may be slower when it is
+   overloaded.
+3. Where conditions or large tolerated losses decide, or no overload was possible, the bracket is
+   narrowed by short probes: near the output rate of the overload first, then in growing strides,
+   then by halves of the ratio of its ends.
+4. The lower end is played whole. If that refutes it, the search goes on below.
 
 A probe may be undecided, if the times of the graph vary too much for its length. The search then
 moves away from this rate, down and up, by the resolution of the probe, and by twice as much if that
@@ -17,6 +25,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from r2bspec.execute.measurement.overload import Overload
+from r2bspec.judge.capacity_estimate import Departures
+from r2bspec.judge.steadiness import Unsteady, find_start, find_unsteadiness
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.record.run_record import Probe, SearchRecord
 
@@ -27,8 +38,17 @@ bad guess is corrected after two or three."""
 _MAX_STEP = 0.5
 """The maximum relative distance of the next probe from an undecided one."""
 
+Proof = Literal["", "confirmed", "probes", "open"]
+
 _MAX_OPEN_PROBES = 8
 """Undecided probes are the longest ones; after this number the search ends."""
+
+
+_MAX_CONFIRMATIONS = 3
+"""So many rates are played whole; if none of them is confirmed, the search ends without a proof."""
+
+_CHECK_STEP = 0.5
+"""The check is this share of the precision above the upper end."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +60,56 @@ class ProbeOutcome:
         limited_by_player: the rate was not sustained because the player could not offer it, which
             is no property of the graph.
         relative_half_width: of the interval in which the rate of the graph lies.
+        departures: when the outputs left, of the monitor that does worst; None if unknown.
+        drop_share: of the completed outputs, the share that never arrived.
     """
 
     probe: Probe
     limited_by_player: bool = False
     relative_half_width: float = 0.0
+    departures: Departures | None = None
+    drop_share: float = 0.0
+
+    @property
+    def sustained(self) -> bool | None:
+        """Whether the rate is sustained, as far as the next rate depends on it.
+
+        A rate that keeps up counts, even if too few messages were played to bound the losses.
+        """
+        return True if self.probe.keeps_up and self.probe.holds is None else self.probe.holds
 
 
 ProbeFunction = Callable[[float], ProbeOutcome]
+
+
+@dataclass(frozen=True)
+class LongPlays:
+    """What is played in a search besides short probes.
+
+    Attributes:
+        overload: plays a rate that is too high, for some seconds.
+        check: plays a rate as long as a probe may last, unless it is not sustained.
+        confirm: plays the lower end whole; the second argument is the rate up to which the
+            capacity is proven. None if the lower end is not confirmed.
+        budget_s: for overloaded plays, in all.
+        stages: how many queues there may be in a row.
+        loss: the share that may be lost.
+        conditions: whether other conditions than lost messages decide what is sustained.
+        allows: whether there is time to play one more rate whole.
+    """
+
+    overload: ProbeFunction
+    check: ProbeFunction
+    confirm: Callable[[float, float], ProbeOutcome] | None
+    budget_s: float
+    stages: int = 1
+    loss: float = 0.0
+    conditions: bool = False
+    allows: Callable[[float], bool] = lambda _: True
+
+    def needs_probes(self, precision: float) -> bool:
+        """Whether the capacity alone does not tell the peak to this precision."""
+        return self.conditions or self.loss > precision
 
 
 class PeakSearch:
@@ -61,14 +123,16 @@ class PeakSearch:
         probe: ProbeFunction,
         *,
         confidence: float = CONFIDENCE,
+        long_plays: LongPlays | None = None,
     ) -> None:
         self._minimum_hz = minimum_hz
         self._maximum_hz = maximum_hz
         self._precision = precision
         self._confidence = confidence
         self._probe = probe
+        self._long = long_plays
         self._probes: list[Probe] = []
-        self._holds_hz: float | None = None
+        self._lower: Probe | None = None
         self._fails_hz: float | None = None
         self._fails_by_player = False
         self._open: dict[float, float] = {}
@@ -76,18 +140,43 @@ class PeakSearch:
         self._guess_tried = False
         self._stride = 1.0
         self._done = False
+        self._proof: Proof = ""
+        self._candidate_hz: float | None = None
+        self._overload = self._new_overload(long_plays)
+        self._others: list[Departures] = []
+
+    def _new_overload(self, plays: LongPlays | None) -> Overload:
+        return Overload(
+            play=self._play_overload,
+            max_hz=self._maximum_hz,
+            precision=self._precision,
+            confidence=self._confidence,
+            budget_s=plays.budget_s if plays else 0.0,
+            stages=plays.stages if plays else 1,
+            loss=plays.loss if plays else 0.0,
+        )
+
+    @property
+    def _holds_hz(self) -> float | None:
+        return self._lower.rate_hz if self._lower is not None else None
 
     def run(self) -> SearchRecord:
         """Search. Both ends of the range are also probed, so that neither is assumed."""
         if self._try(self._minimum_hz) is not False and self._maximum_hz > self._minimum_hz:
             self._try(self._maximum_hz)
-        while (rate_hz := self._next_rate()) is not None:
-            self._try(rate_hz)
+        aimed = self._long is not None and self._aim(self._long)
+        if not aimed or (self._long is not None and self._long.needs_probes(self._precision)):
+            while (rate_hz := self._next_rate()) is not None:
+                self._try(rate_hz)
+        if self._long is not None:
+            self._prove(self._long)
         self._done = True
         return self.record()
 
     def record(self) -> SearchRecord:
         """The result so far."""
+        unsteady = self._unsteady()
+        lower = self._lower
         return SearchRecord(
             probes=tuple(self._probes),
             holds_hz=self._holds_hz,
@@ -95,7 +184,17 @@ class PeakSearch:
             limited_by=self._limited_by(),
             precision=self._precision,
             confidence=self._confidence,
+            proof=self._proof,
+            proof_s=lower.played_s if lower is not None and self._proof else 0.0,
+            lost_at_most=lower.lost_at_most if lower is not None else None,
+            max_lost=self._overload.loss + self._precision / 2 if self._long else None,
+            capacity=self._overload.record(),
+            unsteady=tuple(each.text for each in unsteady),
+            unsteady_ratio=max((each.ratio for each in unsteady), default=1.0),
         )
+
+    def _unsteady(self) -> tuple[Unsteady, ...]:
+        return find_unsteadiness(self._overload.shown, self._others, self._precision)
 
     def _limited_by(self) -> Literal["graph", "player", "range", "interrupted"]:
         if not self._done:
@@ -104,23 +203,119 @@ class PeakSearch:
             return "range"
         return "player" if self._fails_by_player else "graph"
 
+    def _aim(self, plays: LongPlays) -> bool:
+        """Bound the peak by the capacity of the overloaded graph.
+
+        Returns:
+            Whether the bracket has an upper end by this, and a lower one to be proven.
+        """
+        if self._fails_hz is None or self._fails_by_player or self._guess_hz <= 0:
+            return False
+        self._overload.run(self._guess_hz)
+        upper_hz, lower_hz = self._overload.upper_hz, self._overload.lower_hz
+        if upper_hz is None or lower_hz is None or lower_hz <= self._minimum_hz:
+            return False
+        if upper_hz < self._maximum_hz and not self._overload.factors_compared:
+            checked = plays.check(upper_hz * (1 + _CHECK_STEP * self._precision))
+            self._probes.append(checked.probe)
+            if checked.sustained or checked.limited_by_player:
+                # Overloaded, the graph is slower than it can be: that bounds nothing.
+                self._overload.capacity = None
+                return False
+        self._fails_hz = min(upper_hz, self._fails_hz)
+        if plays.confirm is None or plays.needs_probes(self._precision):
+            return self._try(lower_hz) is True
+        self._candidate_hz = lower_hz
+        return True
+
+    def _play_overload(self, rate_hz: float) -> Departures | None:
+        if self._long is None:
+            return None
+        outcome = self._long.overload(rate_hz)
+        self._probes.append(outcome.probe)
+        return None if outcome.limited_by_player else outcome.departures
+
+    def _prove(self, plays: LongPlays) -> None:
+        """Play the lower end whole, and lower ones if that refutes it."""
+        rate_hz = self._candidate_hz or self._holds_hz
+        if rate_hz is None:
+            return
+        if plays.confirm is None:
+            self._proof = "probes"
+            return
+        self._proof = "open"
+        undecided: Probe | None = None
+        for number in range(_MAX_CONFIRMATIONS):
+            if number and not plays.allows(rate_hz):
+                break
+            outcome = plays.confirm(rate_hz, self._overload.proven_hz)
+            self._probes.append(outcome.probe)
+            if outcome.departures is not None:
+                self._others.append(outcome.departures)
+            if outcome.probe.holds:
+                self._lower, self._proof = outcome.probe, "confirmed"
+                return
+            if outcome.probe.holds is None:
+                undecided = undecided or outcome.probe
+            else:
+                self._refute(outcome)
+            if rate_hz <= self._minimum_hz:
+                break
+            rate_hz = max(self._below(outcome), self._minimum_hz)
+        self._lower = undecided if undecided is not None else self._highest_kept()
+
+    def _refute(self, outcome: ProbeOutcome) -> None:
+        """Take a rate that was not sustained when it was played whole for the upper end."""
+        self._fails_hz = min(outcome.probe.rate_hz, self._fails_hz or math.inf)
+        self._fails_by_player = outcome.limited_by_player
+        play = outcome.departures
+        if play is None or outcome.limited_by_player or not play.saturated_later:
+            return
+        if outcome.drop_share > self._overload.loss + self._precision / 2 and not find_start(
+            [play], self._precision
+        ):
+            # It loses messages from the first second on; it was not slower than it seemed.
+            return
+        self._overload.learn(play)
+
+    def _below(self, outcome: ProbeOutcome) -> float:
+        """The next rate to be played whole, after one was not confirmed."""
+        rate_hz = outcome.probe.rate_hz
+        learnt_hz = self._overload.lower_hz
+        if outcome.probe.holds is False and learnt_hz is not None and learnt_hz < rate_hz * 0.999:
+            return learnt_hz
+        if outcome.probe.holds is None:
+            width = self._overload.capacity.relative_width if self._overload.capacity else 0.0
+            return rate_hz / (1 + max(2 * self._precision, width))
+        return math.sqrt(rate_hz * self._minimum_hz)
+
+    def _highest_kept(self) -> Probe | None:
+        """The highest rate below the upper end that was sustained in a probe."""
+        kept = [
+            each
+            for each in self._probes
+            if (each.keeps_up or each.holds) and each.rate_hz < (self._fails_hz or math.inf)
+        ]
+        return max(kept, key=lambda each: each.rate_hz, default=None)
+
     def _try(self, rate_hz: float) -> bool | None:
         outcome = self._probe(rate_hz)
         self._probes.append(outcome.probe)
-        if outcome.probe.holds is False and self._needs_retry(outcome):
+        if outcome.sustained is False and self._needs_retry(outcome):
             # A short disturbance of the machine looks like a slow graph, but rarely twice.
             outcome = self._probe(rate_hz)
             self._probes.append(outcome.probe)
-        if outcome.probe.holds is None:
+        if outcome.sustained is None:
             self._open[rate_hz] = outcome.relative_half_width
-        elif outcome.probe.holds:
-            self._holds_hz = max(rate_hz, self._holds_hz or 0.0)
+        elif outcome.sustained:
+            if self._lower is None or rate_hz > self._lower.rate_hz:
+                self._lower = outcome.probe
         elif self._fails_hz is None or rate_hz < self._fails_hz:
             self._fails_hz = rate_hz
             self._fails_by_player = outcome.limited_by_player
             if not outcome.limited_by_player and not self._guess_tried:
                 self._guess_hz = outcome.probe.delivered_hz
-        return outcome.probe.holds
+        return outcome.sustained
 
     def _needs_retry(self, outcome: ProbeOutcome) -> bool:
         """Whether the failed rate was expected to pass: the lowest, or below an output rate."""

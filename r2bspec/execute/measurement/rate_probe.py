@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Literal
 
-from r2bspec.execute.measurement.peak_search import ProbeOutcome
+from r2bspec.execute.measurement.peak_search import LongPlays, ProbeOutcome
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.judge.rate_decision import (
     Criterion,
+    InterimLook,
     ProbeEstimate,
     ProbeJudgement,
     estimate_probe,
@@ -20,7 +22,7 @@ from r2bspec.judge.rate_decision import (
     worst_judgement,
 )
 from r2bspec.language.confidence import CONFIDENCE
-from r2bspec.language.probe_length import MIN_PROBE_STEPS, PROBE
+from r2bspec.language.probe_length import MAX_LONGER, MIN_PROBE_STEPS, OVERLOAD_PROBES, PROBE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import resolve
 from r2bspec.measure.metric_values import metric_value
@@ -28,7 +30,37 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import Probe
 
 _DEFAULT_PRECISION = 0.02
-_STATE_TEXTS = {True: "is sustained", False: "is not sustained", None: "is undecided"}
+_TITLES = {
+    "probe": "probing",
+    "saturation": "overloading with",
+    "check": "checking",
+    "confirmation": "confirming",
+}
+
+
+@dataclass(frozen=True)
+class _Play:
+    """How one rate is played.
+
+    Attributes:
+        kind: of the segment.
+        name: of the segment, before its number.
+        purpose: for the record.
+        limit_s: how long it is played at most, without what few messages need.
+        ends_on: the results that end it before that.
+        whole: whether only the end of the play can show that the rate is sustained.
+        enough: whether it is played longer at low rates, for enough messages to bound the losses.
+        proven_hz: the rate with which other plays have shown that the graph keeps up.
+    """
+
+    kind: Literal["probe", "sustained"]
+    name: str
+    purpose: Literal["probe", "saturation", "check", "confirmation"]
+    limit_s: float
+    ends_on: frozenset[bool] = frozenset()
+    whole: bool = False
+    enough: bool = False
+    proven_hz: float = 0.0
 
 
 class RateProber:
@@ -51,42 +83,100 @@ class RateProber:
         self._numbers = itertools.count(1)
 
     def probe(self, rate_hz: float) -> ProbeOutcome:
-        """Probe one rate for the search."""
-        return self._play("probe", rate_hz)
+        """Probe one rate for the search, until it is clear whether the graph keeps up."""
+        ends_on = frozenset({True, False})
+        return self._play(_Play("probe", "probe", "probe", self._limit_s, ends_on), rate_hz)
 
     def probe_sustained(self, rate_hz: float) -> ProbeOutcome:
         """Probe one rate for an objective that requires it to be sustained."""
-        return self._play("sustained", rate_hz)
+        ends_on = frozenset({False})
+        play = _Play(
+            "sustained", "sustained", "probe", self._limit_s, ends_on, whole=True, enough=True
+        )
+        return self._play(play, rate_hz)
 
-    def _play(self, kind: Literal["probe", "sustained"], rate_hz: float) -> ProbeOutcome:
+    def long_plays(self, allows: Callable[[float], bool]) -> LongPlays | None:
+        """What the search plays besides short probes; None without a search.
+
+        Args:
+            allows: whether there is time to play one more rate whole.
+        """
+        search = self._plan.search
+        if search is None:
+            return None
+        confirm_s = search.confirm_ns / 1e9
+
+        def overload(rate_hz: float) -> ProbeOutcome:
+            return self._play(_Play("probe", "probe", "saturation", self._limit_s), rate_hz)
+
+        def check(rate_hz: float) -> ProbeOutcome:
+            play = _Play("probe", "probe", "check", self._limit_s, frozenset({False}), whole=True)
+            return self._play(play, rate_hz)
+
+        def confirm(rate_hz: float, proven_hz: float) -> ProbeOutcome:
+            play = _Play(
+                "probe", "probe", "confirmation", confirm_s, whole=True, enough=True,
+                proven_hz=proven_hz,
+            )  # fmt: skip
+            return self._play(play, rate_hz)
+
+        return LongPlays(
+            overload=overload,
+            check=check,
+            confirm=confirm if confirm_s else None,
+            budget_s=OVERLOAD_PROBES * self._limit_s,
+            stages=_stages(self._plan),
+            loss=self._criterion.loss,
+            conditions=any(not _allowed_loss(each) for each in self._conditions),
+            allows=allows,
+        )
+
+    def _steps(self, play: _Play, rate_hz: float) -> int:
+        steps = max(MIN_PROBE_STEPS, round(play.limit_s * rate_hz))
+        if play.enough:
+            longest = MAX_LONGER * steps
+            steps = max(steps, min(self._criterion.messages_without_loss, longest))
+        return steps
+
+    def _play(self, play: _Play, rate_hz: float) -> ProbeOutcome:
         number = next(self._numbers)
-        name = f"{kind}-{number:03d}"
-        steps = max(MIN_PROBE_STEPS, round(self._limit_s * rate_hz))
+        name = f"{play.name}-{number:03d}"
+        steps = self._steps(play, rate_hz)
         interim = _InterimMonitor(
-            self._criterion, steps / rate_hz, lambda each: self._estimate(rate_hz, each)
+            self._criterion,
+            steps / rate_hz,
+            lambda each: self._estimate(rate_hz, each),
+            play,
         )
         observation = self._segment_player.play(
-            SegmentHeading(kind, name, f"probing {rate_hz:.4g} Hz", number),
+            SegmentHeading(play.kind, name, f"{_TITLES[play.purpose]} {rate_hz:.4g} Hz", number),
             rate_hz,
             steps,
-            interim.watch,
+            interim.watch if play.ends_on else None,
         )
         estimates = self._estimate(rate_hz, observation)
         judgement = interim.conclude(estimates)
-        if judgement.holds:
-            judgement = self._check_conditions(observation, rate_hz)
-        self._note(f"{rate_hz:.4g} Hz {_STATE_TEXTS[judgement.holds]}: {judgement.reason}")
+        if judgement.holds or judgement.keeps_up:
+            judgement = self._check_conditions(judgement, observation, rate_hz)
+        self._note(f"{rate_hz:.4g} Hz {_state_text(judgement)}: {judgement.reason}")
+        worst = min(estimates, key=lambda each: each.overall.delivered_hz, default=None)
         return ProbeOutcome(
             Probe(
                 segment=self._segment_player.segment_id_for(name),
                 rate_hz=rate_hz,
-                delivered_hz=min((each.overall.delivered_hz for each in estimates), default=0.0),
+                delivered_hz=worst.overall.delivered_hz if worst is not None else 0.0,
                 holds=judgement.holds,
                 reason=judgement.reason,
                 confidence=self._criterion.confidence,
+                purpose=play.purpose,
+                keeps_up=judgement.keeps_up,
+                lost_at_most=judgement.lost_at_most,
+                played_s=observation.playback.size / rate_hz,
             ),
             limited_by_player=judgement.limited_by_player,
             relative_half_width=judgement.relative_half_width,
+            departures=worst.departures if worst is not None else None,
+            drop_share=worst.overall.drop_share if worst is not None else 0.0,
         )
 
     def _estimate(self, rate_hz: float, observation: SegmentObservation) -> list[ProbeEstimate]:
@@ -103,7 +193,9 @@ class RateProber:
             for plan in self._plan.monitors
         ]
 
-    def _check_conditions(self, observation: SegmentObservation, rate_hz: float) -> ProbeJudgement:
+    def _check_conditions(
+        self, judgement: ProbeJudgement, observation: SegmentObservation, rate_hz: float
+    ) -> ProbeJudgement:
         """Check the conditions of the spec for a sustained rate on the measurements."""
         names = [plan.name for plan in self._plan.monitors]
         samples = observation.samples(self._segment_player.segments[-1])
@@ -116,8 +208,21 @@ class RateProber:
                 if limit is None or (measured is not None and condition.is_met(measured, limit)):
                     continue
                 shown = "not measured" if measured is None else f"measured {measured:.4g}"
-                return ProbeJudgement(holds=False, reason=f"{condition} is not met: {shown}")
-        return ProbeJudgement(holds=True, reason="delivered as offered")
+                reason = f"{condition} is not met: {shown}"
+                return replace(judgement, holds=False, reason=reason, keeps_up=False)
+        return judgement
+
+
+def _stages(plan: Plan) -> int:
+    """How many queues there may be in a row: at most one for each node."""
+    graph = [each for each in plan.processes if each.phase == "measure"]
+    return sum(len(each.nodes) + (each.role == "command") for each in graph) or 1
+
+
+def _state_text(judgement: ProbeJudgement) -> str:
+    if judgement.holds is None:
+        return "is undecided"
+    return "is sustained" if judgement.holds else "is not sustained"
 
 
 def _limit(condition: Requirement, rate_hz: float) -> float | None:
@@ -142,12 +247,17 @@ class _InterimMonitor:
         criterion: Criterion,
         limit_s: float,
         estimate_all: Callable[[SegmentObservation], list[ProbeEstimate]],
+        play: _Play,
     ) -> None:
         self._criterion = criterion
-        self._looks = plan_interim_looks(limit_s)
+        self._play = play
+        looks = plan_interim_looks(limit_s)
+        # A play that nothing ends before its time has one look.
+        self._looks = looks if play.ends_on else (InterimLook(limit_s, 1.0),)
         self._estimate_all = estimate_all
         self._number = 0
         self._decided: list[bool | None] = []
+        self._ended_at: InterimLook | None = None
 
     def watch(self, observation: SegmentObservation, elapsed_s: float) -> bool:
         """Whether the result is clear; called while playing."""
@@ -159,9 +269,13 @@ class _InterimMonitor:
             judge_interim(each, self._criterion, due[-1])
             for each in self._estimate_all(observation)
         ]
-        if worst_judgement(judgements).holds is None:
+        worst = worst_judgement(judgements)
+        state = True if worst.keeps_up else worst.holds
+        if state not in self._play.ends_on:
             return False
-        self._decided = [each.holds for each in judgements]
+        self._ended_at = due[-1]
+        if state is False or worst.holds:
+            self._decided = [each.holds for each in judgements]
         return True
 
     def conclude(self, estimates: list[ProbeEstimate]) -> ProbeJudgement:
@@ -169,7 +283,15 @@ class _InterimMonitor:
         decided = self._decided or [None] * len(estimates)
         return worst_judgement(
             [
-                judge_final(each, self._criterion, self._looks[-1], holds)
+                judge_final(
+                    each,
+                    self._criterion,
+                    self._ended_at or self._looks[-1],
+                    holds,
+                    whole=self._play.whole,
+                    proven_hz=self._play.proven_hz,
+                    ended_early=self._ended_at is not None,
+                )
                 for each, holds in zip(estimates, decided, strict=True)
             ]
         )

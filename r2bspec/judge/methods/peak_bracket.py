@@ -1,7 +1,10 @@
 """A bound on the peak rate, by the bracket in which the search ended.
 
 The peak lies between the highest sustained rate and the lowest rate that was not sustained. A
-bracket decides a bound that lies outside it, and only that. If no rate failed, because the range of
+bracket decides a bound that lies outside it, and only that. A lower end that was not proven by a
+whole play, or that the iterations at the peak refute, decides nothing. If the graph is not steady,
+both ends are moved apart by the ratio of its speeds: what lies further away is decided all the
+same. If no rate failed, because the range of
 the search ended or the player could offer no more, the peak has no upper bound. Undecided probes
 leave the bracket wide, and decide nothing within it.
 """
@@ -24,8 +27,9 @@ def judge_peak(question: Question, search: SearchRecord | None) -> Answer:
         )
     lower = search.holds_hz
     upper = search.upper_hz
-    at_least = _at_least(question, lower)
-    below = upper is not None and _below(question, upper)
+    proven = lower if search.proof != "open" and not search.refuted else None
+    at_least = _at_least(question, proven and proven / search.unsteady_ratio)
+    below = upper is not None and _below(question, upper * search.unsteady_ratio)
     passes, fails = (below, at_least) if question.is_upper_bound else (at_least, below)
     outcome = decide(passes=passes, fails=fails)
     return Answer(
@@ -34,7 +38,7 @@ def judge_peak(question: Question, search: SearchRecord | None) -> Answer:
         reason=_reason(search, lower, upper),
         settle=_settle(search) if outcome == "inconclusive" else "",
         estimate=lower,
-        lower=lower,
+        lower=proven,
         upper=upper,
         n=len(search.probes),
     )
@@ -58,6 +62,11 @@ def _below(question: Question, upper: float) -> bool:
 
 
 def _reason(search: SearchRecord, lower: float | None, upper: float | None) -> str:
+    doubts = peak_doubts(search)
+    return " ".join([_bracket_text(search, lower, upper), *(f"{each}." for each in doubts)])
+
+
+def _bracket_text(search: SearchRecord, lower: float | None, upper: float | None) -> str:
     probes = f"{len(search.probes)} probe{'s' if len(search.probes) > 1 else ''}"
     if lower is None:
         lowest = min(probe.rate_hz for probe in search.probes)
@@ -67,12 +76,40 @@ def _reason(search: SearchRecord, lower: float | None, upper: float | None) -> s
         )
     if upper is not None:
         between = _undecided_text(search)
-        return f"{probes}: {show(lower, 'Hz')} was sustained, {show(upper, 'Hz')} was not{between}."
+        above = "is above the capacity" if _by_capacity(search) else "was not"
+        return (
+            f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {show(upper, 'Hz')} {above}{between}."
+        )
     why = {
         "range": "the upper end of the search range",
         "player": "the highest rate that the player reached",
     }.get(search.limited_by, "then the search was interrupted")
-    return f"{probes}: {show(lower, 'Hz')} was sustained, {why}."
+    return f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {why}."
+
+
+def _kept(search: SearchRecord) -> str:
+    return "was not shown to be sustained" if search.proof == "open" else "was sustained"
+
+
+def _by_capacity(search: SearchRecord) -> bool:
+    """Whether the upper end is a bound of the capacity, and not a rate that was played."""
+    return all(probe.rate_hz != search.fails_hz for probe in search.probes)
+
+
+def peak_doubts(search: SearchRecord) -> tuple[str, ...]:
+    """Why a bracket has no confidence, without full stops; empty if it has."""
+    found: list[str] = []
+    if search.proof == "open":
+        found.append("No rate was confirmed when it was played whole")
+    elif search.proof == "probes":
+        lost = ""
+        if search.lost_at_most is not None:
+            lost = f", at most {show(search.lost_at_most, 'share', 2)} lost"
+        found.append(f"Only in probes of {show(search.proof_s, 's')}{lost}")
+    found += [f"Not steady: {each}" for each in search.unsteady]
+    if search.refuted:
+        found.append(search.refuted[:1].upper() + search.refuted[1:])
+    return tuple(found)
 
 
 def _undecided_text(search: SearchRecord) -> str:
@@ -86,6 +123,10 @@ def _undecided_text(search: SearchRecord) -> str:
 
 
 def _settle(search: SearchRecord) -> str:
+    if search.refuted or search.proof == "open":
+        return "Require a lower rate to be sustained, or search again with longer probes."
+    if search.unsteady:
+        return "Find out why the graph is not steady, or require a rate to be sustained."
     if search.open_hz:
         return "Probe for longer (benchmark.search.probe), or change the limit."
     match search.limited_by:

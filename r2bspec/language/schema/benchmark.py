@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.language.confidence import CONFIDENCE
-from r2bspec.language.probe_length import PROBE
+from r2bspec.language.probe_length import CONFIRM, PROBE
 from r2bspec.language.quantities import Duration, Rate, Share
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.reuse import sibling, when
@@ -51,6 +51,13 @@ _SEARCH = record(
             default=str(PROBE),
             examples=[str(PROBE)],
             positive=True,
+        ),
+        "confirm": quantity(
+            Duration,
+            "How long the lower end of the result is played without a pause before it counts; a "
+            "graph that is fast for a short time only does not sustain it. 0 s: not at all.",
+            default=str(CONFIRM),
+            examples=[str(CONFIRM), "0 s"],
         ),
         "confidence": quantity(
             Share,

@@ -27,6 +27,7 @@ from r2bspec.report.html.number_links import Numbers, pointer
 from r2bspec.report.html.svg import PALETTE
 from r2bspec.report.report_wording import (
     OUTCOME_WORDS,
+    PROBE_PURPOSES,
     bounds_text,
     comparison,
     estimate_text,
@@ -114,6 +115,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "monitors": monitors,
         "monitor_title": result.monitor_title,
         "processes": processes,
+        "purposes": PROBE_PURPOSES,
         "peak": peak_text(metrics.search) if metrics.search is not None else "",
         "graph": _graph(report_input),
         "charts": {key: [_safe(chart) for chart in found] for key, found in charts.items()},

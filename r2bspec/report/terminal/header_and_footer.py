@@ -12,7 +12,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
-from r2bspec.report.report_wording import PROBE_MARKS, comparison, loaded_rmw, notes, peak_text
+from r2bspec.report.report_wording import comparison, loaded_rmw, notes, peak_text, probe_mark
 from r2bspec.report.terminal.style import DIM_STYLE, heading, outcome_text
 
 _STYLES = {True: "green", False: "red", None: "yellow"}
@@ -47,8 +47,8 @@ def search_section(search: SearchRecord | None) -> RenderableType | None:
     for number, probe in enumerate(search.probes):
         probes.append(" " if number else "")
         probes.append(
-            f"{probe.rate_hz:.4g}{PROBE_MARKS[probe.holds]}",
-            style=_STYLES[probe.holds],
+            f"{probe.rate_hz:.4g}{probe_mark(probe)}",
+            style=_STYLES[True if probe.keeps_up and probe.holds is None else probe.holds],
         )
     lines: list[RenderableType] = [heading("search", f"peak {peak_text(search)}"), probes]
     failed = [probe for probe in search.probes if probe.rate_hz == search.fails_hz]
