@@ -422,5 +422,9 @@ def judge(run: Run) -> Result:
 def default_run_folder(name: str) -> Path:
     """The default run folder for a name: a folder below ``runs/``."""
     now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-    plain = re.sub(r"[^A-Za-z0-9_.=-]+", "_", name).rstrip("_")
-    return Path("runs") / f"{plain}-{now}-{secrets.token_hex(2)}"
+    return Path("runs") / f"{folder_name(name)}-{now}-{secrets.token_hex(2)}"
+
+
+def folder_name(name: str) -> str:
+    """The name of a benchmark, with its case, as the name of a folder: ``relay_threads=2``."""
+    return re.sub(r"[^A-Za-z0-9_.=-]+", "_", name).strip("_") or "run"

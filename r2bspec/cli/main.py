@@ -41,6 +41,8 @@ _VERBS = {
     "data": "List, create, inspect and verify datasets.",
     "doctor": "Check this machine's fitness for benchmarking.",
     "schema": "Print a JSON Schema.",
+    "docs": "Show the documentation.",
+    "completion": "Print the completion script of a shell.",
 }
 """Each verb and its line in the help, so that listing them needs no import."""
 
@@ -85,7 +87,7 @@ class _Verbs(click.Group):
 @click.group(
     cls=_Verbs,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=f"Exit status: {exit_status_text()}.",
+    epilog=f"Documentation: 'r2bspec docs'. Exit status: {exit_status_text()}.",
 )
 @click.version_option(__version__, "-V", "--version", message="r2bspec %(version)s")
 def command() -> None:

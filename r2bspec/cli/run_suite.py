@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -105,9 +104,11 @@ def _prepare(item: RunItem, options: RunOptions) -> _Entry:
 
 def _assign_folders(entries: Sequence[_Entry], root: Path) -> None:
     """A folder for each run, by its name; equal names are numbered in their order."""
+    from r2bspec.api import folder_name
+
     taken: dict[str, int] = {}
     for entry in entries:
-        plain = re.sub(r"[^A-Za-z0-9_.=-]+", "_", entry.name).strip("_") or "run"
+        plain = folder_name(entry.name)
         taken[plain] = taken.get(plain, 0) + 1
         entry.folder = root / (plain if taken[plain] == 1 else f"{plain}-{taken[plain]}")
 
