@@ -152,6 +152,7 @@ def prepare(
     case: str = "",
     allow_paths: Iterable[Path] = (),
     untrusted: UntrustedSpecs | None = None,
+    smoke: bool = False,
 ) -> PreparedBenchmark:
     """Check a spec and compile its plan, or read a plan from a ``.json`` file.
 
@@ -162,6 +163,7 @@ def prepare(
         case: the case of its matrix, where the spec has several.
         allow_paths: folders from which files may be extended, besides that of the spec.
         untrusted: given where the spec is a stranger's; it then reads fewer variables.
+        smoke: prepare a smoke run, which judges nothing: see `r2bspec.plan.smoke_plan`.
 
     Raises:
         InvalidSpecError: the spec has errors.
@@ -176,6 +178,10 @@ def prepare(
         stored = read_plan(path)
         if untrusted is not None and stored.environment:
             raise UntrustedPlanError(stored.environment)
+        if smoke:
+            from r2bspec.plan.smoke_plan import smoke_plan
+
+            stored = smoke_plan(stored)
         return PreparedBenchmark(plan=stored, base_dir=path.parent.absolute(), spec_text="")
     import msgspec
 
@@ -193,6 +199,9 @@ def prepare(
     )
     context = context_of(loaded)
     diagnostics = check_in_context(loaded, context)
+    if smoke:
+        # Nothing is judged: how many messages a verdict needs does not matter.
+        diagnostics = [each for each in diagnostics if not each.code.startswith("R2B5")]
     if context is None or any(each.severity == "error" for each in diagnostics):
         raise InvalidSpecError(loaded, diagnostics)
     plan = compile_plan(
@@ -201,6 +210,10 @@ def prepare(
         companion_files=context.companion_files,
         wiring=context.wiring,
     )
+    if smoke:
+        from r2bspec.plan.smoke_plan import smoke_plan
+
+        plan = smoke_plan(plan)
     return PreparedBenchmark(
         # The case is part of the name by which results are stored and compared.
         plan=msgspec.structs.replace(plan, name=loaded.id) if loaded.case else plan,
@@ -409,5 +422,9 @@ def judge(run: Run) -> Result:
 def default_run_folder(name: str) -> Path:
     """The default run folder for a name: a folder below ``runs/``."""
     now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-    plain = re.sub(r"[^A-Za-z0-9_.=-]+", "_", name).rstrip("_")
-    return Path("runs") / f"{plain}-{now}-{secrets.token_hex(2)}"
+    return Path("runs") / f"{folder_name(name)}-{now}-{secrets.token_hex(2)}"
+
+
+def folder_name(name: str) -> str:
+    """The name of a benchmark, with its case, as the name of a folder: ``relay_threads=2``."""
+    return re.sub(r"[^A-Za-z0-9_.=-]+", "_", name).strip("_") or "run"

@@ -1,9 +1,10 @@
 """A pytest plugin: with ``--r2bspec``, every ``*.r2b.yaml`` that pytest finds is a file of tests.
 
 The first test of a file validates the spec, as ``r2bspec validate`` does. Each requirement is a
-test of its own; the first of them runs the benchmark for all. ``--r2bspec-runs DIR`` judges run
-folders ``DIR/NAME``, where NAME is the name of the benchmark, instead of running, so that a machine
-without ROS can report what another one has measured.
+test of its own; the first of them runs the benchmark for all. The cases of a matrix are parameters
+of these tests. ``--r2bspec-runs DIR`` judges run folders ``DIR/NAME``, where NAME is the name of
+the benchmark, instead of running, so that a machine without ROS can report what another one has
+measured.
 
 Without ``--r2bspec`` the plugin collects nothing and imports nothing.
 """
@@ -40,7 +41,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--r2bspec-output",
         metavar="DIR",
-        help="write run folders to DIR/NAME  [default: runs/NAME-TIME]",
+        help="write run folders to DIR/NAME, DIR/NAME-2 and so on  [default: runs/NAME-TIME]",
     )
     group.addoption(
         "--r2bspec-inconclusive",
@@ -58,61 +59,83 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
 
 
 class _SpecFile(pytest.File):
-    """A spec; loaded when it is collected, and run when its first requirement is tested."""
+    """A spec; each case is loaded when it is collected, and run for its first requirement."""
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__(**arguments)
-        self._result: Result | None = None
-        self._failure: BenchmarkError | None = None
+        self._results: dict[str, Result] = {}
+        self._failures: dict[str, BenchmarkError] = {}
 
     def collect(self) -> Iterable[pytest.Item]:
-        """One test of the spec itself, and one for each requirement."""
-        from r2bspec.language.load_spec import load_spec
+        """One test of the spec itself, and one for each requirement; those of each case."""
+        from r2bspec.language.load_spec import load_cases
 
-        loaded = load_spec(self.path)
-        yield _Validation.from_parent(self, name="valid", loaded=loaded)
-        if loaded.spec is None:
-            return
-        for objective, slo in loaded.spec.slos.items():
-            for number, requirement in enumerate(slo.require):
-                span = loaded.span(("slos", objective, "require", number))
-                yield _Requirement.from_parent(
-                    self,
-                    name=f"{objective}: {requirement.text.strip()}",
-                    objective=objective,
-                    text=requirement.text,
-                    line=span.line,
-                )
+        for loaded in load_cases(self.path):
+            # As pytest writes the parameters of a test.
+            case = f"[{loaded.case}]" if loaded.case else ""
+            yield _Validation.from_parent(self, name=f"valid{case}", loaded=loaded)
+            if loaded.spec is None:
+                continue
+            for objective, slo in loaded.spec.slos.items():
+                for number, requirement in enumerate(slo.require):
+                    span = loaded.span(("slos", objective, "require", number))
+                    yield _Requirement.from_parent(
+                        self,
+                        name=f"{objective}: {requirement.text.strip()}{case}",
+                        loaded=loaded,
+                        objective=objective,
+                        text=requirement.text,
+                        line=span.line,
+                    )
 
-    def result(self, name: str) -> Result:
-        """The judged run, made once for all tests of the file.
+    def result(self, loaded: LoadedSpec) -> Result:
+        """The judged run of a case, made once for all its tests.
 
         Raises:
-            BenchmarkError: the run failed; every test reports the same failure.
+            BenchmarkError: the run failed; every test of the case reports the same failure.
         """
-        if self._failure is not None:
-            raise self._failure
-        if self._result is None:
+        case = loaded.case
+        if case in self._failures:
+            raise self._failures[case]
+        if case not in self._results:
             from r2bspec.errors import R2bspecError
 
             try:
-                self._result = self._run_or_judge(name)
+                self._results[case] = self._run_or_judge(loaded)
             except R2bspecError as error:
                 hint = f"\n{error.hint}" if error.hint else ""
-                self._failure = BenchmarkError(f"{error.code}: {error}{hint}")
-                raise self._failure from None
-        return self._result
+                self._failures[case] = BenchmarkError(f"{error.code}: {error}{hint}")
+                raise self._failures[case] from None
+        return self._results[case]
 
-    def _run_or_judge(self, name: str) -> Result:
+    def _run_or_judge(self, loaded: LoadedSpec) -> Result:
         from r2bspec import api
 
         stored = self.config.getoption("--r2bspec-runs")
         if stored is not None:
             from r2bspec.compare.load_results import read_folder
 
-            return read_folder(Path(stored) / name).result
+            return read_folder(_stored_folder(Path(stored), loaded.id)).result
         output = self.config.getoption("--r2bspec-output")
-        return api.run(api.prepare(self.path), Path(output) / name if output else None)
+        folder = _new_folder(Path(output) / api.folder_name(loaded.id)) if output else None
+        return api.run(api.prepare(self.path, case=loaded.case), folder)
+
+
+def _stored_folder(folder: Path, name: str) -> Path:
+    """The run of a benchmark: of its name, or of its name as `r2bspec run` writes it."""
+    from r2bspec.api import folder_name
+
+    exact = folder / name
+    return exact if exact.exists() else folder / folder_name(name)
+
+
+def _new_folder(folder: Path) -> Path:
+    """The folder, or the first of ``NAME-2``, ``NAME-3`` and so on that is not there."""
+    number, place = 1, folder
+    while place.exists():
+        number += 1
+        place = folder.with_name(f"{folder.name}-{number}")
+    return place
 
 
 class _SpecTest(pytest.Item):
@@ -152,15 +175,18 @@ class _Validation(_SpecTest):
 class _Requirement(_SpecTest):
     """One requirement; for several monitors, of all of them."""
 
-    def __init__(self, *, objective: str, text: str, line: int, **arguments: Any) -> None:
+    def __init__(
+        self, *, loaded: LoadedSpec, objective: str, text: str, line: int, **arguments: Any
+    ) -> None:
         super().__init__(**arguments)
+        self._loaded = loaded
         self._objective = objective
         self._text = text
         self._line = line
 
     def runtest(self) -> None:
         """Fail unless the requirement is met in a valid run."""
-        result = self.parent.result(self._benchmark_name())
+        result = self.parent.result(self._loaded)
         if result.verdict.outcome in {"invalid", "incomplete"}:
             raise BenchmarkError(f"{result.verdict.outcome}: {result.verdict.reason}")
         found = [
@@ -183,12 +209,6 @@ class _Requirement(_SpecTest):
             if not failed and self.config.getoption("--r2bspec-inconclusive") == "skip":
                 pytest.skip(explanation)
             raise BenchmarkError(explanation)
-
-    def _benchmark_name(self) -> str:
-        from r2bspec.language.load_spec import load_spec
-
-        spec = load_spec(self.path).spec
-        return spec.name if spec is not None else ""
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
         """The line of the requirement."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import click
 
 from r2bspec.bags.recording import WritableStorage
+from r2bspec.cli.completions import complete_dataset
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import console, echo, echo_document
@@ -94,7 +95,7 @@ def list_datasets(output: str) -> None:
 
 
 @command.command()
-@click.argument("dataset")
+@click.argument("dataset", shell_complete=complete_dataset)
 @click.option(
     "--topics", multiple=True, metavar="TOPIC[,TOPIC…]", help="Only these topics.  [default: all]"
 )
@@ -140,7 +141,7 @@ def make(
 
 
 @command.command()
-@click.argument("bag")
+@click.argument("bag", shell_complete=complete_dataset)
 @_format_option
 def info(bag: str, output: str) -> None:
     """Print the content of BAG (a path, or the name of a dataset).
@@ -162,7 +163,7 @@ def info(bag: str, output: str) -> None:
 
 
 @command.command(epilog=f"Exit status {ExitStatus.FINDINGS_OR_FAILED} if something is wrong.")
-@click.argument("bag")
+@click.argument("bag", shell_complete=complete_dataset)
 @_format_option
 @click.pass_context
 def verify(context: click.Context, bag: str, output: str) -> None:

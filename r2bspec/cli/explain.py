@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.cli.completions import complete_code
 from r2bspec.diagnostics.code_pages import FAMILIES
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import UsageError
@@ -23,7 +24,7 @@ _WIDTH = 88
 
 
 @click.command("explain")
-@click.argument("code", required=False)
+@click.argument("code", required=False, shell_complete=complete_code)
 def command(code: str | None) -> int:
     """Explain the diagnostic CODE, such as R2B101 or unknown-key; without CODE, list all.
 

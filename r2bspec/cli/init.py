@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from r2bspec.cli.completions import complete_template
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo
@@ -40,6 +41,7 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     default="minimal",
     show_default=True,
     metavar="TEMPLATE",
+    shell_complete=complete_template,
     help="The template; see --list.",
 )
 @click.option("--list", "show_list", is_flag=True, help="List the templates.")

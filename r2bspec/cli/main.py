@@ -41,6 +41,8 @@ _VERBS = {
     "data": "List, create, inspect and verify datasets.",
     "doctor": "Check this machine's fitness for benchmarking.",
     "schema": "Print a JSON Schema.",
+    "docs": "Show the documentation.",
+    "completion": "Print the completion script of a shell.",
 }
 """Each verb and its line in the help, so that listing them needs no import."""
 
@@ -85,7 +87,7 @@ class _Verbs(click.Group):
 @click.group(
     cls=_Verbs,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=f"Exit status: {exit_status_text()}.",
+    epilog=f"Documentation: 'r2bspec docs'. Exit status: {exit_status_text()}.",
 )
 @click.version_option(__version__, "-V", "--version", message="r2bspec %(version)s")
 def command() -> None:
@@ -102,7 +104,7 @@ def main(argv: list[str] | None = None) -> int:
         with _interruptible():
             status = command.main(args=argv, prog_name="r2bspec", standalone_mode=False)
     except R2bspecError as error:
-        _show(error)
+        show_error(error)
         return error.exit_code
     except (click.exceptions.Abort, KeyboardInterrupt):
         echo("interrupted", err=True)
@@ -123,12 +125,17 @@ def main(argv: list[str] | None = None) -> int:
         if isinstance(error, OSError) and error.errno in _FULL:
             _discard_output()
             what = error.filename or "the output"
-            _show(full := UsageError(f"{what} cannot be written: {error.strerror}", code="R2B651"))
+            show_error(
+                full := UsageError(f"{what} cannot be written: {error.strerror}", code="R2B651")
+            )
             return full.exit_code
         # Not what was asked: no exit status that says something of a spec or a run may come of it.
         from r2bspec.cli.internal_error import Crash, InternalError
 
-        _show(crash := InternalError(Crash.of(error)))
+        crash = InternalError(Crash.of(error))
+        for note in getattr(error, "__notes__", ()):
+            crash.add_note(note)
+        show_error(crash)
         return crash.exit_code
     return status if isinstance(status, int) else ExitStatus.OK
 
@@ -151,8 +158,8 @@ def _interruptible() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _show(error: R2bspecError) -> None:
-    """Print an error as a line and a hint."""
+def show_error(error: R2bspecError) -> None:
+    """Print an error as a line and a hint, with the notes that were added to it."""
     from r2bspec.report.findings.slugs import code_with_slug
 
     colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
@@ -161,3 +168,5 @@ def _show(error: R2bspecError) -> None:
     echo(f"{shown}: {plain(str(error))}", err=True, styled=colour)
     if error.hint:
         echo(f"  help: {error.hint}", err=True)
+    for note in getattr(error, "__notes__", ()):
+        echo(note, err=True)

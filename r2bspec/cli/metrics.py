@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import click
 
+from r2bspec.cli.completions import complete_metric
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
@@ -15,7 +16,7 @@ _WIDTH = 88
 
 
 @click.command("metrics")
-@click.argument("names", nargs=-1, metavar="[METRIC]...")
+@click.argument("names", nargs=-1, metavar="[METRIC]...", shell_complete=complete_metric)
 @click.option(
     "--format",
     "output_format",

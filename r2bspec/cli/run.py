@@ -1,23 +1,24 @@
-"""``r2bspec run``: run a benchmark on real ROS 2 and judge it by its SLOs."""
+"""``r2bspec run``: run benchmarks on real ROS 2 and judge them by their SLOs."""
 
 from __future__ import annotations
 
-import contextlib
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from r2bspec.cli.run_options import ALL_CASES, RunOptions
 from r2bspec.cli.shared_options import SpecValues, junit_option, reports_option, spec_options
-from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_and_report
-from r2bspec.errors import R2bspecError
+from r2bspec.cli.spec_selection import SpecSelection
+from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
     from r2bspec.report.write_reports import ReportRequest
 
 
 @click.command("run")
-@click.argument("spec", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("specs", nargs=-1, required=True, metavar="SPEC...")
 @click.option(
     "--output",
     "-o",
@@ -25,6 +26,30 @@ if TYPE_CHECKING:
     help="The run folder, new or empty.  [default: runs/NAME-TIME]",
 )
 @spec_options
+@click.option(
+    "--smoke", is_flag=True, help="One short iteration that shows whether all works; no verdict."
+)
+@click.option(
+    "--each", is_flag=True, help="Run two specs one after the other; do not compare them."
+)
+@click.option(
+    "--select",
+    multiple=True,
+    metavar="LABEL=VALUE",
+    help="Only specs with this label, such as sensor=camera or sensor='cam*'; may be repeated.",
+)
+@click.option(
+    "--scan",
+    multiple=True,
+    metavar="NAME=VALUE,...",
+    help="A run for each value of a variable, or of a key such as transport; may be repeated.",
+)
+@click.option(
+    "--resume", is_flag=True, help="Run only what the folder of --output does not have yet."
+)
+@click.option("--fail-fast", is_flag=True, help="End after the first run that does not pass.")
+@click.option("--no-wait", is_flag=True, help="Refuse to run while this host runs a benchmark.")
+@click.option("--no-lock", is_flag=True, help="Run even while this host runs a benchmark.")
 @click.option(
     "--against",
     "against",
@@ -63,111 +88,50 @@ if TYPE_CHECKING:
 @reports_option
 @junit_option
 def command(
-    spec: Path,
-    output: Path | None,
+    specs: tuple[str, ...],
     values: SpecValues,
-    against: tuple[str, ...],
-    control: bool,
-    pairs: int | None,
-    history: str | None,
-    baseline: Path | None,
-    force: bool,
-    output_format: str,
-    quiet: bool,
     reports: tuple[ReportRequest, ...],
     junit: tuple[ReportRequest, ...],
+    **others: Any,
 ) -> int:
     """Run SPEC and judge it by its SLOs.
 
     SPEC is a spec, or a plan written by 'r2bspec plan'. Progress is printed to standard error, the
     report to standard output. All samples and logs are stored in the run folder.
 
+    Two specs are compared in interleaved runs, the first being the base. More of them, a folder, a
+    pattern such as 'specs/*.r2b.yaml', '--case all' and --scan are run one after the other, with
+    one summary and the worst exit status.
+
     Requirements 'of baseline' are judged by interleaved runs of a base and of SPEC (--against), or
     by earlier runs (--history). Without either they are inconclusive.
     """
-    from r2bspec import api
-    from r2bspec.cli.history import history_file
-    from r2bspec.record.errors import FolderTakenError
-    from r2bspec.report.findings.print_findings import show
-    from r2bspec.report.progress_display import shown_progress
-    from r2bspec.report.terminal import show_result
-    from r2bspec.report.write_reports import takes_stdout, write_folder_reports
+    options = RunOptions(reports=reports + junit, **others)
+    options.check()
+    from r2bspec.cli.run_selection import is_file_list, run_items
+    from r2bspec.cli.run_single import run_single
+    from r2bspec.cli.run_suite import run_suite
+    from r2bspec.cli.spec_files import spec_files
 
-    is_comparison = bool(against) or control
-    _check_option_conflicts(against, control, pairs, history, baseline, force=force)
-    selection = SpecSelection(spec, *values)
-    prepared = prepare_and_report(selection)
-    name = f"{prepared.plan.name}-pairs" if is_comparison else prepared.plan.name
-    folder = output or api.default_run_folder(name)
-    stored = None
-    if baseline is not None:
-        stored = api.stored_baseline(baseline, prepared, force=force)
-    try:
-        with shown_progress(quiet=quiet) as progress:
-            if is_comparison:
-                result = api.run_pairs(
-                    prepared,
-                    against,
-                    folder,
-                    progress,
-                    prepare_base=lambda reference: prepare_and_report(
-                        base_selection(selection, reference)
-                    ),
-                    pairs=pairs,
-                    control=control,
-                    force=force,
-                )
-            else:
-                history_path = history_file(history) if history is not None else None
-                result = api.run(prepared, folder, progress, history=history_path, baseline=stored)
-    except R2bspecError as error:
-        if isinstance(error, api.GraphMismatchError):
-            show(error.diagnostics, error.loaded.texts)
-        # Reports are written of what was observed; the failure of the run is reported. A folder
-        # that was refused has the files of another run.
-        if not isinstance(error, FolderTakenError):
-            with contextlib.suppress(R2bspecError):
-                write_folder_reports(reports + junit, folder, spec)
-        raise
-    if prepared.loaded is not None:
-        # Harmless differences did not end the run, and are shown.
-        show(api.differences_to_diagnostics(result, prepared.loaded), prepared.loaded.texts)
-    if not takes_stdout(reports + junit):
-        show_result(result, output_format, folder)
-    write_folder_reports(reports + junit, folder, spec)
-    return result.verdict.exit_code
+    several = options.needs_suite or values.case == ALL_CASES
+    if len(specs) == 2 and not several and not options.smoke and is_file_list(specs):
+        base, head = specs
+        echo(f"comparing {head} with {base} in pairs; --each runs them one by one", err=True)
+        options = replace(options, against=(base, *options.against))
+        options.check()
+        return run_single(SpecSelection(Path(head), *values), options)
+    options.check_pairs()
+    if len(specs) == 1 and not several and not _is_collection(specs[0]):
+        return run_single(SpecSelection(Path(specs[0]), *values), options)
+    options.check_suite()
+    items = run_items(
+        SpecSelection(Path(), *values), spec_files(specs), options.select, options.scan
+    )
+    return run_suite(items, options)
 
 
-def _check_option_conflicts(
-    against: tuple[str, ...],
-    control: bool,
-    pairs: int | None,
-    history: str | None,
-    baseline: Path | None,
-    *,
-    force: bool,
-) -> None:
-    """Report options that exclude each other, or need another one.
+def _is_collection(path: str) -> bool:
+    """Whether a path is a folder, or a pattern that is no file."""
+    import glob
 
-    Raises:
-        click.UsageError: there are some.
-    """
-    if against and control:
-        raise click.UsageError(
-            "--control cannot be combined with --against: it compares SPEC with itself"
-        )
-    comparisons = {
-        "--against": bool(against),
-        "--control": control,
-        "--history": history is not None,
-        "--baseline": baseline is not None,
-    }
-    used_options = [name for name, given in comparisons.items() if given]
-    if len(used_options) > 1:
-        raise click.UsageError(
-            f"{' and '.join(used_options)} cannot be combined: choose one comparison"
-        )
-    if pairs is not None and not (against or control):
-        raise click.UsageError("--pairs needs --against or --control")
-    if force and not (against or baseline is not None):
-        raise click.UsageError("--force needs --against or --baseline")
+    return Path(path).is_dir() or (glob.has_magic(path) and not Path(path).exists())

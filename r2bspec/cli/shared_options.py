@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from r2bspec.cli.completions import complete_case, complete_report, complete_variable
+
 if TYPE_CHECKING:
     from r2bspec.language.untrusted_environment import UntrustedSpecs
     from r2bspec.report.write_reports import ReportRequest
@@ -26,6 +28,7 @@ variables_option = click.option(
     "variables",
     multiple=True,
     metavar="NAME=VALUE",
+    shell_complete=complete_variable,
     help="Set a declared variable; may be repeated.",
 )
 
@@ -33,7 +36,8 @@ _case_option = click.option(
     "--case",
     default="",
     metavar="CASE",
-    help="The case of the matrix, such as threads=2.",
+    shell_complete=complete_case,
+    help="The case of the matrix, such as threads=2; for 'run' also all.",
 )
 
 _allow_path_option = click.option(
@@ -144,6 +148,7 @@ reports_option = click.option(
     multiple=True,
     metavar="FORMAT=PATH",
     callback=_parse_reports,
+    shell_complete=complete_report,
     help="Write a report, such as html=report.html, or markdown=- for standard output; may be "
     "repeated. 'r2bspec report --formats' lists the formats.",
 )

@@ -25,8 +25,8 @@ class SpecSelection:
     untrusted: UntrustedSpecs | None = None
 
 
-def prepare_and_report(selection: SpecSelection) -> PreparedBenchmark:
-    """Prepare a spec; findings are printed to standard error.
+def prepare_and_report(selection: SpecSelection, *, smoke: bool = False) -> PreparedBenchmark:
+    """Prepare a spec, or a smoke run of it; findings are printed to standard error.
 
     Raises:
         InvalidSpecError: it has errors.
@@ -44,6 +44,7 @@ def prepare_and_report(selection: SpecSelection) -> PreparedBenchmark:
             case=selection.case,
             allow_paths=selection.allow_paths,
             untrusted=selection.untrusted,
+            **({"smoke": True} if smoke else {}),
         )
     except api.InvalidSpecError as error:
         show(error.diagnostics, error.loaded.texts)

@@ -61,7 +61,8 @@ def compare(
     lines = tuple(_lines(base, head, margin))
     if not lines:
         raise IncomparableError(
-            f"{base.side.source} and {head.side.source} have no metric at the same rate in common"
+            f"{base.side.source} and {head.side.source} have no metric at the same rate in common",
+            hint=f"The base was played at {_rates_text(base)}, the head at {_rates_text(head)}.",
         )
     return Comparison(
         base=base.side, head=head.side, confidence=CONFIDENCE, differences=differences, lines=lines
@@ -123,6 +124,12 @@ def _plan_differences(base: Plan, head: Plan) -> Iterator[str]:
     yield from (f"plan, {brief_difference(each)}" for each in found[:_MAX_DIFFERENCES])
     if len(found) > _MAX_DIFFERENCES:
         yield f"plan: {len(found) - _MAX_DIFFERENCES} more differences"
+
+
+def _rates_text(side: ComparedResult) -> str:
+    """The rates of a result: ``10 Hz and 30 Hz``."""
+    rates = sorted({rate for rate, _, _ in side.series if rate})
+    return " and ".join(show(rate, "Hz") for rate in rates[:_MAX_DIFFERENCES]) or "no fixed rate"
 
 
 def _lines(base: ComparedResult, head: ComparedResult, margin: float) -> Iterator[ComparisonLine]:

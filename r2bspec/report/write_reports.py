@@ -73,7 +73,7 @@ def write_reports(requests: Iterable[ReportRequest], report_input: ReportInput) 
     """
     for one in requests:
         for path, content in _contents(one, report_input):
-            _write_report(path, content)
+            write_report(path, content)
 
 
 def _contents(request: ReportRequest, report_input: ReportInput) -> Iterator[tuple[str, bytes]]:
@@ -88,7 +88,13 @@ def _contents(request: ReportRequest, report_input: ReportInput) -> Iterator[tup
             yield path.replace("{rate}", rate_name(rate.offered_hz, rate.pace)), render(one)
 
 
-def _write_report(path: str, content: bytes) -> None:
+def write_report(path: str, content: bytes) -> None:
+    """Write a report to its path, ``-`` for standard output.
+
+    Raises:
+        ReportError: the path is a folder.
+        RecordError: the file cannot be written.
+    """
     if path == STDOUT:
         sys.stdout.flush()
         sys.stdout.buffer.write(content)

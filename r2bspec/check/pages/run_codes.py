@@ -1,4 +1,4 @@
-"""R2B619 to R2B691: errors of a run, of its folder, and of r2bspec itself."""
+"""R2B619 to R2B697: errors of a run, of its folder, and of r2bspec itself."""
 
 from __future__ import annotations
 
@@ -243,5 +243,13 @@ RUN_PAGES = (
         "'validate' shares many files out among processes. One of them was killed or crashed, so "
         "that nothing is known of the file that it checked. On a machine with too little memory "
         "the kernel kills processes.",
+    ),
+    error_page(
+        "host-busy",
+        "R2B697",
+        "host is in use by another run",
+        "Benchmarks that run at the same time measure each other, so 'run' and 'calibrate' have "
+        "the host to themselves. --no-wait refuses instead of waiting, --no-lock or the variable "
+        "R2BSPEC_NO_LOCK runs next to the other one.",
     ),
 )

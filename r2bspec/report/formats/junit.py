@@ -28,7 +28,7 @@ from r2bspec.report.report_wording import (
 )
 
 if TYPE_CHECKING:
-    from junitparser import TestCase
+    from junitparser import TestCase, TestSuite
 
 
 def render(report_input: ReportInput) -> bytes:
@@ -38,7 +38,20 @@ def render(report_input: ReportInput) -> bytes:
 
 def to_xml(report_input: ReportInput, *, lenient: bool) -> bytes:
     """The XML; with `lenient`, inconclusive requirements are skipped cases instead of errors."""
-    from junitparser import JUnitXml, TestSuite
+    from junitparser import JUnitXml
+
+    suite = to_suite(report_input, lenient=lenient)
+    xml = JUnitXml(suite.name)
+    xml.add_testsuite(suite)
+    xml.time = suite.time
+    buffer = io.BytesIO()
+    xml.write(buffer, pretty=True)
+    return buffer.getvalue().rstrip() + b"\n"
+
+
+def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
+    """The test suite of one run; see `to_xml`."""
+    from junitparser import TestSuite
 
     result = report_input.result
     name = printable(result.name)
@@ -54,12 +67,7 @@ def to_xml(report_input: ReportInput, *, lenient: bool) -> bytes:
         suite.add_testcase(_case(one, name, several=several, lenient=lenient))
     # After the cases: adding one makes the suite sum up the times of all.
     suite.time = _duration_s(result.started_at, result.ended_at)
-    xml = JUnitXml(name)
-    xml.add_testsuite(suite)
-    xml.time = suite.time
-    buffer = io.BytesIO()
-    xml.write(buffer, pretty=True)
-    return buffer.getvalue().rstrip() + b"\n"
+    return suite
 
 
 def _run_case(report_input: ReportInput, name: str) -> TestCase:

@@ -126,7 +126,7 @@ def test_a_run_that_fails_still_has_its_reports(
         EMPTY.write(folder)
         raise R2bspecError("a process died")
 
-    prepared = SimpleNamespace(loaded=None, plan=SimpleNamespace(name="simulated"))
+    prepared = SimpleNamespace(loaded=None, plan=EMPTY.plan())
     monkeypatch.setattr(api, "prepare", lambda *_, **__: prepared)
     monkeypatch.setattr(api, "run", fail)
     target = tmp_path / "junit.xml"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from r2bspec.pytest_plugin import _new_folder
 from run_simulation import Played, Simulation, objective
 
 ROOT = Path(__file__).parents[3]
@@ -92,3 +93,32 @@ def test_a_run_that_is_not_there_fails_every_requirement(folder: Path) -> None:
     assert done.returncode == 1
     assert "R2B650" in done.stdout
     assert done.stdout.count("FAILED simulated.r2b.yaml::fast") == 3
+
+
+MATRIX = """\
+variables: {queue: 1}
+matrix: {axes: {queue: [1, 10]}}
+"""
+
+
+def test_the_cases_of_a_matrix_are_parameters(tmp_path: Path) -> None:
+    (tmp_path / "simulated.r2b.yaml").write_text(SPEC + MATRIX)
+    for case, latency_s in (("1", 0.02), ("10", 0.2)):
+        Simulation(
+            segments=[Played(30, [latency_s] * 300), Played(30, [latency_s] * 300)],
+            objectives={"fast": objective("latency.p50 < 60 ms")},
+        ).write(tmp_path / "runs" / f"simulated_queue={case}")
+    done = pytest_run(tmp_path, "--r2bspec", "--r2bspec-runs", "runs", "-k", "valid or 60")
+    assert "PASSED simulated.r2b.yaml::valid[queue=1]" in done.stdout
+    assert "PASSED simulated.r2b.yaml::valid[queue=10]" in done.stdout
+    assert "PASSED simulated.r2b.yaml::fast: latency.p50 < 60 ms[queue=1]" in done.stdout
+    assert "FAILED simulated.r2b.yaml::fast: latency.p50 < 60 ms[queue=10]" in done.stdout
+    assert "R2B140" not in done.stdout
+
+
+def test_a_second_call_has_folders_of_its_own(tmp_path: Path) -> None:
+    names = []
+    for _ in range(3):
+        names.append(_new_folder(tmp_path / "base").name)
+        (tmp_path / names[-1]).mkdir()
+    assert names == ["base", "base-2", "base-3"]

@@ -1,0 +1,100 @@
+"""The options of ``r2bspec run`` apart from those of a spec, and which of them go together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from r2bspec.report.write_reports import ReportRequest
+
+ALL_CASES = "all"
+"""The value of ``--case`` that selects every case of a matrix."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """The options as they were given; the names are those of the command line."""
+
+    output: Path | None = None
+    against: tuple[str, ...] = ()
+    control: bool = False
+    pairs: int | None = None
+    history: str | None = None
+    baseline: Path | None = None
+    force: bool = False
+    each: bool = False
+    select: tuple[str, ...] = ()
+    scan: tuple[str, ...] = ()
+    smoke: bool = False
+    resume: bool = False
+    fail_fast: bool = False
+    no_wait: bool = False
+    no_lock: bool = False
+    output_format: str = "text"
+    quiet: bool = False
+    reports: tuple[ReportRequest, ...] = ()
+
+    @property
+    def compares(self) -> bool:
+        """Whether interleaved pairs are run."""
+        return bool(self.against) or self.control
+
+    @property
+    def needs_suite(self) -> bool:
+        """Whether an option only makes sense for several runs."""
+        return bool(self.select or self.scan or self.resume or self.fail_fast or self.each)
+
+    def check(self) -> None:
+        """Report options that exclude each other, or need another one.
+
+        Raises:
+            click.UsageError: there are some.
+        """
+        if self.against and self.control:
+            raise click.UsageError(
+                "--control cannot be combined with --against: it compares SPEC with itself"
+            )
+        comparisons = {
+            "--against": bool(self.against),
+            "--control": self.control,
+            "--history": self.history is not None,
+            "--baseline": self.baseline is not None,
+        }
+        used_options = [name for name, given in comparisons.items() if given]
+        if len(used_options) > 1:
+            raise click.UsageError(
+                f"{' and '.join(used_options)} cannot be combined: choose one comparison"
+            )
+        if self.smoke and used_options:
+            raise click.UsageError(
+                f"--smoke cannot be combined with {used_options[0]}: it judges nothing"
+            )
+        if self.force and not (self.against or self.baseline is not None):
+            raise click.UsageError("--force needs --against or --baseline")
+
+    def check_pairs(self) -> None:
+        """Report ``--pairs`` without a comparison.
+
+        Raises:
+            click.UsageError: there is none.
+        """
+        if self.pairs is not None and not self.compares:
+            raise click.UsageError("--pairs needs --against or --control")
+
+    def check_suite(self) -> None:
+        """Report options that are for a single run.
+
+        Raises:
+            click.UsageError: there are some.
+        """
+        if self.compares or self.baseline is not None:
+            raise click.UsageError(
+                "--against, --control and --baseline take one SPEC, without --case all, --select, "
+                "--scan, --resume, --fail-fast and --each"
+            )
+        if self.resume and self.output is None:
+            raise click.UsageError("--resume needs the --output of the earlier call")

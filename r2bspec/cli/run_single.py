@@ -1,0 +1,200 @@
+"""One run of ``r2bspec run``, or one comparison in pairs: made, reported, and its folder named."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_and_report
+from r2bspec.errors import R2bspecError
+from r2bspec.report.output import echo, echo_document
+
+if TYPE_CHECKING:
+    from r2bspec.api import PreparedBenchmark
+    from r2bspec.cli.run_options import RunOptions
+    from r2bspec.judge.result import Result
+    from r2bspec.report.remaining_time import RemainingTime
+
+
+def run_single(selection: SpecSelection, options: RunOptions) -> int:
+    """Run a spec, or compare it; returns the exit status of the verdict.
+
+    Raises:
+        R2bspecError: it could not be run; with the run folder as a note, where there is one.
+    """
+    with _json_of_failures(options, folder := _Folder()):
+        return _run(selection, options, folder)
+
+
+def _run(selection: SpecSelection, options: RunOptions, folder: _Folder) -> int:
+    from r2bspec import api
+    from r2bspec.plan.time_estimate import estimate_time, time_text
+    from r2bspec.report.remaining_time import RemainingTime
+    from r2bspec.report.terminal import show_result
+    from r2bspec.report.write_reports import takes_stdout
+
+    prepared = prepare_and_report(selection, smoke=options.smoke)
+    name = prepared.plan.name
+    name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
+    folder.path = options.output or api.default_run_folder(name)
+    remaining = None
+    if not options.compares:
+        estimate = estimate_time(prepared.plan)
+        remaining = RemainingTime(estimate)
+        text = estimate.text()
+    else:
+        from r2bspec.plan.comparability import pair_count, single_run_plan
+
+        runs = 2 * (options.pairs or pair_count(prepared.plan))
+        estimate = estimate_time(single_run_plan(prepared.plan))
+        remaining = RemainingTime(estimate, runs=runs)
+        text = f"about {time_text(runs * estimate.seconds)}, {runs} runs"
+    with locked_host(name, options):
+        if not options.quiet:
+            echo(f"{name}: {text}", err=True)
+        result = execute(prepared, selection, options, folder.path, remaining)
+    show_differences(result, prepared)
+    if not takes_stdout(options.reports):
+        show_result(result, options.output_format, folder.path)
+    if options.output_format == "json" or takes_stdout(options.reports):
+        echo(folder_line(folder.path), err=True)
+    write_reports_of(options, folder.path, selection.spec)
+    return result.verdict.exit_code
+
+
+class _Folder:
+    """The run folder, once it is known."""
+
+    path: Path | None = None
+
+
+def folder_line(folder: Path) -> str:
+    """The line that names a run folder."""
+    return f"run folder: {folder}"
+
+
+@contextlib.contextmanager
+def locked_host(what: str, options: RunOptions) -> Iterator[None]:
+    """The lock of the host, unless it is not wanted."""
+    if options.no_lock:
+        yield
+        return
+    from r2bspec.execute.host.host_lock import host_lock
+
+    def on_wait(holder: str) -> None:
+        echo(f"waiting for {holder}, which runs on this host; --no-wait refuses", err=True)
+
+    with host_lock(what, wait=not options.no_wait, on_wait=on_wait):
+        yield
+
+
+def execute(
+    prepared: PreparedBenchmark,
+    selection: SpecSelection,
+    options: RunOptions,
+    folder: Path,
+    remaining: RemainingTime | None,
+) -> Result:
+    """Make the run, or the comparison.
+
+    Raises:
+        R2bspecError: it failed; reports of what was observed have been written, and the error has
+            the run folder as a note.
+    """
+    from r2bspec import api
+    from r2bspec.record.errors import FolderTakenError
+    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.progress_display import shown_progress
+
+    # Before the run: what is stored may be unreadable.
+    ways = _ways(prepared, options)
+    try:
+        with shown_progress(quiet=options.quiet, remaining=remaining) as progress:
+            if not options.compares:
+                return api.run(prepared, folder, progress, **ways)
+            return api.run_pairs(
+                prepared,
+                options.against,
+                folder,
+                progress,
+                prepare_base=lambda reference: prepare_and_report(
+                    base_selection(selection, reference)
+                ),
+                pairs=options.pairs,
+                control=options.control,
+                force=options.force,
+            )
+    except BaseException as error:
+        if isinstance(error, api.GraphMismatchError):
+            show(error.diagnostics, error.loaded.texts)
+        # A folder that was refused has the files of another run.
+        if not isinstance(error, FolderTakenError) and folder.exists():
+            error.add_note(folder_line(folder))
+            if isinstance(error, R2bspecError):
+                with contextlib.suppress(R2bspecError):
+                    write_reports_of(options, folder, selection.spec)
+        raise
+
+
+def _ways(prepared: PreparedBenchmark, options: RunOptions) -> dict[str, Any]:
+    """The history and the stored run by which a single run is judged, too."""
+    from r2bspec import api
+    from r2bspec.cli.history import history_file
+
+    history = history_file(options.history) if options.history is not None else None
+    stored = None
+    if options.baseline is not None:
+        stored = api.stored_baseline(options.baseline, prepared, force=options.force)
+    return {"history": history, "baseline": stored}
+
+
+def show_differences(result: Result, prepared: PreparedBenchmark) -> None:
+    """Print differences between graph and spec that did not end the run."""
+    from r2bspec import api
+    from r2bspec.report.findings.print_findings import show
+
+    if prepared.loaded is not None:
+        show(api.differences_to_diagnostics(result, prepared.loaded), prepared.loaded.texts)
+
+
+def write_reports_of(options: RunOptions, folder: Path, spec: Path) -> None:
+    """Write the requested reports of a run folder."""
+    from r2bspec.report.write_reports import write_folder_reports
+
+    write_folder_reports(options.reports, folder, spec)
+
+
+@contextlib.contextmanager
+def _json_of_failures(options: RunOptions, folder: _Folder) -> Iterator[None]:
+    """With ``--format json``, a failure prints JSON, too: what was measured, or else the error."""
+    from r2bspec.report.write_reports import takes_stdout
+
+    try:
+        yield
+    except R2bspecError as error:
+        if options.output_format == "json" and not takes_stdout(options.reports):
+            _print_failure(error, folder.path)
+        raise
+
+
+def _print_failure(error: R2bspecError, folder: Path | None) -> None:
+    from r2bspec.compare.load_results import read_folder
+    from r2bspec.record.errors import FolderTakenError
+    from r2bspec.report.terminal import show_result
+
+    if folder is not None and folder.exists() and not isinstance(error, FolderTakenError):
+        with contextlib.suppress(R2bspecError):
+            show_result(read_folder(folder).result, "json")
+            return
+    import msgspec
+
+    content = {
+        "r2bspec_error": 1,
+        "code": error.code,
+        "message": str(error),
+        "hint": error.hint,
+        "exit_status": int(error.exit_code),
+    }
+    echo_document(msgspec.json.format(msgspec.json.encode(content), indent=2))

@@ -1,0 +1,40 @@
+"""The plan of a smoke run: one short iteration, which shows that everything is connected."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import msgspec
+
+from r2bspec.plan.plan import Plan, PlayPlan
+
+_ITERATION_NS: Final = 2_000_000_000
+_WARM_UP_NS: Final = 500_000_000
+
+
+def smoke_plan(plan: Plan) -> Plan:
+    """The plan with one short iteration at its lowest rate, without probes and objectives."""
+    play = min(plan.play, key=lambda each: each.rate_hz) if plan.play else _lowest_of_search(plan)
+    once = msgspec.structs.replace(
+        play, duration_ns=min(play.duration_ns, _ITERATION_NS), iterations=1, max_iterations=0
+    )
+    phases = [each for each in plan.phases if each not in {"search", "sustained", "play"}]
+    phases.insert(phases.index("collect") if "collect" in phases else len(phases), "play")
+    return msgspec.structs.replace(
+        plan,
+        title=f"{plan.title or plan.name} (smoke run: nothing is judged)",
+        play=(once,),
+        play_at_peak=None,
+        search=None,
+        sustained_hz=(),
+        objectives={},
+        phases=tuple(phases),
+        warm_up_ns=min(plan.warm_up_ns, _WARM_UP_NS),
+        gate=msgspec.structs.replace(plan.gate, confirm=False),
+    )
+
+
+def _lowest_of_search(plan: Plan) -> PlayPlan:
+    """An iteration at the lowest rate of the search, or at the lowest one to be sustained."""
+    rates = [*plan.sustained_hz, *((plan.search.min_hz,) if plan.search is not None else ())]
+    return PlayPlan(rate_hz=min(rates, default=0.0), duration_ns=_ITERATION_NS, iterations=1)

@@ -1,0 +1,166 @@
+"""The summary of several runs as text, Markdown, HTML, JUnit XML and JSON."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Final
+
+import msgspec
+
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.diagnostics.plain_text import harmless
+from r2bspec.diagnostics.quote import printable, printable_lines
+from r2bspec.judge.result import Result
+from r2bspec.measure.units import show, show_rate
+from r2bspec.report.report_wording import OUTCOME_WORDS
+from r2bspec.report.suite_summary import SuiteRow, SuiteRun, SuiteSummary
+
+Results = Mapping[str, Result]
+"""The results of the runs that have one, by run folder."""
+
+_HEADER: Final = ("benchmark", "rate", "monitor", "throughput", "p50", "p99", "peak", "verdict")
+_NUMBERS: Final = range(3, 7)
+_WORDS: Final[dict[str, str]] = {
+    **dict(OUTCOME_WORDS.items()),
+    "error": "✘ ERROR",
+    "skipped": "– skipped",
+}
+_WIDEST: Final = 1000
+
+
+def to_json(summary: SuiteSummary, _results: Results) -> bytes:
+    """The summary as it is."""
+    return msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"
+
+
+def to_text(summary: SuiteSummary, _results: Results) -> bytes:
+    """A table, then the reason of each run that did not pass."""
+    from rich.text import Text
+
+    from r2bspec.report.output import console
+    from r2bspec.report.terminal.style import table
+
+    buffer = io.StringIO()
+    page = console(buffer, width=_WIDEST, color_system=None, legacy_windows=False)
+    made = table(_HEADER)
+    for number, column in enumerate(made.columns):
+        column.justify = "right" if number in _NUMBERS else "left"
+    for cells in _table(summary):
+        made.add_row(*map(Text, cells))
+    page.print(made)
+    lines = [f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines()]
+    lines += [f"\n{run.name}: {run.reason}\n" for run in _not_passed(summary)]
+    lines += ["\n", f"{_count_text(summary)}\n"]
+    return harmless("".join(lines)).encode()
+
+
+def to_markdown(summary: SuiteSummary, _results: Results) -> bytes:
+    """The same for a comment or a step summary."""
+    from r2bspec.report.formats.markdown import escaped, table
+
+    lines = [f"### {escaped(_count_text(summary))}", ""]
+    lines += table(_HEADER, [tuple(map(escaped, cells)) for cells in _table(summary)])
+    reasons = [f"- **{escaped(run.name)}**: {escaped(run.reason)}" for run in _not_passed(summary)]
+    return harmless("\n".join([*lines, "", *reasons]).rstrip() + "\n").encode()
+
+
+def to_html(summary: SuiteSummary, _results: Results) -> bytes:
+    """One self-contained page."""
+    rows = "\n".join(
+        "<tr>" + "".join(_html_cell(number, cell) for number, cell in enumerate(cells)) + "</tr>"
+        for cells in _table(summary)
+    )
+    header = "".join(f"<th>{html.escape(each)}</th>" for each in _HEADER)
+    reasons = "\n".join(
+        f"<p><b>{html.escape(run.name)}</b>: {html.escape(printable_lines(run.reason))}</p>"
+        for run in _not_passed(summary)
+    )
+    title = html.escape(_count_text(summary))
+    page = (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n"
+        f"<table>\n<thead><tr>{header}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>\n"
+        f"{reasons}\n<p>{html.escape(summary.started_at)} to {html.escape(summary.ended_at)}</p>\n"
+        "</body>\n</html>\n"
+    )
+    return harmless(page).encode()
+
+
+_STYLE: Final = (
+    "body{font:15px system-ui,sans-serif;margin:2em;color-scheme:light dark}"
+    "table{border-collapse:collapse}th,td{padding:.3em .8em;border-bottom:1px solid #8885;"
+    "text-align:left;font-variant-numeric:tabular-nums}.n{text-align:right}"
+)
+
+
+def _html_cell(number: int, cell: str) -> str:
+    kind = ' class="n"' if number in _NUMBERS else ""
+    return f"<td{kind}>{html.escape(printable(cell))}</td>"
+
+
+def to_junit(summary: SuiteSummary, results: Results) -> bytes:
+    """A test suite for each run, with a case for each requirement."""
+    from junitparser import Error, JUnitXml, Skipped, TestCase, TestSuite
+
+    from r2bspec.report.formats.junit import to_suite
+
+    xml = JUnitXml("r2bspec")
+    for run in summary.runs:
+        if run.folder in results:
+            suite = to_suite(ReportInput(result=results[run.folder]), lenient=False)
+        else:
+            suite = TestSuite(printable(run.name))
+            case = TestCase("run", printable(run.name))
+            kind = Skipped if run.outcome == "skipped" else Error
+            case.result = [kind(printable_lines(run.reason), run.outcome)]
+            suite.add_testcase(case)
+        xml.add_testsuite(suite)
+    buffer = io.BytesIO()
+    xml.write(buffer, pretty=True)
+    return harmless(buffer.getvalue().decode().rstrip() + "\n").encode()
+
+
+SUITE_FORMATS: Final[dict[str, Callable[[SuiteSummary, Results], bytes]]] = {
+    "text": to_text,
+    "json": to_json,
+    "markdown": to_markdown,
+    "html": to_html,
+    "junit": to_junit,
+}
+"""The formats of a summary, by the names of the formats of a run."""
+
+
+def _table(summary: SuiteSummary) -> Iterator[tuple[str, ...]]:
+    for run in summary.runs:
+        word = _WORDS.get(run.outcome, run.outcome) + (" (earlier run)" if run.resumed else "")
+        if not run.rows:
+            yield (run.name, "", "", "", "", "", "", word)
+        for number, row in enumerate(run.rows):
+            yield (run.name if number == 0 else "", *_cells(row), word if number == 0 else "")
+
+
+def _cells(row: SuiteRow) -> tuple[str, ...]:
+    return (
+        "search" if row.pace == "search" else show_rate(row.offered_hz, row.pace),
+        row.monitor,
+        show(row.throughput_hz, "Hz"),
+        show(row.latency_p50_s, "s"),
+        show(row.latency_p99_s, "s"),
+        show(row.peak_hz, "Hz"),
+    )
+
+
+def _not_passed(summary: SuiteSummary) -> Sequence[SuiteRun]:
+    return [run for run in summary.runs if run.outcome not in {"pass", "skipped"}]
+
+
+def _count_text(summary: SuiteSummary) -> str:
+    """How many runs had which outcome: ``3 runs: 2 pass, 1 fail``."""
+    counts: dict[str, int] = {}
+    for run in summary.runs:
+        counts[run.outcome] = counts.get(run.outcome, 0) + 1
+    total = len(summary.runs)
+    parts = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
+    return f"{total} {'run' if total == 1 else 'runs'}: {parts or 'nothing to run'}"

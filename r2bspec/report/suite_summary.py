@@ -1,0 +1,139 @@
+"""Several runs as one summary: a row for each spec and rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Final, Literal
+
+import msgspec
+
+from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
+from r2bspec.judge.result import Result
+
+_SEVERITY: Final = (
+    ExitStatus.OK,
+    ExitStatus.INCONCLUSIVE,
+    ExitStatus.RUN_FAILED,
+    ExitStatus.FINDINGS_OR_FAILED,
+    ExitStatus.USAGE,
+    ExitStatus.INTERNAL_ERROR,
+    ExitStatus.INTERRUPTED,
+)
+"""Exit statuses, the worst last: what a retry may mend is not as bad as what it cannot."""
+
+
+class SuiteRow(msgspec.Struct, frozen=True, kw_only=True):
+    """One monitor at one rate; times in seconds, None where there is no value.
+
+    Attributes:
+        offered_hz: 0 where the recording or the graph sets the rate; `pace` says which.
+        peak_hz: of the search of the run, the same in each of its rows.
+    """
+
+    offered_hz: float
+    pace: str
+    monitor: str
+    throughput_hz: float | None
+    latency_p50_s: float | None
+    latency_p99_s: float | None
+    peak_hz: float | None
+
+
+class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
+    """One run of a suite.
+
+    Attributes:
+        name: of the benchmark, with its case.
+        folder: the run folder; empty where nothing was run.
+        outcome: of the verdict; ``error`` where the run failed, ``skipped`` after a failure.
+        resumed: whether the run is an earlier one.
+    """
+
+    name: str
+    spec: str
+    folder: str
+    outcome: str
+    reason: str
+    exit_status: int
+    resumed: bool = False
+    rows: tuple[SuiteRow, ...] = ()
+
+
+class SuiteSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """Runs that were made one after the other, in their order.
+
+    Attributes:
+        exit_status: the worst of all; see `worst_status`.
+    """
+
+    r2bspec_suite: Literal[1] = 1
+    started_at: str
+    ended_at: str
+    machine: dict[str, str] = {}
+    exit_status: int
+    runs: tuple[SuiteRun, ...]
+
+
+def worst_status(statuses: Iterable[int]) -> ExitStatus:
+    """The worst exit status; 0 for none."""
+    by_number = {each.value: each for each in ExitStatus}
+    found = [by_number[each] for each in statuses]
+    return max(found, key=_severity, default=ExitStatus.OK)
+
+
+def _severity(status: ExitStatus) -> int:
+    return _SEVERITY.index(status) if status in _SEVERITY else len(_SEVERITY)
+
+
+def run_with_result(
+    result: Result, *, spec: str, folder: str, name: str = "", resumed: bool = False
+) -> SuiteRun:
+    """A run that has a result."""
+    return SuiteRun(
+        name=name or result.name,
+        spec=spec,
+        folder=folder,
+        outcome=result.verdict.outcome,
+        reason=result.verdict.reason,
+        exit_status=result.verdict.exit_code,
+        resumed=resumed,
+        rows=tuple(_rows(result)),
+    )
+
+
+def run_with_error(error: R2bspecError, *, name: str, spec: str, folder: str = "") -> SuiteRun:
+    """A run that failed, or a spec that could not be run."""
+    return SuiteRun(
+        name=name,
+        spec=spec,
+        folder=folder,
+        outcome="error",
+        reason=f"{error.code}: {error}",
+        exit_status=error.exit_code,
+    )
+
+
+def _rows(result: Result) -> Iterator[SuiteRow]:
+    search = result.metrics.search
+    for rate in result.metrics.rates:
+        for monitor, seen in rate.pooled.monitors.items():
+            yield SuiteRow(
+                offered_hz=rate.offered_hz,
+                pace=rate.pace,
+                monitor=monitor,
+                throughput_hz=seen.throughput_hz,
+                latency_p50_s=seen.latency.p50,
+                latency_p99_s=seen.latency.p99,
+                peak_hz=search.holds_hz if search is not None else None,
+            )
+    if search is not None and not result.metrics.rates:
+        yield SuiteRow(
+            offered_hz=0.0,
+            pace="search",
+            monitor="",
+            throughput_hz=None,
+            latency_p50_s=None,
+            latency_p99_s=None,
+            peak_hz=search.holds_hz,
+        )

@@ -1,0 +1,351 @@
+"""``r2bspec run`` with several specs: what is run, in which order, and what comes of it."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+import pytest
+
+from r2bspec import api
+from r2bspec.check.example_spec import example
+from r2bspec.cli.main import main
+from r2bspec.cli.run import command as run_verb
+from r2bspec.cli.run_selection import run_items
+from r2bspec.cli.spec_selection import SpecSelection
+from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.execute.errors import InterruptedRunError
+from r2bspec.exit_status import ExitStatus
+from r2bspec.judge.judge_run import result_of
+from r2bspec.judge.judge_run import to_json as result_json
+from r2bspec.judge.result import Result
+from r2bspec.plan.canonical_json import canonical_json, plan_hash
+from r2bspec.plan.plan import PlayPlan
+from r2bspec.plan.smoke_plan import smoke_plan
+from r2bspec.record.run_folder import RunFolder, open_run
+from r2bspec.report.suite_formats import SUITE_FORMATS
+from r2bspec.report.suite_summary import (
+    SuiteSummary,
+    run_with_error,
+    run_with_result,
+    worst_status,
+)
+from report_runs import HOSTILE_RUN, USUAL, GraphSimulation, skewed
+from run_simulation import Played
+
+MATRIX = "variables: {hz: 10 Hz}\nmatrix: {axes: {hz: [10 Hz, 20 Hz]}}\n"
+
+
+def write_spec(folder: Path, name: str, more: str = "") -> Path:
+    text = example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}")
+    path = folder / f"{name}.r2b.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text.replace("name: example", f"name: {name}") + more)
+    return path
+
+
+def selection(**changes: Any) -> SpecSelection:
+    bare = SpecSelection(Path(), sets=(), variables={}, case="", allow_paths=())
+    return replace(bare, **changes)
+
+
+def test_every_case_of_every_file_is_a_run(tmp_path: Path) -> None:
+    one = write_spec(tmp_path, "one")
+    two = write_spec(tmp_path, "two", MATRIX)
+    found = run_items(selection(), [str(one), str(two)])
+    assert [(item.selection.spec, item.selection.case) for item in found] == [
+        (one, ""),
+        (two, "hz=10 Hz"),
+        (two, "hz=20 Hz"),
+    ]
+    assert run_items(selection(case="all"), [str(two)]) == found[1:]
+    (only,) = run_items(selection(case="hz=20 Hz"), [str(two)])
+    assert only.selection.case == "hz=20 Hz"
+
+
+def test_labels_select_specs(tmp_path: Path) -> None:
+    a = write_spec(tmp_path, "a", "labels: {sensor: camera_left, night: true}\n")
+    b = write_spec(tmp_path, "b", "labels: {sensor: lidar}\n")
+    files = [str(a), str(b), str(write_spec(tmp_path, "c"))]
+
+    def selected(*labels: str) -> list[Path]:
+        return [item.selection.spec for item in run_items(selection(), files, labels)]
+
+    assert selected("sensor=camera*") == [a]
+    assert selected("sensor=*") == [a, b]
+    assert selected("sensor=*", "night=true") == [a]
+    with pytest.raises(UsageError, match="sensor=radar"):
+        selected("sensor=radar")
+    with pytest.raises(click.UsageError):
+        selected("sensor")
+
+
+def test_scanned_values_are_variables_or_keys(tmp_path: Path) -> None:
+    spec = write_spec(tmp_path, "a", "variables: {threads: 1}\n")
+    found = run_items(
+        selection(sets=("name=x",)), [str(spec)], scan=["threads=1,2", "benchmark.warm_up=1 s,2 s"]
+    )
+    assert [item.suffix for item in found] == [
+        "[threads=1,benchmark.warm_up=1 s]",
+        "[threads=1,benchmark.warm_up=2 s]",
+        "[threads=2,benchmark.warm_up=1 s]",
+        "[threads=2,benchmark.warm_up=2 s]",
+    ]
+    last = found[-1].selection
+    assert (last.variables, last.sets) == ({"threads": "2"}, ("name=x", "benchmark.warm_up=2 s"))
+    with pytest.raises(click.UsageError):
+        run_items(selection(), [str(spec)], scan=["threads"])
+
+
+@pytest.mark.parametrize(
+    ("statuses", "worst"),
+    [([], 0), ([0, 3, 0], 3), ([3, 4], 4), ([4, 1, 3], 1), ([1, 2, 4], 2), ([1, 130, 2], 130)],
+)
+def test_the_worst_status_is_the_one_that_a_retry_mends_least(
+    statuses: list[int], worst: int
+) -> None:
+    assert worst_status(statuses) == worst
+
+
+SIMULATED = GraphSimulation(
+    segments=[Played(30, skewed(150, 0.02, 150 * number)) for number in range(5)],
+    monitors=("output",),
+)
+SLOW = replace(SIMULATED, segments=[Played(30, skewed(150, 0.2)) for _ in range(5)])
+
+
+@pytest.fixture
+def played(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of the benchmarks that were played, by a run whose samples are simulated."""
+    names: list[str] = []
+
+    def run(prepared: api.PreparedBenchmark, folder: Path, *_: Any, **__: Any) -> Result:
+        name = prepared.plan.name
+        names.append(name)
+        if name.startswith("interrupted"):
+            raise InterruptedRunError("interrupted by SIGINT")
+        written = (SLOW if name.startswith("slow") else SIMULATED).write(folder)
+        place = RunFolder(folder)
+        place.write_plan(canonical_json(prepared.plan).decode())
+        hashed = plan_hash(prepared.plan)
+        place.write_record(msgspec.structs.replace(written.record, plan_hash=hashed))
+        result = result_of(open_run(folder))
+        place.write_result(result_json(result))
+        if name.startswith("broken"):
+            raise R2bspecError("a process died")
+        return result
+
+    monkeypatch.setattr(api, "run", run)
+    return names
+
+
+def suite(folder: Path) -> SuiteSummary:
+    return msgspec.json.decode((folder / "suite.json").read_bytes(), type=SuiteSummary)
+
+
+def call(*arguments: object) -> int:
+    return main(["run", *map(str, arguments), "--quiet"])
+
+
+def test_a_folder_is_run_to_its_end_with_the_worst_status(
+    tmp_path: Path, played: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a", "broken_b", "slow_c", "t"):
+        write_spec(tmp_path / "specs", name)
+    (tmp_path / "specs" / "u.r2b.yaml").write_text("r2bspec: 1\n")
+    junit, page = tmp_path / "junit.xml", tmp_path / "pages" / "all.html"
+    status = call(
+        *(tmp_path / "specs", "-o", tmp_path / "out", "--junit-xml", junit),
+        *("--report", f"html={page}", "--report", f"csv={tmp_path}/csv/{{name}}.csv"),
+    )
+    assert status == 2
+    assert played == ["a", "broken_b", "slow_c", "t"]
+    found = suite(tmp_path / "out")
+    assert [(run.name, run.outcome, run.exit_status) for run in found.runs] == [
+        ("a", "pass", 0),
+        ("broken_b", "error", 4),
+        ("slow_c", "fail", 1),
+        ("t", "pass", 0),
+        ("u", "error", 2),
+    ]
+    said = capsys.readouterr()
+    assert said.out.count("✔ PASS") == 2
+    assert "5 runs: 2 pass, 2 error, 1 fail" in said.out
+    assert said.err.rstrip().endswith(f"run folder: {tmp_path / 'out'}")
+    assert "error[R2B600" in said.err
+    suites = {each.get("name"): each for each in ET.parse(junit).getroot()}  # noqa: S314 - our own
+    assert list(suites) == ["a", "broken_b", "slow_c", "t", "u"]
+    assert [suites[name].get("errors") for name in suites] == ["0", "1", "0", "0", "1"]
+    assert suites["slow_c"].get("failures") == "1"
+    assert page.read_text().count("<tr>") == 1 + 5
+    assert sorted(each.name for each in (tmp_path / "csv").iterdir()) == [
+        "a.csv",
+        "broken_b.csv",
+        "slow_c.csv",
+        "t.csv",
+    ]
+
+
+def test_fail_fast_ends_after_the_first_failure(tmp_path: Path, played: list[str]) -> None:
+    for name in ("a", "slow_b", "t"):
+        write_spec(tmp_path / "specs", name)
+    assert call(tmp_path / "specs", "-o", tmp_path / "out", "--fail-fast") == 1
+    assert played == ["a", "slow_b"]
+    assert [run.outcome for run in suite(tmp_path / "out").runs] == ["pass", "fail", "skipped"]
+
+
+def test_resume_plays_what_is_missing_changed_or_incomplete(
+    tmp_path: Path, played: list[str]
+) -> None:
+    for name in ("a", "b", "broken_c"):
+        write_spec(tmp_path / "specs", name)
+    arguments = (tmp_path / "specs", "-o", tmp_path / "out")
+    assert call(*arguments) == 4
+    write_spec(tmp_path / "specs", "d")
+    write_spec(tmp_path / "specs", "b", "labels: {changed: yes}\n")
+    record = tmp_path / "out" / "broken_c" / "record.json"
+    changed = json.loads(record.read_text()) | {"status": "incomplete", "reason": "R2B671"}
+    record.write_text(json.dumps(changed))
+    played.clear()
+    assert call(*arguments, "--resume") == 4
+    assert played == ["b", "broken_c", "d"]
+    found = suite(tmp_path / "out")
+    assert [run.resumed for run in found.runs] == [True, False, False, False]
+    # What was there is kept.
+    assert (tmp_path / "out" / "b.earlier-1" / "record.json").is_file()
+    assert (tmp_path / "out" / "broken_c.earlier-1" / "record.json").is_file()
+
+
+def test_an_interruption_keeps_the_summary_and_names_its_folder(
+    tmp_path: Path, played: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a", "interrupted_b", "t"):
+        write_spec(tmp_path / "specs", name)
+    assert call(tmp_path / "specs", "-o", tmp_path / "out") == 130
+    assert played == ["a", "interrupted_b"]
+    found = suite(tmp_path / "out")
+    assert [run.outcome for run in found.runs] == ["pass", "error"]
+    assert found.exit_status == ExitStatus.INTERRUPTED
+    assert capsys.readouterr().err.rstrip().endswith(f"run folder: {tmp_path / 'out'}")
+
+
+def test_equal_names_have_folders_of_their_own(tmp_path: Path, played: list[str]) -> None:
+    write_spec(tmp_path / "x", "same")
+    write_spec(tmp_path / "y", "same")
+    assert call(tmp_path / "x", tmp_path / "y", "-o", tmp_path / "out") == 0
+    assert played == ["same", "same"]
+    assert [Path(run.folder).name for run in suite(tmp_path / "out").runs] == ["same", "same-2"]
+
+
+def test_two_files_are_compared_unless_each_is_wanted(
+    tmp_path: Path, played: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    a, b = write_spec(tmp_path, "a"), write_spec(tmp_path, "b")
+    compared: list[tuple[str, tuple[str, ...]]] = []
+
+    def run_pairs(head: Any, against: tuple[str, ...], *_: Any, **__: Any) -> None:
+        compared.append((head.plan.name, against))
+        raise R2bspecError("enough")
+
+    monkeypatch.setattr(api, "run_pairs", run_pairs)
+    assert call(a, b, "-o", tmp_path / "pairs") == 4
+    assert compared == [("b", (str(a),))]
+    assert call(a, b, "--each", "-o", tmp_path / "out") == 0
+    assert played == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("x.r2b.yaml", "--resume"),
+        ("x.r2b.yaml", "--case", "all", "--against", "var:a=1"),
+        ("x.r2b.yaml", "--scan", "a=1", "--control"),
+        ("x.r2b.yaml", "--smoke", "--control"),
+        ("x.r2b.yaml", "--smoke", "--history", "user"),
+        ("x.r2b.yaml", "y.r2b.yaml", "z.r2b.yaml", "--baseline", "run"),
+    ],
+)
+def test_options_that_exclude_each_other(arguments: tuple[str, ...]) -> None:
+    with pytest.raises(click.UsageError):
+        run_verb.main(list(arguments), standalone_mode=False)
+
+
+def test_a_format_without_a_summary_needs_a_name_in_its_path(
+    tmp_path: Path, played: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_spec(tmp_path / "specs", "a")
+    assert call(tmp_path / "specs", "--report", "csv=all.csv") == 2
+    assert "{name}" in capsys.readouterr().err
+    assert played == []
+
+
+@pytest.mark.parametrize("name", list(SUITE_FORMATS))
+def test_every_format_keeps_the_words_of_strangers_in_their_place(
+    name: str, tmp_path: Path
+) -> None:
+    judged = {
+        each: result_of(simulation.write(tmp_path / each))
+        for each, simulation in {"usual": USUAL, "hostile": HOSTILE_RUN}.items()
+    }
+    runs = [
+        run_with_result(one, spec="a.r2b.yaml", folder=each, name=f"<script>{each}\x1b[2J|")
+        for each, one in judged.items()
+    ]
+    runs.append(run_with_error(R2bspecError("::error::x\x07"), name="gone", spec="b.r2b.yaml"))
+    summary = SuiteSummary(started_at="a", ended_at="b", exit_status=1, runs=tuple(runs))
+    made = SUITE_FORMATS[name](summary, judged)
+    assert made == SUITE_FORMATS[name](summary, judged)
+    text = made.decode()
+    assert "gone" in text
+    assert not any(char in text for char in "\x1b\x07")
+    if name in {"html", "junit"}:
+        assert "<script>" not in text
+    if name != "json":
+        assert not any(line.startswith("::") for line in text.splitlines())
+
+
+def test_a_smoke_plan_is_one_short_iteration_and_judges_nothing() -> None:
+    plan = USUAL.plan()
+    play = (
+        PlayPlan(rate_hz=30, duration_ns=10**10, iterations=5, max_iterations=20),
+        PlayPlan(rate_hz=10, duration_ns=10**10, iterations=5),
+    )
+    smoke = smoke_plan(msgspec.structs.replace(plan, play=play, phases=("start", "collect")))
+    assert [(each.rate_hz, each.iterations) for each in smoke.play] == [(10, 1)]
+    assert smoke.play[0].duration_ns <= 2 * 10**9
+    assert (smoke.objectives, smoke.search, smoke.sustained_hz) == ({}, None, ())
+    assert smoke.phases == ("start", "play", "collect")
+    assert "nothing is judged" in smoke.title
+
+
+def test_a_smoke_run_needs_no_messages_for_a_verdict(tmp_path: Path) -> None:
+    spec = write_spec(tmp_path, "a")
+    short = ("benchmark.iterations=1", "benchmark.duration=500 ms")
+    with pytest.raises(api.InvalidSpecError) as caught:
+        api.prepare(spec, sets=short)
+    assert {each.code for each in caught.value.diagnostics} == {"R2B510"}
+    assert api.prepare(spec, sets=short, smoke=True).plan.objectives == {}
+
+
+def test_json_is_printed_also_where_nothing_was_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.r2b.yaml").write_text("r2bspec: 1\n")
+    assert main(["run", str(tmp_path / "a.r2b.yaml"), "--format", "json"]) == 2
+    said = json.loads(capsys.readouterr().out)
+    assert (said["code"], said["exit_status"]) == ("R2B602", 2)
+
+
+def test_json_of_a_failed_run_is_that_of_what_was_measured(
+    tmp_path: Path, played: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = write_spec(tmp_path, "broken")
+    assert call(spec, "-o", tmp_path / "out", "--format", "json") == 4
+    said = capsys.readouterr()
+    assert json.loads(said.out)["r2bspec_result"] == 1
+    assert said.err.rstrip().endswith(f"run folder: {tmp_path / 'out'}")

@@ -1,0 +1,92 @@
+"""One run at a time on a host, and who is waited for."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from r2bspec.execute.host.host_lock import DISABLED_BY, HostBusyError, host_lock, lock_file
+
+HOLDER = """
+import sys
+from r2bspec.execute.host.host_lock import host_lock
+with host_lock("the other one", on_wait=print):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def holder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[subprocess.Popen[str]]:
+    """A process that has the lock until its standard input is closed, or it is killed."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.delenv(DISABLED_BY)
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"TMPDIR": str(tmp_path)},
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        yield process
+        process.kill()
+
+
+def test_a_held_lock_is_refused_with_its_holder(holder: subprocess.Popen[str]) -> None:
+    with (
+        pytest.raises(HostBusyError, match=f"the other one \\(process {holder.pid}\\)") as caught,
+        host_lock("mine", wait=False, on_wait=pytest.fail),
+    ):
+        pytest.fail("the lock is held")
+    assert "--no-wait" in caught.value.hint
+    assert caught.value.exit_code == 4
+
+
+def test_a_held_lock_is_waited_for_and_the_holder_told_once(
+    holder: subprocess.Popen[str],
+) -> None:
+    told: list[str] = []
+
+    def on_wait(who: str) -> None:
+        told.append(who)
+        assert holder.stdin is not None
+        holder.stdin.close()
+
+    with host_lock("mine", on_wait=on_wait):
+        assert holder.wait() == 0
+    assert told == [f"the other one (process {holder.pid})"]
+
+
+def test_the_lock_of_a_killed_run_is_free(holder: subprocess.Popen[str]) -> None:
+    holder.kill()
+    holder.wait()
+    with host_lock("mine", wait=False, on_wait=pytest.fail):
+        assert lock_file().read_text() == f"mine (process {os.getpid()})"
+
+
+def test_the_variable_switches_it_off(
+    holder: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(DISABLED_BY, "1")
+    with host_lock("mine", on_wait=pytest.fail):
+        assert holder.poll() is None
+
+
+def test_a_link_in_place_of_the_file_is_not_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.delenv(DISABLED_BY)
+    target = tmp_path / "precious"
+    target.write_text("kept")
+    lock_file().symlink_to(target)
+    with host_lock("mine", on_wait=pytest.fail):
+        pass
+    assert target.read_text() == "kept"
