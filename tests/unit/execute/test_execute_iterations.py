@@ -94,6 +94,10 @@ def busy(number: int, **known: str) -> DisturbedIteration:
     )
 
 
+def no_start() -> Any:
+    pytest.fail("a run of one start has no other")
+
+
 def iterate(verdicts: Sequence[Verdict], budget_ns: int = 0) -> tuple[list[str], TimeBudget]:
     """Play, told one verdict after the other; the names of what was played."""
     segment_player, notes = Played(), list[str]()
@@ -101,7 +105,7 @@ def iterate(verdicts: Sequence[Verdict], budget_ns: int = 0) -> tuple[list[str],
     budget = TimeBudget(budget_ns, notes.append)
     budget.begin()
     IterationRunner(
-        PLAN, cast("Any", segment_player), lambda: next(said), notes.append, budget
+        PLAN, cast("Any", segment_player), lambda: next(said), notes.append, budget, no_start
     ).play()
     # Every verdict was asked for: none is reached without a look.
     assert next(said, None) is None
