@@ -16,6 +16,7 @@ from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.history_comparison import judge_with_baseline
 from r2bspec.judge.result import BaselineResult, ObjectiveText, PairsResult, Result
 from r2bspec.judge.verdict import Verdict
+from r2bspec.judge.verdict_starts import with_starts
 from r2bspec.language.spec import Objective
 from r2bspec.measure.compute_metrics import summarise
 from r2bspec.measure.metrics import RunMetrics
@@ -52,7 +53,7 @@ def result_of(
         objectives,
         judged_by,
         metrics=summarise(samples),
-        verdict=verdict,
+        verdict=with_starts(verdict, samples),
         baseline=_baseline_result(baseline, confirmed=again is not None)
         if baseline is not None
         else None,
@@ -97,6 +98,7 @@ def build_result(
         pairs=pairs,
         baseline=baseline,
         left_out=record.left_out,
+        starts=record.starts,
     )
 
 

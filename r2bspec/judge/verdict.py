@@ -162,9 +162,10 @@ class DisturbedIteration(msgspec.Struct, frozen=True, kw_only=True):
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """A run, judged: the outcome, its exit code, and every requirement.
 
-    `reason` is the outcome in one sentence. `disturbed` are the iterations affected by host
-    interference, those of the confirmation session among them; their effect on a requirement is in
-    its notes.
+    `reason` is the outcome in one sentence; it says of how many `starts` of all processes the
+    verdict is (0 if it is not about a run, or was not judged). `disturbed` are the iterations
+    affected by host interference, those of the confirmation session among them; their effect on a
+    requirement is in its notes.
     """
 
     outcome: OverallOutcome
@@ -173,3 +174,4 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     requirements: tuple[RequirementVerdict, ...]
     unusable: tuple[Unusable, ...]
     disturbed: tuple[DisturbedIteration, ...] = ()
+    starts: int = 0

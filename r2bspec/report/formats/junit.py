@@ -70,11 +70,11 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
         case.result = [Error(printable(verdict.reason), verdict.outcome)]
-    texts = [
-        printable(note) for note in (*comparison(report_input.result), *notes(report_input.result))
-    ]
+    # The verdict of requirements does not say of how many starts it is.
+    texts = [verdict.reason] if verdict.starts else []
+    texts += [*comparison(report_input.result), *notes(report_input.result)]
     if texts:
-        case.system_out = "\n".join(texts)
+        case.system_out = "\n".join(map(printable, texts))
     return case
 
 
