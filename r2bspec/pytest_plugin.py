@@ -200,6 +200,7 @@ class _Requirement(_SpecTest):
             )
         for one in found:
             self.add_report_section("call", "verdict", "\n".join(_verdict_lines(one)))
+        self.add_report_section("call", "run", result.verdict.reason)
         failed = [one for one in found if one.outcome == "fail" and one.level == "error"]
         undecided = [one for one in found if one.outcome == "inconclusive" and one.level == "error"]
         if failed or undecided:

@@ -45,6 +45,7 @@ from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.session import Session
+from r2bspec.execute.start_sequence import StartSequence
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.clocks import ClockOffsetTracker
 from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
@@ -139,8 +140,7 @@ class _Controller:
             make_redactor(plan.environment, os.environ),
         )
         self._launchers: list[Launcher] = []
-        self._sessions: list[Session] = []
-        self._foreign: tuple[str, ...] = ()
+        self._starts: StartSequence | None = None
         self._measurements: list[Measurement] = []
         self._budget = TimeBudget(plan.gate.time_budget_ns, self._note)
 
@@ -299,11 +299,30 @@ class _Controller:
         )
 
     def _measure(self, domain: int) -> None:
-        """Measure in one session and, if the run fails, in a second one that must also fail."""
+        """Measure in the starts of the plan and, if the run fails, in as many that confirm it."""
+        reporter = RunReporter(
+            self._phase, self._note, self._write_partial_record, self._progress, self._resources
+        )
+        starts = self._starts = StartSequence(
+            self._plan,
+            self._supervisor,
+            partial(self._launcher, domain),
+            self._folder,
+            self._base_dir,
+            self._scratch,
+            reporter,
+        )
+        try:
+            self._measure_in(starts, reporter)
+        except RunError as error:
+            starts.name_start(error)
+            raise
+
+    def _measure_in(self, starts: StartSequence, reporter: RunReporter) -> None:
         began_s = time.monotonic()
-        measurement = self._bring_up(domain, self._judge_so_far)
+        measurement = self._begin(starts, reporter, self._judge_so_far)
         verdict, iterations = measurement.measure()
-        if self._find_foreign_publishers():
+        if starts.find_foreign_publishers():
             # Others took part in what was measured: a fresh batch would confirm nothing.
             return
         if not self._plan.gate.confirm or not needs_confirmation(verdict):
@@ -313,53 +332,40 @@ class _Controller:
             return
         if not self._budget.allows("no confirmation run", time.monotonic() - began_s):
             return
-        self._supervisor.pump(0.0)
         self._phase("confirm", "the run fails: starting the confirmation run in new processes")
-        self._supervisor.end(list(self._supervisor))
         peak_hz = measurement.peak_hz
-        measurement = self._bring_up(
-            domain, partial(self._judge_confirmation, verdict), confirms=True
-        )
+        judge_again = partial(self._judge_confirmation, verdict)
+        measurement = self._begin(starts, reporter, judge_again, confirms=True)
         failed = {each.method for each in verdict.requirements if each.outcome == "fail"}
         measurement.measure_confirmation(frozenset(failed), iterations, peak_hz)
-        self._find_foreign_publishers()
+        starts.find_foreign_publishers()
 
-    def _find_foreign_publishers(self) -> bool:
-        """Ask who has published on what is played and watched; whether others have."""
-        self._foreign = self._sessions[-1].foreign_publishers()
-        for each in self._foreign:
-            self._note(f"a program that is not of this run has published on {each}")
-        return bool(self._foreign)
-
-    def _bring_up(
-        self, domain: int, judge_so_far: Callable[[], Verdict], *, confirms: bool = False
+    def _begin(
+        self,
+        starts: StartSequence,
+        reporter: RunReporter,
+        judge_so_far: Callable[[], Verdict],
+        *,
+        confirms: bool = False,
     ) -> Measurement:
-        """Start a session: new processes."""
-        reporter = RunReporter(
-            self._phase, self._note, self._write_partial_record, self._progress, self._resources
-        )
-        session = Session(
+        """Start all processes for the run or for its confirmation."""
+        measurement = Measurement(
             self._plan,
-            self._supervisor,
-            self._launcher(domain),
-            self._folder,
-            self._base_dir,
-            self._scratch,
+            starts.begin(confirms=confirms),
             reporter,
-            confirms=confirms,
+            judge_so_far,
+            self._budget,
+            partial(starts.begin, confirms=confirms),
         )
-        self._sessions.append(session)
-        segment_player = session.bring_up()
-        measurement = Measurement(self._plan, segment_player, reporter, judge_so_far, self._budget)
         self._measurements.append(measurement)
         return measurement
 
     def _judge_so_far(self) -> Verdict:
-        """The verdict on the first session if the run ended now."""
+        """The verdict on the run if it ended now, without a confirmation."""
         return judge(self._plan.objectives, self._samples_so_far(), decision_policy(self._plan))
 
     def _judge_confirmation(self, first: Verdict) -> Verdict:
-        """The verdict on the confirmation run if it ended now, given that on the first session."""
+        """The verdict on the confirmation run if it ended now, given that on the run."""
         fresh = self._samples_so_far().confirmation
         assert fresh is not None  # noqa: S101 - it is being played
         return judge_confirmation(self._plan.objectives, fresh, first)
@@ -369,7 +375,7 @@ class _Controller:
         # If the run is killed before its next look, its folder has the samples of this one.
         self._write_resource_samples()
         samples = {
-            name: each for session in self._sessions for name, each in session.samples.items()
+            name: each for session in self._sessions() for name, each in session.samples.items()
         }
         return run_samples(
             self._record(None),
@@ -377,6 +383,9 @@ class _Controller:
             lambda segment: samples[segment.id],
             HostSamples(self._resources.rows(), self._resources.interference()),
         )
+
+    def _sessions(self) -> list[Session]:
+        return self._starts.sessions if self._starts else []
 
     def _write_resource_samples(self) -> None:
         self._folder.write_resources(self._resources.rows())
@@ -416,10 +425,12 @@ class _Controller:
         reason = ""
         if failure is not None:
             status, reason = "incomplete", _reason(failure)
-        elif self._foreign:
-            status, reason = "invalid", _foreign_reason(self._foreign)
+        elif self._starts and self._starts.foreign:
+            status, reason = "invalid", _foreign_reason(self._starts.foreign)
         first = self._measurements[0] if self._measurements else None
         again = self._measurements[1:]
+        sessions = self._sessions()
+        fresh_floor = next((each.floor for each in sessions if each.confirms), ())
         return RunRecord(
             run_id=self._run_id,
             plan_hash=plan_hash(self._plan),
@@ -431,15 +442,16 @@ class _Controller:
             machine=self._machine,
             versions=self._versions | self._loaded_rmw(),
             processes=self._supervisor.records(),
-            segments=tuple(each for session in self._sessions for each in session.segments),
+            segments=tuple(each for session in sessions for each in session.segments),
             search=first.search if first else None,
             sustained=first.sustained if first else (),
             events=tuple(self._events),
-            floor=self._sessions[0].floor if self._sessions else (),
-            silences=tuple(each for session in self._sessions for each in session.silences),
+            floor=sessions[0].floor if sessions else (),
+            silences=tuple(each for session in sessions for each in session.silences),
             differences=self._differences(failure),
-            confirmation=again[0].confirmation(self._sessions[1].floor) if again else None,
+            confirmation=again[0].confirmation(fresh_floor) if again else None,
             left_out=tuple(self._budget.left_out),
+            starts=tuple(self._starts.records) if self._starts else (),
         )
 
 

@@ -1,13 +1,15 @@
 """A session: the processes of a plan, started once in order, and warmed up.
 
-A run has one session. If it fails, its processes are ended, and a second session, the confirmation
-run, must also fail (`r2bspec.judge.confirmation`).
+A run has a session for each of its starts (`r2bspec.execute.start_sequence`). If it fails, as many
+further sessions, the confirmation run, must also fail (`r2bspec.judge.confirmation`).
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from r2bspec.execute.bringup.discovery import wait_for_mutual_discovery
 from r2bspec.execute.bringup.external_nodes import wait_for_external
@@ -62,7 +64,11 @@ class Session:
     """One session.
 
     Attributes:
-        floor: the overhead of the harness alone; empty before `bring_up`.
+        start: its number among the starts of the run, from 1.
+        confirms: whether it is part of the confirmation run.
+        schedule: of the player; empty before `bring_up`.
+        floor: the overhead of the harness alone; empty before `bring_up`, and in a later start.
+        overhead_ns: how long its measurement took.
         silences: outputs that have stopped since then.
     """
 
@@ -76,23 +82,46 @@ class Session:
         scratch: Path,
         reporter: RunReporter,
         *,
+        start: int = 1,
         confirms: bool = False,
+        schedule: Schedule | None = None,
+        is_later: bool = False,
     ) -> None:
+        """Create a session; nothing is started yet.
+
+        Args:
+            plan: of the run.
+            supervisor: of its processes.
+            launcher: starts them.
+            folder: receives samples and logs.
+            base_dir: of the spec.
+            scratch: of the run.
+            reporter: receives phases, notes and segments.
+            start: its number among the starts of the run, from 1.
+            confirms: whether it is part of the confirmation run.
+            schedule: of the player, where an earlier session has built it.
+            is_later: whether it follows another session of the same kind, so that the harness
+                overhead is known.
+        """
         self._plan = plan
         self._supervisor = supervisor
         self._launcher = launcher
         self._folder = folder
         self._base_dir = base_dir
         self._buffer_dir = scratch / "buffers"
-        self._rows_dir = scratch / ("rows-confirm" if confirms else "rows")
+        self._rows_dir = scratch / f"rows-{start}"
         self._reporter = reporter
-        self._confirms = confirms
-        self._schedule: Schedule = CyclicSchedule(steps=())
+        self.start = start
+        self.confirms = confirms
+        self._is_later = is_later
+        self._has_schedule = schedule is not None
+        self.schedule: Schedule = schedule or CyclicSchedule(steps=())
         processes = [each for each in plan.processes if each.phase == MEASURE_PHASE]
         self._parts = HarnessProcesses(launcher, processes)
         self._segment_player: SegmentPlayer | None = None
         self._monitor: ManagedProcess | None = None
         self.floor: tuple[FloorRecord, ...] = ()
+        self.overhead_ns = 0
         self.silences: tuple[SilenceRecord, ...] = ()
 
     @property
@@ -122,7 +151,8 @@ class Session:
             RunError: the graph is not ready in time, or has no output.
         """
         self._rows_dir.mkdir()
-        self._reporter.phase("start", "starting player and monitor")
+        again = f" again: start {self.start}" if self._is_later else ""
+        self._reporter.phase("start", f"starting player and monitor{again}")
         self._launcher.check_shared_memory(self._plan, MEASURE_PHASE)
         player, monitor = self._start_harness()
         self._monitor = monitor
@@ -137,9 +167,10 @@ class Session:
             self._folder,
             self._reporter.progress,
             on_segment=self._reporter.segment,
-            schedule=self._schedule,
+            schedule=self.schedule,
             resources=self._reporter.resources,
-            confirms=self._confirms,
+            confirms=self.confirms,
+            start=self.start,
         )
         with deadline.paused():
             self._wait_until_ready(monitor)
@@ -153,49 +184,69 @@ class Session:
     def _start_harness(self) -> tuple[ManagedProcess | None, ManagedProcess]:
         """Start the player and the monitor, and measure the overhead of the harness.
 
-        A live run has no player.
+        A live run has no player. A later start does not measure the overhead, which other
+        processes would disturb; so those of Python nodes are started with these, and all import
+        ROS at the same time. Their nodes are created as late as in the first start.
         """
         plan, launcher = self._plan, self._launcher
-        player = self._start_player() if plan.inputs else None
-        monitor = self._parts.start("monitor")
-        launcher.configure(
-            monitor,
-            protocol.ConfigureMonitor(
-                monitors=(*plan.monitors, *tap_monitors(plan.monitors)),
-                rows_dir=str(self._rows_dir),
-                guarded=guarded_topics(plan),
-            ),
-        )
-        if player is not None:
-            self._reporter.phase("floor", "measuring the harness overhead")
-            self.floor = measure_harness_overhead(
-                self._supervisor,
-                player,
-                monitor,
-                plan.inputs,
-                self._rows_dir,
-                PLAYBACK_ROWS,
-                overhead_rate_hz(plan),
-                self._schedule,
+        if self._is_later:
+            launcher.start_hosts_early(
+                each for each in plan.processes if each.phase == MEASURE_PHASE
             )
+        player = self._parts.start("player") if plan.inputs else None
+        monitor = self._parts.start("monitor")
+        commands: list[tuple[ManagedProcess, Any]] = [
+            (
+                monitor,
+                protocol.ConfigureMonitor(
+                    monitors=(*plan.monitors, *tap_monitors(plan.monitors)),
+                    rows_dir=str(self._rows_dir),
+                    guarded=guarded_topics(plan),
+                ),
+            )
+        ]
+        if player is None:
+            launcher.configure_all(commands)
+            return player, monitor
+        configure = protocol.ConfigurePlayer(
+            inputs=plan.inputs,
+            buffer_dir=str(self._buffer_dir),
+            rows=str(self._rows_dir / PLAYBACK_ROWS),
+            transforms=buffered_transforms(self._buffer_dir),
+        )
+        if player.process is monitor.process:
+            # Threads of one interpreter: at once they would take no less time.
+            ready = launcher.configure(player, configure)
+            launcher.configure_all(commands)
+        else:
+            ready, *_ = launcher.configure_all([(player, configure), *commands])
+        self._load_schedule(player, ready)
+        if not self._is_later:
+            self._measure_overhead(player, monitor)
         return player, monitor
 
-    def _start_player(self) -> ManagedProcess:
-        """Start the player and load into its memory all messages that it will play."""
-        plan, launcher = self._plan, self._launcher
-        player = self._parts.start("player")
-        ready = launcher.configure(
+    def _load_schedule(self, player: ManagedProcess, ready: protocol.Ready) -> None:
+        """Let the player load all messages that it will play into its memory."""
+        if not self._has_schedule:
+            self.schedule = build_schedule(
+                self._plan, self._buffer_dir, ready.headers, self._reporter.note
+            )
+        self._launcher.configure(player, protocol.Follow(schedule=self.schedule))
+
+    def _measure_overhead(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
+        began_ns = time.monotonic_ns()
+        self._reporter.phase("floor", "measuring the harness overhead")
+        self.floor = measure_harness_overhead(
+            self._supervisor,
             player,
-            protocol.ConfigurePlayer(
-                inputs=plan.inputs,
-                buffer_dir=str(self._buffer_dir),
-                rows=str(self._rows_dir / PLAYBACK_ROWS),
-                transforms=buffered_transforms(self._buffer_dir),
-            ),
+            monitor,
+            self._plan.inputs,
+            self._rows_dir,
+            PLAYBACK_ROWS,
+            overhead_rate_hz(self._plan),
+            self.schedule,
         )
-        self._schedule = build_schedule(plan, self._buffer_dir, ready.headers, self._reporter.note)
-        launcher.configure(player, protocol.Follow(schedule=self._schedule))
-        return player
+        self.overhead_ns = time.monotonic_ns() - began_ns
 
     def _start_graph(
         self, player: ManagedProcess | None, monitor: ManagedProcess, deadline: StartDeadline
@@ -257,9 +308,10 @@ class Session:
         rates += [plan.search.min_hz] if plan.search else []
         rate_hz = min([_WARM_UP_HZ, *rates])
         title = f"warm-up at {rate_hz:g} Hz" if rate_hz else "warm-up"
+        later = f"start-{self.start}-" if self._is_later else ""
         for attempt in range(1, 1000):
             segment_player.play_for(
-                SegmentHeading("warm_up", f"warm_up-{attempt:03d}", title, attempt),
+                SegmentHeading("warm_up", f"{later}warm_up-{attempt:03d}", title, attempt),
                 rate_hz,
                 max(plan.warm_up_ns, 0 if attempt == 1 else _WARM_UP_RETRY_NS),
                 min_steps=_WARM_UP_STEPS,

@@ -6,6 +6,7 @@ Each is imported only by the processes that have this role.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import sys
 import traceback
 from typing import Protocol
@@ -31,7 +32,11 @@ def play_role(channel: Channel) -> int:
         The exit status: FINDINGS_OR_FAILED after an error has been reported.
     """
     try:
-        _make_role(channel, channel.receive()).serve()
+        command = channel.receive()
+        if isinstance(command, protocol.Prepare):
+            importlib.import_module("r2bspec.harness.node_host")
+            command = channel.receive()
+        _make_role(channel, command).serve()
     except ChannelClosedError:
         return ExitStatus.OK
     except Exception as error:

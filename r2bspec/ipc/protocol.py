@@ -82,6 +82,10 @@ class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
     threads: int = 0
 
 
+class Prepare(_Message, frozen=True, kw_only=True, tag=True):
+    """Import what a host of nodes needs; `ConfigureHost` follows. There is no reply."""
+
+
 class ConfigureHarness(_Message, frozen=True, kw_only=True, tag=True):
     """Run these parts of the harness in one process; each is configured over its own channel.
 
@@ -189,6 +193,7 @@ Command = (
     | Follow
     | ConfigureMonitor
     | ConfigureHost
+    | Prepare
     | ConfigureHarness
     | ConfigureCaller
     | ConfigureComponents

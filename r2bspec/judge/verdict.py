@@ -163,12 +163,12 @@ class DisturbedIteration(msgspec.Struct, frozen=True, kw_only=True):
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """A run, judged: the outcome, its exit code, and every requirement.
 
-    `reason` is the outcome in one sentence. `disturbed` are the iterations affected by host
-    interference, those of the confirmation session among them; their effect on a requirement is in
-    its notes. `starts` is how many starts of the graph's processes the run is a sample of: with 1,
-    the verdict is of this start, and another one may differ. `unseen_starts` is the largest share
-    of starts of a kind that is not among these, at 95 % confidence (0.45 for 5 starts); None in
-    results of versions that did not state it.
+    `reason` is the outcome in one sentence; it says of how many `starts` of all processes the
+    verdict is (0 if it is not about a run): with 1, it is of this start, and another one may
+    differ. `unseen_starts` is the largest share of starts of a kind that is not among these, at
+    95 % confidence (0.45 for 5 starts); None in results of versions that did not state it.
+    `disturbed` are the iterations affected by host interference, those of the confirmation session
+    among them; their effect on a requirement is in its notes.
     """
 
     outcome: OverallOutcome
@@ -177,5 +177,5 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     requirements: tuple[RequirementVerdict, ...]
     unusable: tuple[Unusable, ...]
     disturbed: tuple[DisturbedIteration, ...] = ()
-    starts: int = 1
+    starts: int = 0
     unseen_starts: float | None = None

@@ -12,6 +12,9 @@ from typing import Final
 DEFAULT_STARTS: Final = 5
 """As many as a run has if it has iterations enough."""
 
+MAX_STARTS: Final = 1000
+"""The most that a spec can ask for."""
+
 MIN_ITERATIONS: Final = 2
 """The fewest iterations of a start: with one, starts and iterations could not be told apart."""
 

@@ -13,6 +13,7 @@ import msgspec
 
 from r2bspec.diagnostics.number_limits import check_numbers
 from r2bspec.language import value_codec
+from r2bspec.language.default_starts import MAX_STARTS
 from r2bspec.plan.errors import PLAN_BROKEN, PLAN_FOREIGN, PLAN_UNREADABLE, PlanError
 from r2bspec.plan.plan import Plan, PlayPlan
 from r2bspec.untrusted.safe_file import read_bytes
@@ -92,6 +93,8 @@ def _check_ranges(plan: Plan) -> None:
     for place, confidence in confidences:
         if not 0 < confidence < 1:
             raise ValueError(f"a confidence is between 0 and 1 - at `$.{place}`")
+    if not 1 <= plan.starts <= MAX_STARTS:
+        raise ValueError(f"a plan has 1 to {MAX_STARTS} starts - at `$.starts`")
     for number, play in enumerate(plan.play):
         _check_play(play, f"play[{number}]")
     if plan.play_at_peak is not None:

@@ -281,6 +281,30 @@ class ConfirmationRecord(msgspec.Struct, frozen=True, kw_only=True):
     floor: tuple[FloorRecord, ...] = ()
 
 
+class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """A start of all processes, as far as its first segment that is measured.
+
+    Attributes:
+        number: as in `Segment.start`.
+        began_ns: when it began: before the processes of the start before it were ended.
+        ready_ns: when the graph was warmed up.
+        overhead_ns: the part of the time in between in which the harness overhead was measured;
+            0 in a start that did not measure it.
+        confirms: whether it is one of the confirmation run.
+    """
+
+    number: int
+    began_ns: int
+    ready_ns: int
+    overhead_ns: int = 0
+    confirms: bool = False
+
+    @property
+    def cost_ns(self) -> int:
+        """What a start takes, without the harness overhead, which is measured once."""
+        return self.ready_ns - self.began_ns - self.overhead_ns
+
+
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A run, complete or not.
 
@@ -290,7 +314,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     is empty if nothing is played, or if its measurement would have affected the graph.
     `confirmation` is the confirmation run, if there was one. `silences` are outputs that stopped,
     `differences` those between the running graph and the spec. `left_out` has one sentence for
-    each optional part that was not played, with the reason.
+    each optional part that was not played, with the reason. `starts` are those whose graph was
+    warmed up; empty in records of versions that did not state them, which had one start.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -313,3 +338,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     silences: tuple[SilenceRecord, ...] = ()
     differences: tuple[Difference, ...] = ()
     left_out: tuple[str, ...] = ()
+    starts: tuple[StartRecord, ...] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Iterator, Sequence
 
 from r2bspec.judge.methods.peak_bracket import peak_doubts
@@ -9,7 +10,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration, OverallOutcome, RequirementVerdict, Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
-from r2bspec.record.run_record import Probe, SearchRecord
+from r2bspec.record.run_record import Probe, SearchRecord, StartRecord
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "pass": "✔ PASS",
@@ -158,6 +159,23 @@ def loaded_rmw(result: Result) -> str:
     return "" if rmw == "default" else rmw
 
 
+def starts_text(starts: Sequence[StartRecord]) -> str:
+    """How often all processes were started, and what that took each time; empty if unknown.
+
+    The time is the median of the starts after the first, in which more was to be loaded, if there
+    are any.
+    """
+    if not starts:
+        return ""
+    confirming = sum(each.confirms for each in starts)
+    number = len(starts) - confirming
+    text = f"{number} start{'s' if number > 1 else ''}"
+    if confirming:
+        text += f" and {confirming} to confirm"
+    cost_s = statistics.median(each.cost_ns for each in (starts[1:] or starts)) / 1e9
+    return f"{text}, {show(cost_s, 's', 2)}{' each' if len(starts) > 1 else ''}"
+
+
 def notes(result: Result) -> Iterator[str]:
     """What a reader must know to interpret the results, a sentence each."""
     if result.status != "complete":
@@ -177,6 +195,11 @@ def notes(result: Result) -> Iterator[str]:
     yield from result.left_out
     yield from _live_notes(result)
     yield from _message_anomalies(result)
+    # Each start has a process of the name; that all end in one way is one note.
+    yield from dict.fromkeys(_exit_notes(result))
+
+
+def _exit_notes(result: Result) -> Iterator[str]:
     for process in result.processes:
         if process.exit_code not in {0, None}:
             ended = f"exit code {process.exit_code}"

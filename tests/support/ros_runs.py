@@ -92,6 +92,7 @@ def relay_spec(**changes: Any) -> dict[str, Any]:
         "benchmark": {
             "duration": "1 s",
             "iterations": 1,
+            "starts": 1,
             "rates": ["20 Hz"],
             "warm_up": "100 ms",
             "start_timeout": "60 s",

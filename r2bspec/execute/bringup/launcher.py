@@ -73,6 +73,7 @@ class Launcher:
         self._created_nodes: set[str] = set()
         self._has_opaque_nodes = False
         self.hosts: dict[ManagedProcess, frozenset[str]] = {}
+        self._early: dict[str, ManagedProcess] = {}
 
     def check_shared_memory(self, plan: Plan, phase: str) -> None:
         """Check that there is enough shared memory for the processes of a phase.
@@ -103,6 +104,17 @@ class Launcher:
         apply_affinity(plan, child.pid)
         return child
 
+    def start_hosts_early(self, plans: Iterable[ProcessPlan]) -> None:
+        """Start the processes of Python nodes, and let them import ROS; `start_nodes` adopts them.
+
+        They create no node before that, so the order of the start remains: this only overlaps
+        the imports of several processes.
+        """
+        for plan in plans:
+            if plan.role == "host":
+                child = self._early[plan.name] = self.start(plan)
+                child.send(protocol.Prepare())
+
     def start_nodes(
         self,
         plans: Iterable[ProcessPlan],
@@ -127,7 +139,8 @@ class Launcher:
         """
         plans = list(plans)
         self._has_opaque_nodes |= any(plan.role != "host" for plan in plans)
-        children = [self.start(plan) for plan in plans]
+        early, self._early = self._early, {}
+        children = [early.get(plan.name) or self.start(plan) for plan in plans]
         hosts = [
             (child, plan)
             for child, plan in zip(children, plans, strict=True)
@@ -253,7 +266,22 @@ class Launcher:
         Raises:
             MiddlewareError: it has loaded one that cannot be configured for the transport.
         """
-        ready = self._supervisor.request(child, command, protocol.Ready, _CONFIGURE_TIMEOUT_S)
+        return self._checked(
+            self._supervisor.request(child, command, protocol.Ready, _CONFIGURE_TIMEOUT_S)
+        )
+
+    def configure_all(
+        self, commands: Sequence[tuple[ManagedProcess, Any]]
+    ) -> tuple[protocol.Ready, ...]:
+        """As `configure`, for several processes at once."""
+        for child, command in commands:
+            child.send(command)
+        return tuple(
+            self._checked(self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S))
+            for child, _ in commands
+        )
+
+    def _checked(self, ready: protocol.Ready) -> protocol.Ready:
         if ready.rmw:
             self.rmw = ready.rmw
             check_loaded_rmw(self._environment.transport.kind, ready.rmw)

@@ -40,7 +40,7 @@ def wait_for_probe(
         NotReadyError: it was not met in time.
     """
     deadline = time.monotonic() + plan.timeout_ns / 1e9
-    search = _log_search(plan, folder) if plan.kind == "log" else None
+    search = _log_search(plan, folder, supervisor) if plan.kind == "log" else None
     while not (
         search.finds(deadline)
         if search is not None
@@ -61,7 +61,7 @@ def wait_for_probe(
         supervisor.pump(_POLL_S)
 
 
-def _log_search(plan: ProbePlan, folder: RunFolder) -> LogSearch:
+def _log_search(plan: ProbePlan, folder: RunFolder, supervisor: ProcessSupervisor) -> LogSearch:
     try:
         pattern = compile_line_pattern(plan.pattern)
     except PatternError as error:
@@ -69,7 +69,9 @@ def _log_search(plan: ProbePlan, folder: RunFolder) -> LogSearch:
             f"ready.{plan.name}: {plan.pattern!r} is not a valid regular expression: {error}",
             code="R2B646",
         ) from None
-    return LogSearch(folder.log_path(plan.target), pattern)
+    # What the process of an earlier start wrote says nothing about this one.
+    begin = next((each.log_start for each in supervisor if each.name == plan.target), 0)
+    return LogSearch(folder.log_path(plan.target), pattern, begin)
 
 
 def _is_ready(
@@ -100,12 +102,13 @@ class LogSearch:
     Args:
         log: the file.
         pattern: what a line must contain.
+        begin: where the search begins, in bytes.
     """
 
-    def __init__(self, log: Path, pattern: LinePattern) -> None:
+    def __init__(self, log: Path, pattern: LinePattern, begin: int = 0) -> None:
         self._log = log
         self._pattern = pattern
-        self._at = 0
+        self._at = begin
         self._last_line = b""
 
     def finds(self, deadline: float) -> bool:

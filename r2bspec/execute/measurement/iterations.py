@@ -1,20 +1,21 @@
 """Playing the iterations: the declared number, and more while the verdict is undecided.
 
-All rates are played in each iteration, so that a slow drift of the machine affects them equally. If
-the spec allows more iterations than it declares, there are interim looks after one, two and four
-times the declared number, with the error probability divided among them
-(`r2bspec.judge.interim_looks`). The run continues only while a requirement is undecided that more
-iterations can decide.
+All rates are played in each iteration, so that a slow drift of the machine affects them equally.
+The iterations are spread over the starts of the plan (`r2bspec.plan.start_groups`). If the spec
+allows more iterations than it declares, there are interim looks after one, two and four times the
+declared number, with the error probability divided among them (`r2bspec.judge.interim_looks`). The
+run continues only while a requirement is undecided that more iterations can decide.
 
 At each look, iterations affected by host interference are repeated, each once, if that decides
-whether a failure counts (`r2bspec.judge.affected_iterations`).
+whether a failure counts (`r2bspec.judge.affected_iterations`), in the start that then runs: the
+record says which one that is.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.measurement.time_budget import TimeBudget
@@ -22,16 +23,19 @@ from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.interim_looks import InterimLooks, decide_after_look
 from r2bspec.judge.verdict import DisturbedIteration, Verdict
 from r2bspec.plan.plan import Plan, PlayPlan
+from r2bspec.plan.start_groups import iterations_by_look
 
 
-@dataclass(frozen=True)
+@dataclass
 class IterationRunner:
     """Plays the iterations of a plan.
 
     Attributes:
+        segment_player: plays in the start that runs.
         judge_so_far: the verdict on everything that has been played.
         note: receives notes on the decisions.
         budget: limits everything that is played in addition to the declared iterations.
+        next_start: starts all processes afresh; what it returns plays from then on.
     """
 
     plan: Plan
@@ -39,6 +43,9 @@ class IterationRunner:
     judge_so_far: Callable[[], Verdict]
     note: Callable[[str], None]
     budget: TimeBudget
+    next_start: Callable[[], SegmentPlayer]
+    _starts: list[SegmentPlayer] = field(default_factory=list)
+    """Those in which iterations were played."""
 
     def play(self) -> tuple[Verdict, int]:
         """Play the iterations up to the look that decides.
@@ -49,13 +56,12 @@ class IterationRunner:
         Raises:
             RunError: from `SegmentPlayer.play`.
         """
-        plays = self.plan.play
-        looks = decision_policy(self.plan).looks or InterimLooks(
-            (max(each.iterations for each in plays),)
-        )
+        looks = self._looks()
         began_s, played = self.budget.spent_s(), 0
+        groups = iterations_by_look(looks.iterations, self.plan.starts)
         for number, end in enumerate(looks.iterations, start=1):
-            self._play_range(played, end)
+            for iterations in groups[number - 1]:
+                self._play_start(iterations, end)
             played = end
             verdict = self._judge()
             if number == len(looks) or not _needs_more(verdict, looks, number):
@@ -68,16 +74,30 @@ class IterationRunner:
         return verdict, played
 
     def play_fixed_number(self, number: int) -> Verdict:
-        """Play a fixed number of iterations.
+        """Play as many iterations as `play` did, in as many starts.
+
+        Args:
+            number: of iterations at each rate, as `play` returned it.
 
         Raises:
             RunError: from `SegmentPlayer.play`.
         """
-        self._play_range(0, number)
+        looks = self._looks().iterations
+        for look, group in zip(looks, iterations_by_look(looks, self.plan.starts), strict=True):
+            for iterations in group if look <= number else ():
+                self._play_start(iterations, number)
         return self._judge()
 
-    def _play_range(self, played: int, end: int) -> None:
-        for index in range(played + 1, end + 1):
+    def _looks(self) -> InterimLooks:
+        declared = max(each.iterations for each in self.plan.play)
+        return decision_policy(self.plan).looks or InterimLooks((declared,))
+
+    def _play_start(self, iterations: Iterable[int], end: int) -> None:
+        """Play the iterations of a start: a new one if some were played in the one that runs."""
+        if self._starts and self.plan.starts > 1:
+            self.segment_player = self.next_start()
+        self._starts.append(self.segment_player)
+        for index in iterations:
             for play in self.plan.play:
                 self._play_once(play, index, f"iteration {index} of {end}")
 
@@ -95,8 +115,11 @@ class IterationRunner:
                 break
             reasons = "; ".join(one.reasons)
             self.note(f"host interference affected {one.segment} ({reasons}): repeating it")
-            (index,) = (
-                each.index for each in self.segment_player.segments if each.id == one.segment
+            index = next(
+                each.index
+                for start in self._starts
+                for each in start.segments
+                if each.id == one.segment
             )
             self._play_once(play, index, f"iteration {index} again", rerun_of=one.segment)
             again += 1

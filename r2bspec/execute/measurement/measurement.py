@@ -1,4 +1,8 @@
-"""The measurement in a session: the peak search, the rates to be sustained, the iterations."""
+"""What is measured: the peak search, the rates to be sustained, the iterations.
+
+The search and the probes of sustained rates are made in the first start. The iterations, those at
+the peak among them, are spread over all starts.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,7 @@ from r2bspec.record.run_record import ConfirmationRecord, FloorRecord, Probe, Se
 
 
 class Measurement:
-    """The measurement of one session, and the results of its probes."""
+    """The measurement of a run, or of its confirmation, and the results of its probes."""
 
     def __init__(
         self,
@@ -28,15 +32,17 @@ class Measurement:
         reporter: RunReporter,
         judge_so_far: Callable[[], Verdict],
         budget: TimeBudget,
+        next_start: Callable[[], SegmentPlayer],
     ) -> None:
         """Create the measurement; nothing is played yet.
 
         Args:
             plan: of the run.
-            segment_player: plays the segments.
+            segment_player: plays the segments of the first start.
             reporter: receives phases and notes.
-            judge_so_far: the verdict on everything that was played in the session.
+            judge_so_far: the verdict on everything that was measured.
             budget: of the whole run.
+            next_start: starts all processes afresh; what it returns plays from then on.
         """
         self._plan = plan
         self._segment_player = segment_player
@@ -44,6 +50,7 @@ class Measurement:
         self._prober = RateProber(plan, segment_player, reporter.note)
         self._judge_so_far = judge_so_far
         self._budget = budget
+        self._next_start = next_start
         self._search: PeakSearch | None = None
         self._sustained: list[Probe] = []
 
@@ -91,9 +98,9 @@ class Measurement:
 
         Args:
             failed: the methods by which the failed requirements were decided.
-            iterations: their number in the first session.
-            peak_hz: the peak of the first session, at which `play_at_peak` is played unless this
-                session finds its own peak.
+            iterations: their number in the run.
+            peak_hz: the peak of the run, at which `play_at_peak` is played unless the confirmation
+                finds its own peak.
 
         Raises:
             RunError: a process exited, failed, or does not respond.
@@ -109,8 +116,18 @@ class Measurement:
             self._iteration_runner(plan).play_fixed_number(iterations)
 
     def _iteration_runner(self, plan: Plan) -> IterationRunner:
+        def next_start() -> SegmentPlayer:
+            segment_player = self._next_start()
+            self._reporter.phase("play", _phase_text(plan))
+            return segment_player
+
         return IterationRunner(
-            plan, self._segment_player, self._judge_so_far, self._reporter.note, self._budget
+            plan,
+            self._segment_player,
+            self._judge_so_far,
+            self._reporter.note,
+            self._budget,
+            next_start,
         )
 
     def _plan_with_peak(self, peak_hz: float | None) -> Plan:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -90,8 +91,10 @@ class SegmentPlayer:
         *,
         schedule: Schedule | None = None,
         confirms: bool = False,
+        start: int = 1,
     ) -> None:
         self._plan = plan
+        self._start = start
         self._schedule = schedule or CyclicSchedule(steps=())
         self._step_stamps = StepStamps(self._schedule)
         self._confirms = confirms
@@ -354,6 +357,7 @@ class SegmentPlayer:
         self, segment: Segment, observation: SegmentObservation, first: dict[str, int]
     ) -> None:
         """Write a segment and its rows, and keep its samples in memory if they are judged."""
+        segment = msgspec.structs.replace(segment, start=self._start)
         taps = {
             topic: self._step_stamps.replace(
                 reader.read(first[topic]), observation.playback, first[""]

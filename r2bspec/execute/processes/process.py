@@ -35,6 +35,8 @@ class ManagedProcess:
         exit_expected: whether its exit is not an error, because it was told to exit or is a
             command.
         has_replied: whether it has ever sent a reply.
+        log_start: the size of its log, in bytes, when it was started: what an earlier process of
+            this name has written.
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class ManagedProcess:
         self.inbox: deque[Any] = deque()
         self.exit_expected = False
         self.has_replied = False
+        self.log_start = 0
         self.parts: dict[str, ManagedProcess] = {}
         self._redact = redact
         self._pending = bytearray()

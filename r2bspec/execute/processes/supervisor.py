@@ -110,8 +110,10 @@ class ProcessSupervisor:
         env = env | {
             protocol.control_variable(part): str(each.fileno()) for part, each in theirs.items()
         }
+        log_start = 0
         try:
             with open_log(log) as output:
+                log_start = os.fstat(output.fileno()).st_size
                 process = SessionLeader(
                     command,
                     cwd=cwd,
@@ -138,6 +140,7 @@ class ProcessSupervisor:
                 each.close()
         self._notify_watchdog(f"session {process.pid} {process.session.started}\n")
         child = ManagedProcess(name, role, process, log, None, self._redact)
+        child.log_start = log_start
         for part, (ours, _) in channels.items():
             endpoint = child
             if part:

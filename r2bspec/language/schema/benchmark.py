@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.default_starts import MAX_STARTS
 from r2bspec.language.probe_length import CONFIRM, PROBE
 from r2bspec.language.quantities import Duration, Rate, Share
 from r2bspec.language.schema import name_patterns
@@ -155,7 +156,7 @@ BENCHMARK: Schema = record(
             "if there are several. Default: 5, but each start has at least two iterations; 1 for "
             "graphs with external nodes, which cannot be restarted.",
             minimum=1,
-            maximum=1000,
+            maximum=MAX_STARTS,
             examples=[5, 1],
         ),
         "max_iterations": integer(

@@ -78,12 +78,11 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
         case.result = [Error(printable_lines(verdict.reason), verdict.outcome)]
-    texts = [
-        printable_lines(note)
-        for note in (*comparison(report_input.result), *notes(report_input.result))
-    ]
+    # The verdict of requirements does not say of how many starts it is.
+    texts = [] if case.result or not verdict.requirements else [verdict.reason]
+    texts += [*comparison(report_input.result), *notes(report_input.result)]
     if texts:
-        case.system_out = "\n".join(texts)
+        case.system_out = "\n".join(map(printable_lines, texts))
     return case
 
 

@@ -32,6 +32,7 @@ from r2bspec.report.report_wording import (
     requirement_text,
     sentences,
     several_monitors,
+    starts_text,
     verdict_word,
 )
 
@@ -156,6 +157,7 @@ def _provenance(report_input: ReportInput) -> Iterator[str]:
         "run": result.run_id,
         "started": result.started_at,
         "plan": result.plan_hash,
+        "starts": starts_text(result.starts),
         **{f"dataset {key}": value for key, value in result.dataset.items()},
         **{f"machine {key}": value for key, value in result.machine.items()},
         **{f"version of {key}": value for key, value in result.versions.items()},

@@ -37,6 +37,7 @@ from r2bspec.report.report_wording import (
     peak_text,
     requirement_text,
     several_monitors,
+    starts_text,
     verdict_word,
 )
 
@@ -133,6 +134,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "pace": own_pace(metrics),
         "facts": {key: _plain(value) for key, value in result.machine.items()},
         "rmw": loaded_rmw(result),
+        "starts": starts_text(result.starts),
         "dataset": {key: _plain(value) for key, value in result.dataset.items()},
         "palette": PALETTE,
         "style": Markup(files.joinpath("style.css").read_text("utf-8")),  # noqa: S704 - our file

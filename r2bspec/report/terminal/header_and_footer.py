@@ -12,7 +12,14 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
-from r2bspec.report.report_wording import comparison, loaded_rmw, notes, peak_text, probe_mark
+from r2bspec.report.report_wording import (
+    comparison,
+    loaded_rmw,
+    notes,
+    peak_text,
+    probe_mark,
+    starts_text,
+)
 from r2bspec.report.terminal.style import DIM_STYLE, heading, outcome_text
 
 _STYLES = {True: "green", False: "red", None: "yellow"}
@@ -26,6 +33,7 @@ def header(result: Result) -> RenderableType:
         f"{_known(result.machine, 'cores')} cores" if "cores" in result.machine else "",
         loaded_rmw(result),
         _known(result.dataset, "source"),
+        starts_text(result.starts),
         f"r2bspec {result.versions['r2bspec']}" if "r2bspec" in result.versions else "",
     ]
     lines = [Text(title, style="bold"), Text(" · ".join(filter(None, where)), style=DIM_STYLE)]

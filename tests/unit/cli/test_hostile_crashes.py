@@ -81,6 +81,7 @@ PLAN_PLACES: dict[tuple[str | int, ...], list[object]] = {
     ("play", 0, "duration_ns"): [-1, *EXTREME],
     ("play", 0, "rate_hz"): [-1, *EXTREME],
     ("start_timeout_ns",): list(EXTREME),
+    ("starts",): [0, -1, 1001, *EXTREME],
 }
 
 

@@ -94,6 +94,10 @@ def busy(number: int, **known: str) -> DisturbedIteration:
     )
 
 
+def no_start() -> Any:
+    pytest.fail("a run of one start has no other")
+
+
 def iterate(verdicts: Sequence[Verdict], budget_ns: int = 0) -> tuple[list[str], TimeBudget]:
     """Play, told one verdict after the other; the names of what was played."""
     segment_player, notes = Played(), list[str]()
@@ -101,7 +105,7 @@ def iterate(verdicts: Sequence[Verdict], budget_ns: int = 0) -> tuple[list[str],
     budget = TimeBudget(budget_ns, notes.append)
     budget.begin()
     IterationRunner(
-        PLAN, cast("Any", segment_player), lambda: next(said), notes.append, budget
+        PLAN, cast("Any", segment_player), lambda: next(said), notes.append, budget, no_start
     ).play()
     # Every verdict was asked for: none is reached without a look.
     assert next(said, None) is None
@@ -146,3 +150,73 @@ def test_the_budget_comes_first() -> None:
         "it would exceed the time budget"
     )
     assert look.startswith("No more than 2 iterations: it would exceed the time budget")
+
+
+def start_after_start(
+    iterations: int, starts: int, verdicts: Sequence[Verdict], max_iterations: int = 0
+) -> tuple[list[list[str]], IterationRunner]:
+    """Play in several starts; what was played in each."""
+    stages = [Played()]
+
+    def next_start() -> Any:
+        stages.append(Played())
+        return stages[-1]
+
+    play = PlayPlan(
+        rate_hz=30.0, duration_ns=1, iterations=iterations, max_iterations=max_iterations
+    )
+    said: Iterator[Verdict] = iter(verdicts)
+    runner = IterationRunner(
+        msgspec.structs.replace(PLAN, play=(play,), starts=starts),
+        cast("Any", stages[0]),
+        lambda: next(said),
+        lambda _: None,
+        TimeBudget(0, lambda _: None),
+        next_start,
+    )
+    runner.play()
+    assert next(said, None) is None
+    return [[each.id.removeprefix("rate-30Hz-") for each in one.segments] for one in stages], runner
+
+
+def test_each_start_plays_its_part() -> None:
+    played, _ = start_after_start(5, 2, [found("pass")])
+    assert played == [["001", "002", "003"], ["004", "005"]]
+
+
+def test_further_iterations_are_further_starts() -> None:
+    verdicts = [found("inconclusive"), found("pass")]
+    played, _ = start_after_start(4, 2, verdicts, max_iterations=16)
+    assert played == [["001", "002"], ["003", "004"], ["005", "006"], ["007", "008"]]
+
+
+def test_one_start_remains_one_start() -> None:
+    played, _ = start_after_start(2, 1, [found("inconclusive"), found("pass")], max_iterations=4)
+    assert played == [["001", "002", "003", "004"]]
+
+
+def test_an_iteration_of_an_earlier_start_is_played_again_in_the_one_that_runs() -> None:
+    hanging = found("inconclusive", busy(1), weakened=True)
+    done = found("fail", busy(1, rerun="rate-30Hz-001-again"))
+    played, runner = start_after_start(4, 2, [hanging, done])
+    assert played == [["001", "002"], ["003", "004", "001-again"]]
+    assert runner.segment_player.segments[-1].index == 1
+
+
+def test_a_confirmation_plays_in_as_many_starts() -> None:
+    stages = [Played()]
+    play = PlayPlan(rate_hz=30.0, duration_ns=1, iterations=4, max_iterations=16)
+
+    def next_start() -> Any:
+        stages.append(Played())
+        return stages[-1]
+
+    IterationRunner(
+        msgspec.structs.replace(PLAN, play=(play,), starts=2),
+        cast("Any", stages[0]),
+        lambda: found("fail"),
+        lambda _: None,
+        TimeBudget(0, lambda _: None),
+        next_start,
+    ).play_fixed_number(8)
+    assert [len(each.segments) for each in stages] == [2, 2, 2, 2]

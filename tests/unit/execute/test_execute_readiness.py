@@ -78,3 +78,14 @@ def test_what_is_no_pattern_is_named_with_its_wrong_part(pattern: str) -> None:
     assert 0 <= offset < len(pattern)
     assert 0 < length <= len(pattern) - offset
     assert str(caught.value)
+
+
+def test_what_an_earlier_process_wrote_is_not_read(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    log.write_text("model loaded\n")
+    pattern = compile_line_pattern("model loaded")
+    probe = LogSearch(log, pattern, log.stat().st_size)
+    assert not probe.finds(FOREVER)
+    with log.open("a") as more:
+        more.write("model loaded\n")
+    assert probe.finds(FOREVER)

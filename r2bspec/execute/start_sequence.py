@@ -1,0 +1,115 @@
+"""The starts of a run, one after the other, each a session in fresh processes.
+
+Player and monitor are started afresh, too, and not the graph alone: where they lie in memory, when
+they discover the nodes, and on which cores their threads run is decided at their start, and is part
+of every latency. If they remained, what they got would be common to all starts. Starts would then
+differ by less than two runs do, and a verdict would be more certain than it may be.
+
+What does not depend on the processes is made once, before the first start: the bag is read, the
+preprocessors run, buffers and schedule are built, and the harness overhead is measured (once more
+before a confirmation run, which is compared with it). What is left is made short: in a later start,
+all processes import ROS at the same time.
+
+Nothing of the next start is prepared while iterations play. A process that imports ROS takes a core
+for half a second, and discovery by new participants wakes every process of the graph; both would
+be in the measured latencies. Ending the old processes takes some 30 ms, and is finished before the
+new ones are started, so that these meet none of the old ones in their domain.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.errors import InterruptedRunError, RunError
+from r2bspec.execute.measurement.run_reporter import RunReporter
+from r2bspec.execute.measurement.segments import SegmentPlayer
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
+from r2bspec.execute.session import Session
+from r2bspec.plan.plan import Plan
+from r2bspec.record.run_folder import RunFolder
+from r2bspec.record.run_record import StartRecord
+
+
+@dataclass
+class StartSequence:
+    """The starts of a run and of its confirmation; at most one of them runs at a time.
+
+    Attributes:
+        make_launcher: a new launcher, once the buffers are complete.
+        sessions: one for each start so far, the running one last.
+        records: of the starts whose graph was warmed up.
+        foreign: publishers that are no process's of the run, in words.
+    """
+
+    plan: Plan
+    supervisor: ProcessSupervisor
+    make_launcher: Callable[[], Launcher]
+    folder: RunFolder
+    base_dir: Path
+    scratch: Path
+    reporter: RunReporter
+    sessions: list[Session] = field(default_factory=list)
+    records: list[StartRecord] = field(default_factory=list)
+    foreign: tuple[str, ...] = ()
+
+    def begin(self, *, confirms: bool = False) -> SegmentPlayer:
+        """End the start that runs, if there is one, and start all processes afresh.
+
+        Args:
+            confirms: whether it is part of the confirmation run.
+
+        Raises:
+            RunError: a process of the old start has exited, or the new one fails.
+        """
+        began_ns = time.monotonic_ns()
+        before = self.sessions[-1] if self.sessions else None
+        if before is not None:
+            # Detect a process that exited after the last message, which also fails the run.
+            self.supervisor.pump(0.0)
+            self.find_foreign_publishers()
+            self.supervisor.end(list(self.supervisor))
+        session = Session(
+            self.plan,
+            self.supervisor,
+            self.make_launcher(),
+            self.folder,
+            self.base_dir,
+            self.scratch,
+            self.reporter,
+            start=len(self.sessions) + 1,
+            confirms=confirms,
+            schedule=before.schedule if before is not None else None,
+            is_later=before is not None and before.confirms == confirms,
+        )
+        self.sessions.append(session)
+        segment_player = session.bring_up()
+        self.records.append(
+            StartRecord(
+                number=session.start,
+                began_ns=began_ns,
+                ready_ns=time.monotonic_ns(),
+                overhead_ns=session.overhead_ns,
+                confirms=confirms,
+            )
+        )
+        return segment_player
+
+    def find_foreign_publishers(self) -> bool:
+        """Ask who has published on what is played and watched; whether others have, ever."""
+        known = self.foreign
+        found = self.sessions[-1].foreign_publishers() if self.sessions else ()
+        self.foreign = tuple(dict.fromkeys((*known, *found)))
+        for each in self.foreign[len(known) :]:
+            self.reporter.note(f"a program that is not of this run has published on {each}")
+        return bool(self.foreign)
+
+    def name_start(self, error: RunError) -> None:
+        """Say in an error in which start it occurred, unless it is the first one."""
+        if len(self.sessions) < 2 or isinstance(error, InterruptedRunError):
+            return
+        confirms = ", which confirms a failure" if self.sessions[-1].confirms else ""
+        error.args = (f"{error} (in start {len(self.sessions)}{confirms})", *error.args[1:])

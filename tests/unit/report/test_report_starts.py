@@ -1,0 +1,106 @@
+"""Every report says of how many starts of the processes the verdict is, and what a start took."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.judge_run import result_of, to_json
+from r2bspec.judge.verdict_starts import with_starts
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import StartRecord
+from r2bspec.report.format_registry import renderer
+from r2bspec.report.report_wording import starts_text
+from r2bspec.report.terminal import to_text
+from report_runs import SIMULATIONS
+
+ONE = "f this start of the processes: "
+SEVERAL = "ver 3 starts of the processes: "
+
+
+def started(number: int, cost_s: float, *, overhead_s: float = 0.0, **more: bool) -> StartRecord:
+    ready_ns = round((cost_s + overhead_s) * 1e9)
+    return StartRecord(
+        number=number, began_ns=0, ready_ns=ready_ns, overhead_ns=round(overhead_s * 1e9), **more
+    )
+
+
+def run_of(folder: Path, starts: int) -> Run:
+    """The usual run, its iterations taken in turn from this number of starts."""
+    run = SIMULATIONS["usual"].write(folder)
+    record = msgspec.structs.replace(
+        run.record,
+        segments=tuple(
+            msgspec.structs.replace(each, start=1 + number % starts)
+            for number, each in enumerate(run.record.segments)
+        ),
+        starts=(started(1, 9.0, overhead_s=2.0), started(2, 3.0), started(3, 3.2))[:starts],
+    )
+    return replace(run, record=record)
+
+
+def reports(run: Run) -> dict[str, str]:
+    """The run in every format that says in words how it was judged."""
+    result = result_of(run)
+    reported = ReportInput(result=result, run=run)
+    shown = ("markdown", "html", "junit", "github")
+    texts = {name: renderer(name)(reported).decode() for name in shown}
+    return texts | {
+        "json": to_json(result).decode(),
+        # On one line, however wide the terminal is.
+        "text": " ".join(to_text(result, run.folder, 80).split()),
+    }
+
+
+@pytest.mark.parametrize(("starts", "words"), [(1, ONE), (3, SEVERAL)])
+def test_every_report_says_of_how_many_starts_the_verdict_is(
+    tmp_path: Path, starts: int, words: str
+) -> None:
+    found = reports(run_of(tmp_path / "run", starts))
+    assert {name for name, text in found.items() if words in text} == set(found)
+    other = SEVERAL if words == ONE else ONE
+    assert not [name for name, text in found.items() if other in text]
+
+
+def test_the_cost_of_a_start_is_shown(tmp_path: Path) -> None:
+    found = reports(run_of(tmp_path / "run", 3))
+    for name in ("markdown", "html", "text"):
+        assert "3 starts, 3.1 s each" in found[name]
+
+
+def test_a_requirement_that_rests_on_probes_says_that_they_are_of_one_start(
+    tmp_path: Path,
+) -> None:
+    note = "Probed in the first start of the processes alone."
+    for starts, noted in ((1, set()), (3, {"search bracket"})):
+        verdict = result_of(run_of(tmp_path / f"{starts}", starts)).verdict
+        assert {one.method for one in verdict.requirements if note in one.notes} == noted
+
+
+@pytest.mark.parametrize("name", ["silent", "empty", "hostile"])
+def test_a_run_without_starts_in_its_record_is_one_start(tmp_path: Path, name: str) -> None:
+    run = SIMULATIONS[name].write(tmp_path / "run")
+    assert not run.record.starts
+    verdict = result_of(run).verdict
+    judged = verdict.outcome not in {"invalid", "incomplete"}
+    assert verdict.starts == int(judged)
+    assert (ONE in verdict.reason) == judged
+
+
+def test_a_verdict_without_requirements_is_about_nothing(tmp_path: Path) -> None:
+    run = run_of(tmp_path / "run", 3)
+    verdict = msgspec.structs.replace(result_of(run).verdict, requirements=(), starts=0)
+    assert with_starts(verdict, read_samples(run)) == verdict
+
+
+def test_the_cost_is_that_of_a_start_after_the_first_without_the_harness_overhead() -> None:
+    assert starts_text(()) == ""
+    assert starts_text([started(1, 4.0, overhead_s=1.5)]) == "1 start, 4 s"
+    assert starts_text([started(1, 9.0), started(2, 3.0)]) == "2 starts, 3 s each"
+    confirmed = [started(1, 9.0), started(2, 3.0, confirms=True)]
+    assert starts_text(confirmed) == "1 start and 1 to confirm, 3 s each"
