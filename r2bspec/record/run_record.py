@@ -41,7 +41,7 @@ MONITOR_FIELDS = (
 )
 """One row per received message, in order of arrival: its header stamp (0 if the type has none), the
 times at which the middleware received it and at which the monitor took it, and its serialised
-size."""
+size. Both times are equal where the middleware gives no time of reception."""
 
 RESOURCE_FIELDS = (
     ("time_ns", "<i8"),

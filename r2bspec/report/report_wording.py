@@ -8,6 +8,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration, OverallOutcome, RequirementVerdict, Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
+from r2bspec.middleware.rmw_registry import middleware_named
 from r2bspec.record.run_record import SearchRecord
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
@@ -162,6 +163,7 @@ def notes(result: Result) -> Iterator[str]:
     yield from affected_iteration_notes(result.verdict.disturbed)
     yield from result.left_out
     yield from _live_notes(result)
+    yield from _reception_notes(result)
     yield from _message_anomalies(result)
     for process in result.processes:
         if process.exit_code not in {0, None}:
@@ -208,6 +210,23 @@ def _live_notes(result: Result) -> Iterator[str]:
                 )
 
 
+def _reception_notes(result: Result) -> Iterator[str]:
+    """What latencies include because the middleware does not say when messages were received."""
+    rmw = loaded_rmw(result)
+    seen = [each for rate in result.metrics.rates for each in rate.pooled.monitors.values()]
+    received, untimed = sum(each.received for each in seen), sum(each.untimed for each in seen)
+    if 2 * untimed > received:
+        what = "gives no times of reception"
+    elif rmw and received and middleware_named(rmw).stamps_when_taken:
+        what = "stamps messages when they are taken, not when they are received"
+    else:
+        return
+    yield (
+        f"{rmw or 'The middleware'} {what}: all latencies include the time until the monitor takes "
+        "a message, and do not compare with those of other middlewares"
+    )
+
+
 def _message_anomalies(result: Result) -> Iterator[str]:
     """Messages that did not arrive exactly once, in order, and in response to an input."""
     for rate in result.metrics.rates:
@@ -215,6 +234,8 @@ def _message_anomalies(result: Result) -> Iterator[str]:
             where = f"{name} {at_rate(rate.offered_hz, rate.pace)}"
             if not seen.received:
                 yield f"{where} received nothing"
+            elif seen.unknown_latency:
+                yield f"{where}: the latency is unknown: {seen.unknown_latency}"
             if seen.expected != seen.sent:
                 inputs, outputs = show(seen.sent, "count"), show(seen.expected, "count")
                 yield f"{where}: {inputs} inputs, {outputs} outputs expected"
