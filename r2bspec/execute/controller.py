@@ -440,6 +440,7 @@ class _Controller:
             differences=self._differences(failure),
             confirmation=again[0].confirmation(self._sessions[1].floor) if again else None,
             left_out=tuple(self._budget.left_out),
+            unplayed=self._sessions[0].unplayed if self._sessions else (),
         )
 
 

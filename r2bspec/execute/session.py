@@ -47,7 +47,12 @@ from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record.run_folder import RunFolder
-from r2bspec.record.run_record import FloorRecord, Segment, SilenceRecord
+from r2bspec.record.run_record import (
+    FloorRecord,
+    Segment,
+    SilenceRecord,
+    UnplayedMessages,
+)
 
 MEASURE_PHASE = "measure"
 """The phase of the processes that run during the measurement."""
@@ -64,6 +69,7 @@ class Session:
     Attributes:
         floor: the overhead of the harness alone; empty before `bring_up`.
         silences: outputs that have stopped since then.
+        unplayed: messages of inputs that are not played.
     """
 
     def __init__(
@@ -94,6 +100,7 @@ class Session:
         self._monitor: ManagedProcess | None = None
         self.floor: tuple[FloorRecord, ...] = ()
         self.silences: tuple[SilenceRecord, ...] = ()
+        self.unplayed: tuple[UnplayedMessages, ...] = ()
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -193,7 +200,9 @@ class Session:
                 transforms=buffered_transforms(self._buffer_dir),
             ),
         )
-        self._schedule = build_schedule(plan, self._buffer_dir, ready.headers, self._reporter.note)
+        self._schedule, self.unplayed = build_schedule(
+            plan, self._buffer_dir, ready.headers, self._reporter.note
+        )
         launcher.configure(player, protocol.Follow(schedule=self._schedule))
         return player
 

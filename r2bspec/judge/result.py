@@ -10,7 +10,13 @@ from r2bspec.judge.verdict import Verdict
 from r2bspec.language.spec import Scalar
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.record.comparison_folder import PairRecord
-from r2bspec.record.run_record import Difference, FloorRecord, ProcessRecord, SilenceRecord
+from r2bspec.record.run_record import (
+    Difference,
+    FloorRecord,
+    ProcessRecord,
+    SilenceRecord,
+    UnplayedMessages,
+)
 
 
 class ObjectiveText(msgspec.Struct, frozen=True, kw_only=True):
@@ -87,6 +93,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
             of the head.
         baseline: the earlier runs that this one was compared with, if any.
         left_out: planned parts that were not played, a sentence each.
+        unplayed: messages of inputs that were not played.
     """
 
     r2bspec_result: Literal[1] = 1
@@ -115,6 +122,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     pairs: PairsResult | None = None
     baseline: BaselineResult | None = None
     left_out: tuple[str, ...] = ()
+    unplayed: tuple[UnplayedMessages, ...] = ()
 
     def monitor_title(self, name: str) -> str:
         """The title of a monitor: its label and its name, or its name alone."""

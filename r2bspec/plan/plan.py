@@ -354,3 +354,4 @@ class Plan(_Value, frozen=True, kw_only=True):
     drain_timeout_ns: int = 5 * 10**9
     segment_bytes: int = 0
     play_at_peak: PlayPlan | None = None
+    unpaired: Literal["refuse", "drop"] = "refuse"

@@ -161,6 +161,7 @@ def notes(result: Result) -> Iterator[str]:
             yield f"{difference.code}: {difference.message}; {difference.help}"
     yield from (f"{each[:1].upper()}{each[1:]}" for each in _of_pairs(result))
     yield from affected_iteration_notes(result.verdict.disturbed)
+    yield from unplayed_notes(result)
     yield from result.left_out
     yield from _live_notes(result)
     yield from _reception_notes(result)
@@ -171,6 +172,13 @@ def notes(result: Result) -> Iterator[str]:
             if process.exit_code is not None and process.exit_code < 0:
                 ended = f"signal {-process.exit_code}"
             yield f"Process {process.name} ended with {ended}"
+
+
+def unplayed_notes(result: Result) -> Iterator[str]:
+    """The messages of inputs that were not played, a sentence for each input."""
+    for one in result.unplayed:
+        agreed = ", as 'playback.unpaired' allows" if one.agreed else ""
+        yield f"{'Warning: ' if one.is_warning else ''}{one.text}{agreed}"
 
 
 def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
