@@ -100,6 +100,7 @@ class Session:
         self._monitor: ManagedProcess | None = None
         self.floor: tuple[FloorRecord, ...] = ()
         self.silences: tuple[SilenceRecord, ...] = ()
+        self._late_outputs: dict[str, int] = {}
         self.unplayed: tuple[UnplayedMessages, ...] = ()
 
     @property
@@ -305,7 +306,7 @@ class Session:
                 self._supervisor.pump_for(TRACE_STEPS / TRACE_RATE_HZ)
 
         facts = observer.trace(self._rows_dir, play)
-        segment_player.discard_new_rows()
+        self._late_outputs = segment_player.discard_new_rows()
         return facts
 
     def _diagnose_stopped_output(
@@ -323,12 +324,19 @@ class Session:
         if not reason:
             passed = facts.topics[plan.topic].passed
             reason = f"{passed} messages on {plan.topic} for {TRACE_STEPS} steps played afterwards"
+        late = self._late_outputs.get(plan.name, 0)
+        if late:
+            reason = (
+                f"{late:,} of the missing outputs came while the path was traced: they are late, "
+                "not lost, and 'benchmark.drain_timeout' is too short for them"
+            )
         self._reporter.note(reason)
         self.silences += (
             SilenceRecord(
                 segment=segment.id,
                 topic=plan.topic,
                 reason=reason,
+                late=late,
                 way=tuple(each.strip() for each in path_lines(facts, full_path(facts, plan.topic))),
             ),
         )

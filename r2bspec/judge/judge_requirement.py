@@ -202,7 +202,14 @@ def _no_output(question: Question) -> Answer | None:
         reason += "iterations." if count > 1 else "iteration."
         return Answer(outcome="fail", method="none", reason=reason)
     received, sent = sum(one.received for one in seen), sum(one.sent for one in seen)
-    if not received:
+    overdue = sum(one.overdue for one in seen)
+    if overdue:
+        reason = (
+            f"Monitor '{question.monitor}' received no answer in time for {show(sent, 'count')} "
+            f"inputs, and {show(overdue, 'count')} in a later segment: increase "
+            "'benchmark.drain_timeout' to measure how late they are."
+        )
+    elif not received:
         reason = f"Monitor '{question.monitor}' received nothing for {show(sent, 'count')} inputs."
     else:
         reason = (

@@ -188,13 +188,15 @@ class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     `segment` is the one in which this was detected; afterwards some steps were played while the
     messages of every topic were counted. `reason` is the first fault on the path; `way` has the
-    publishers, the subscriptions and the number of messages of each topic of the path.
+    publishers, the subscriptions and the number of messages of each topic of the path. `late` is
+    the number of missing outputs that came meanwhile; matched by order, these are not recognised.
     """
 
     segment: str
     topic: str
     reason: str
     way: tuple[str, ...]
+    late: int = 0
 
 
 UNPAIRED_HELP = (
