@@ -452,6 +452,7 @@ class _Controller:
             confirmation=again[0].confirmation(fresh_floor) if again else None,
             left_out=tuple(self._budget.left_out),
             starts=tuple(self._starts.records) if self._starts else (),
+            unplayed=sessions[0].unplayed if sessions else (),
         )
 
 

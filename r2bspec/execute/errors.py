@@ -24,6 +24,12 @@ class NotInstalledError(RunError):
     exit_code = ExitStatus.USAGE
 
 
+class UnpairedInputError(RunError):
+    """Most messages of an input have no partner; another attempt would not help."""
+
+    exit_code = ExitStatus.USAGE
+
+
 class DatasetMismatchError(RunError):
     """The hash of the bag differs from the one in the spec."""
 

@@ -49,7 +49,12 @@ from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record.run_folder import RunFolder
-from r2bspec.record.run_record import FloorRecord, Segment, SilenceRecord
+from r2bspec.record.run_record import (
+    FloorRecord,
+    Segment,
+    SilenceRecord,
+    UnplayedMessages,
+)
 
 MEASURE_PHASE = "measure"
 """The phase of the processes that run during the measurement."""
@@ -70,6 +75,7 @@ class Session:
         floor: the overhead of the harness alone; empty before `bring_up`, and in a later start.
         overhead_ns: how long its measurement took.
         silences: outputs that have stopped since then.
+        unplayed: messages of inputs that are not played.
     """
 
     def __init__(
@@ -123,6 +129,8 @@ class Session:
         self.floor: tuple[FloorRecord, ...] = ()
         self.overhead_ns = 0
         self.silences: tuple[SilenceRecord, ...] = ()
+        self._late_outputs: dict[str, int] = {}
+        self.unplayed: tuple[UnplayedMessages, ...] = ()
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -228,7 +236,7 @@ class Session:
     def _load_schedule(self, player: ManagedProcess, ready: protocol.Ready) -> None:
         """Let the player load all messages that it will play into its memory."""
         if not self._has_schedule:
-            self.schedule = build_schedule(
+            self.schedule, self.unplayed = build_schedule(
                 self._plan, self._buffer_dir, ready.headers, self._reporter.note
             )
         self._launcher.configure(player, protocol.Follow(schedule=self.schedule))
@@ -348,7 +356,7 @@ class Session:
                 self._supervisor.pump_for(TRACE_STEPS / TRACE_RATE_HZ)
 
         facts = observer.trace(self._rows_dir, play)
-        segment_player.discard_new_rows()
+        self._late_outputs = segment_player.discard_new_rows()
         return facts
 
     def _diagnose_stopped_output(
@@ -366,12 +374,19 @@ class Session:
         if not reason:
             passed = facts.topics[plan.topic].passed
             reason = f"{passed} messages on {plan.topic} for {TRACE_STEPS} steps played afterwards"
+        late = self._late_outputs.get(plan.name, 0)
+        if late:
+            reason = (
+                f"{late:,} of the missing outputs came while the path was traced: they are late, "
+                "not lost, and 'benchmark.drain_timeout' is too short for them"
+            )
         self._reporter.note(reason)
         self.silences += (
             SilenceRecord(
                 segment=segment.id,
                 topic=plan.topic,
                 reason=reason,
+                late=late,
                 way=tuple(each.strip() for each in path_lines(facts, full_path(facts, plan.topic))),
             ),
         )

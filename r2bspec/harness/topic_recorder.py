@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 from r2bspec.harness import rclpy_tools
@@ -40,6 +41,8 @@ class TopicRecorder:
         count = 0
         while (taken := self.subscription.take()) is not None:
             data, received_ns = taken
+            # Some middlewares give no time of reception.
+            received_ns = received_ns or time.time_ns()
             stamp_ns = read_stamp(data) if self._stamped else received_ns
             self._buffer.append(stamp_ns, data, received_ns)
             if stamp_ns in self._sources:

@@ -60,9 +60,12 @@ class ClockOffsetTracker:
         offset is used.
 
         Args:
-            arrived_system_ns: the arrival time on the system clock.
+            arrived_system_ns: the arrival time on the system clock; 0 if the middleware gives
+                none. The time of taking then takes its place, and both are equal.
         """
         taken_ns = self.update()
+        if arrived_system_ns <= 0:
+            return taken_ns, taken_ns
         arrived_ns = arrived_system_ns - self._difference_ns
         if not self._no_step_until_ns <= arrived_ns <= taken_ns:
             arrived_ns = arrived_system_ns - self._difference_before_ns

@@ -12,17 +12,27 @@ import msgspec
 
 from r2bspec.judge.decision import Answer, Decider, Question, requirement_verdict, window_condition
 from r2bspec.judge.methods import method_registry
-from r2bspec.judge.playback_validity import REMEDY, TIMELINE_REMEDY, PlaybackValidity
+from r2bspec.judge.playback_validity import PlaybackValidity
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.measure.errors import MetricError
 from r2bspec.measure.metric_catalogue import MetricInfo, available_live, resolve
-from r2bspec.measure.samples import MonitorSamples, RunSamples, SegmentSamples
+from r2bspec.measure.pooling import pool_monitor
+from r2bspec.measure.samples import (
+    LOSS_SENSITIVE_FAMILIES,
+    MonitorSamples,
+    RunSamples,
+    SegmentSamples,
+)
 from r2bspec.measure.units import show
 
 OWN_RATE: Final = 0.0
 """The rate where none is offered: that of a recording, or of the source of a live graph."""
+
+_HIDDEN_LOSSES: Final = (
+    "Outputs are matched by order: a lost one and another that came twice cancel out."
+)
 
 
 def judge_requirement(
@@ -40,7 +50,7 @@ def judge_requirement(
         objective: that the requirement belongs to.
         requirement: to be judged.
         samples: the run.
-        playback_validity: the rates at which the playback missed its schedule.
+        playback_validity: the rates at which the results are invalid.
         confidence: of the decision, one-sided each way.
     """
     at_hz = objective_rate(objective, samples)
@@ -70,14 +80,23 @@ def judge_requirement(
             windows=window_condition(requirement),
         )
         judged = requirement_verdict(question, _answer(question, samples))
+        if _losses_may_hide(question):
+            judged = msgspec.structs.replace(judged, notes=(*judged.notes, _HIDDEN_LOSSES))
         if missed := playback_validity.problem(info.statistic, at_hz):
             judged = msgspec.structs.replace(
                 judged,
                 outcome="inconclusive",
                 reason=missed,
-                settle=REMEDY if at_hz else TIMELINE_REMEDY,
+                settle=playback_validity.remedy(missed, at_hz),
             )
         yield judged
+
+
+def _losses_may_hide(question: Question) -> bool:
+    """Whether lost outputs are counted, and others may take their places."""
+    return question.info.name in {"drop_rate", "missed"} and any(
+        one.monitors[question.monitor or ""].by_order for one in question.iterations
+    )
 
 
 def objective_rate(objective: Objective, samples: RunSamples) -> float | None:
@@ -183,7 +202,14 @@ def _no_output(question: Question) -> Answer | None:
         reason += "iterations." if count > 1 else "iteration."
         return Answer(outcome="fail", method="none", reason=reason)
     received, sent = sum(one.received for one in seen), sum(one.sent for one in seen)
-    if not received:
+    overdue = sum(one.overdue for one in seen)
+    if overdue:
+        reason = (
+            f"Monitor '{question.monitor}' received no answer in time for {show(sent, 'count')} "
+            f"inputs, and {show(overdue, 'count')} in a later segment: increase "
+            "'benchmark.drain_timeout' to measure how late they are."
+        )
+    elif not received:
         reason = f"Monitor '{question.monitor}' received nothing for {show(sent, 'count')} inputs."
     else:
         reason = (
@@ -194,7 +220,14 @@ def _no_output(question: Question) -> Answer | None:
 
 
 def _unknown_latency(question: Question, seen: Sequence[MonitorSamples]) -> Answer | None:
-    """The answer for a live latency that is unknown in some iteration; else None."""
+    """The answer for a latency that is unknown in some iteration; else None."""
+    if question.info.family in LOSS_SENSITIVE_FAMILIES and any(one.unknown_latency for one in seen):
+        unknown = pool_monitor(seen).unknown_latency
+        return _inconclusive(
+            f"The latency at monitor '{question.monitor}' is unknown: {unknown}. Every later one "
+            "may then answer another input.",
+            "Match by stamp: use an output whose header keeps the stamp of its input.",
+        )
     wanted = question.info.family == "latency" and seen[0].live
     if wanted and any(one.received and not one.times["latency"].size for one in seen):
         return _inconclusive(

@@ -24,6 +24,7 @@ from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.baseline_file import BaselineRecord, read_baseline, read_confirmation
 from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import RunRecord
 from r2bspec.untrusted.safe_json import decode_json
 
 
@@ -95,12 +96,22 @@ def build_result(
         judged_by=judged_by,
         objectives={name: _text(objective) for name, objective in objectives.items()},
         metrics=metrics,
-        verdict=verdict,
+        verdict=_on_what_was_played(verdict, record),
         pairs=pairs,
         baseline=baseline,
         left_out=record.left_out,
         starts=record.starts,
+        unplayed=record.unplayed,
     )
+
+
+def _on_what_was_played(verdict: Verdict, record: RunRecord) -> Verdict:
+    """The verdict, saying which messages it is not about, where these are more than a few."""
+    missing = [one.text for one in record.unplayed if one.is_warning]
+    if not missing:
+        return verdict
+    reason = f"{verdict.reason} {'; '.join(missing)}."
+    return msgspec.structs.replace(verdict, reason=reason)
 
 
 def _baseline_result(baseline: BaselineRecord, *, confirmed: bool) -> BaselineResult:

@@ -7,13 +7,15 @@ not invalidate them:
 
     rate        less than 98 % of the offered rate was published
     lateness    more than 1 % of the publications began later than half a period after they were
-                due, or later than 5 ms where half a period is less than that
+                due; at more than 100 Hz, later than 5 ms or 1.5 periods, whichever is less
     stalled     for more than 1 % of the time the monitor had no processor, and could not stamp
                 arrivals
 
 From half a period on a publication is closer to its successor's time than to its own. 1 % is the
 share of messages that decides a p99 objective. 5 ms is what a busy but usable machine may take to
-wake a process; at rates above 100 Hz half a period would be less than that.
+wake a process; at rates above 100 Hz half a period would be less than that. A publication that is
+1.5 periods late is closer to the time of the second one after it: at least two go out at once, and
+the graph is offered bursts. So 1.5 periods are too late at every rate: 1.5 ms at 1 kHz.
 
 A timeline has no single rate: the mean rate at which its steps are due replaces the offered one. A
 live run plays nothing, and misses no schedule.
@@ -23,8 +25,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from r2bspec.judge.measurement_validity import impossible_result
 from r2bspec.measure.metric_catalogue import Statistic
 from r2bspec.measure.percentiles import percentile
 from r2bspec.measure.pooling import pool_playback
@@ -35,6 +38,7 @@ MIN_RATE_SHARE = 0.98
 LATE_QUANTILE = 0.99
 MAX_LATE_PERIODS = 0.5
 MIN_LATENESS_LIMIT_S = 0.005
+BURST_PERIODS = 1.5
 MAX_UNWATCHED_SHARE = 0.01
 
 REMEDY = "Run again on a quieter or faster machine, or offer a lower rate."
@@ -59,11 +63,7 @@ def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) ->
             f"{'offered' if offered_hz else 'recorded'} {show(planned_hz, 'Hz')}."
         )
     late_s = percentile(played.lateness, LATE_QUANTILE)
-    allowed_s = (
-        max(MAX_LATE_PERIODS / planned_hz, MIN_LATENESS_LIMIT_S)
-        if planned_hz
-        else MIN_LATENESS_LIMIT_S
-    )
+    allowed_s = lateness_limit_s(planned_hz)
     if late_s is not None and late_s > allowed_s:
         return (
             f"More than 1 % of the publications began over {show(allowed_s, 's')} after they "
@@ -79,32 +79,57 @@ def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) ->
     return ""
 
 
+def lateness_limit_s(planned_hz: float) -> float:
+    """How late 99 % of the publications may begin at most; `planned_hz` is 0 where unknown."""
+    if not planned_hz:
+        return MIN_LATENESS_LIMIT_S
+    of_busy_machine = min(MIN_LATENESS_LIMIT_S, BURST_PERIODS / planned_hz)
+    return max(MAX_LATE_PERIODS / planned_hz, of_busy_machine)
+
+
 @dataclass(frozen=True)
 class PlaybackValidity:
-    """The offered rates at which the playback missed its schedule, and how.
+    """The offered rates at which the playback missed its schedule or the result is impossible.
 
     A sequential probe ends when its player cannot go on; one that was sustained proves its rate.
+
+    Attributes:
+        iterations: the reason, by rate.
+        probes: the same of sequential probes.
+        remedies: what to do about a reason, where it is not the schedule.
     """
 
     iterations: Mapping[float, str]
     probes: Mapping[float, str]
+    remedies: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, samples: RunSamples) -> PlaybackValidity:
-        """Check the playback of complete iterations, and of probes that were not sustained."""
+        """Check complete iterations and probes; of sustained probes, not the playback."""
+        remedies: dict[str, str] = {}
+
+        def impossible(found: Sequence[SegmentSamples]) -> str:
+            result = impossible_result(found)
+            if result is None:
+                return ""
+            remedies[result.reason] = result.remedy
+            return result.reason
+
         played = {
-            rate: schedule_problem(rate, found)
+            rate: schedule_problem(rate, found) or impossible(found)
             for rate, found in samples.iterations.items()
             if found
         }
         probed = {
-            probe.rate_hz: schedule_problem(probe.rate_hz, [samples.sustained[probe.rate_hz]])
+            probe.rate_hz: ("" if probe.holds else schedule_problem(probe.rate_hz, found))
+            or impossible(found)
             for probe in samples.record.sustained
-            if not probe.holds and probe.rate_hz in samples.sustained
+            if (found := [*filter(None, [samples.sustained.get(probe.rate_hz)])])
         }
         return cls(
             {rate: reason for rate, reason in played.items() if reason},
             {rate: reason for rate, reason in probed.items() if reason},
+            remedies,
         )
 
     def problem(self, statistic: Statistic, at_hz: float | None) -> str:
@@ -113,3 +138,7 @@ class PlaybackValidity:
             return ""
         found = self.probes if statistic == "sequential" else self.iterations
         return next((reason for rate, reason in found.items() if math.isclose(rate, at_hz)), "")
+
+    def remedy(self, reason: str, at_hz: float | None) -> str:
+        """What to do about the reason for which the values at a rate are invalid."""
+        return self.remedies.get(reason, REMEDY if at_hz else TIMELINE_REMEDY)

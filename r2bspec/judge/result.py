@@ -16,6 +16,7 @@ from r2bspec.record.run_record import (
     ProcessRecord,
     SilenceRecord,
     StartRecord,
+    UnplayedMessages,
 )
 
 
@@ -94,6 +95,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         baseline: the earlier runs that this one was compared with, if any.
         left_out: planned parts that were not played, a sentence each.
         starts: of all processes, with what each took; empty where it is not known.
+        unplayed: messages of inputs that were not played.
     """
 
     r2bspec_result: Literal[1] = 1
@@ -123,6 +125,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     baseline: BaselineResult | None = None
     left_out: tuple[str, ...] = ()
     starts: tuple[StartRecord, ...] = ()
+    unplayed: tuple[UnplayedMessages, ...] = ()
 
     def monitor_title(self, name: str) -> str:
         """The title of a monitor: its label and its name, or its name alone."""

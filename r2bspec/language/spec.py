@@ -239,6 +239,8 @@ class Playback(_SpecStruct, frozen=True, kw_only=True):
     A `live` benchmark plays nothing: its `inputs` are empty.
 
     Attributes:
+        unpaired: whether an input may lose most of its messages because no other input has a
+            message with their stamp: `refuse` makes it an error.
         record_timeline: whether the timeline follows the times at which the preprocessors
             published the messages, instead of the recorded times.
         tf: whether stamps in /tf are shifted like those of other messages, or kept.
@@ -247,6 +249,7 @@ class Playback(_SpecStruct, frozen=True, kw_only=True):
     mode: Literal["timeline", "looping", "sweeping", "live"] = "looping"
     buffer: int = 0
     inputs: dict[str, PlaybackInput] = {}
+    unpaired: Literal["refuse", "drop"] = "refuse"
     timeline: Timeline = Timeline()
     record_timeline: bool = False
     tf: Literal["shift", "keep"] = "shift"

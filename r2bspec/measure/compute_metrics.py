@@ -138,6 +138,9 @@ def _monitor(seen: MonitorSamples) -> MonitorMetrics:
         late=known(seen.late),
         early=known(seen.early),
         overdue=known(seen.overdue),
+        surplus=known(seen.surplus),
+        untimed=seen.untimed,
+        unknown_latency=seen.unknown_latency,
         hops=tuple(map(_hop, seen.hops)),
     )
 

@@ -14,6 +14,10 @@ from r2bspec.record.sample_arrays import Rows
 NO_MATCH = -1
 """The step of a message that matches none."""
 
+CLOCK_ERROR_NS = 100_000
+"""Times of two processes may differ by this much (see `r2bspec.ipc.clocks`): an output that was
+received up to this long before its step was published is not early."""
+
 
 @dataclass(frozen=True)
 class Ratio:
@@ -85,7 +89,9 @@ class Matching:
         unmatched: messages that match no step.
         early: first outputs that arrived before their step was published, which is impossible:
             matching by order has gone wrong.
+        surplus: by order, messages after the last expected output; they are unmatched, too.
         per_step: expected outputs per step, on average.
+        by_order: whether messages were matched by order.
     """
 
     step: NDArray[np.int64]
@@ -95,7 +101,18 @@ class Matching:
     reordered: int
     unmatched: int
     early: int = 0
+    surplus: int = 0
     per_step: float = 1.0
+    by_order: bool = False
+
+    @property
+    def pairs_known(self) -> bool:
+        """Whether it is known which step each output answers.
+
+        By order it is not as soon as one output is missing, too many, or early: every later one
+        may then answer another step.
+        """
+        return not self.by_order or not (self.missed or self.surplus or self.early)
 
     @property
     def answered(self) -> NDArray[np.bool_]:
@@ -118,7 +135,8 @@ def match(
 
     By stamp: a message matches the step with its unique stamp. By order: the k-th message is the
     k-th expected output, and messages after the last of them, or before anything was published,
-    match nothing; losses and duplicates within the order cannot be detected that way.
+    match nothing; losses and duplicates within the order cannot be detected that way, and a loss
+    shifts all later pairs (see `Matching.pairs_known`).
 
     By stamp with a ratio, as of a node that answers a timer or fuses several messages: each group
     of steps expects its outputs, with the stamp of any step of the group. The phase of the timer
@@ -148,7 +166,7 @@ def match(
     step = np.full(monitor.size, NO_MATCH, dtype=np.int64)
     step[rows] = trigger_steps[answer[rows]]
     published_ns = playback["published_ns"][trigger_steps[answered]]
-    early = monitor["received_ns"][first_row[answered]] < published_ns
+    early = monitor["received_ns"][first_row[answered]] < published_ns - CLOCK_ERROR_NS
     return Matching(
         step=step,
         trigger_steps=trigger_steps,
@@ -157,7 +175,9 @@ def match(
         reordered=int(np.count_nonzero(in_order_of_arrival[1:] < highest_before)),
         unmatched=int(monitor.size - rows.size) - surplus,
         early=int(np.count_nonzero(early)),
+        surplus=_surplus(playback, monitor, trigger_steps.size) if by == "order" else 0,
         per_step=ratio.per_step,
+        by_order=by == "order",
     )
 
 
@@ -166,7 +186,8 @@ def _answers_by_order(playback: Rows, monitor: Rows, expected: int) -> NDArray[n
     answer = np.full(monitor.size, NO_MATCH, dtype=np.int64)
     if playback.size:
         # A message still in flight from before must not be taken for the first output.
-        can = np.flatnonzero(monitor["received_ns"] >= playback["published_ns"][0])[:expected]
+        since_ns = playback["published_ns"][0] - CLOCK_ERROR_NS
+        can = np.flatnonzero(monitor["received_ns"] >= since_ns)[:expected]
         answer[can] = np.arange(can.size)
     return answer
 
@@ -217,6 +238,14 @@ def _answers_of_groups(
         later = np.minimum.accumulate(np.where(answered, triggers, steps)[::-1])[::-1]
         triggers = np.maximum.accumulate(np.minimum(triggers, later))
     return answer, triggers, int(rows.size - np.count_nonzero(answer != NO_MATCH))
+
+
+def _surplus(playback: Rows, monitor: Rows, expected: int) -> int:
+    """Messages beyond the expected outputs; those still in flight from before do not count."""
+    if not playback.size:
+        return 0
+    since_ns = playback["published_ns"][0] - CLOCK_ERROR_NS
+    return max(0, int(np.count_nonzero(monitor["received_ns"] >= since_ns)) - expected)
 
 
 def _steps_by_stamp(sent: NDArray[np.int64], received: NDArray[np.int64]) -> NDArray[np.int64]:

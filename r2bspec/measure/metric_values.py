@@ -12,7 +12,8 @@ from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, MonitorSamples, Seg
 def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:
     """The value of a metric in one segment, in its SI unit; None if it is unknown.
 
-    In a live run, every metric that depends on what was sent is unknown.
+    In a live run, every metric that depends on what was sent is unknown. So is the latency where
+    outputs are matched by order and one is missing.
 
     Infinity where a percentile or the maximum of the latency falls on a lost message.
 
@@ -39,7 +40,7 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
 
 def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
     """The value of a metric of scope ``monitor`` for one monitor; see `metric_value`."""
-    if seen.live and not available_live(info):
+    if (seen.live and not available_live(info)) or not seen.knows(info.family):
         return None
     if info.family in seen.times:
         lost = seen.missed if info.family in LOSS_SENSITIVE_FAMILIES else 0

@@ -43,6 +43,9 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
         early: outputs that arrived before their step was published: matching by order has
             gone wrong.
         overdue: of the unmatched, outputs of steps of an earlier segment, which had ended.
+        surplus: matched by order, outputs beyond the expected ones; of the unmatched.
+        untimed: messages of which the middleware gave no time of reception: that of taking is used.
+        unknown_latency: why there is no latency though there are answers; empty if there is one.
         hops: the path of the messages, where it is tapped.
     """
 
@@ -62,6 +65,9 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
     late: int | None = 0
     early: int | None = 0
     overdue: int | None = 0
+    surplus: int | None = 0
+    untimed: int = 0
+    unknown_latency: str = ""
     hops: tuple[HopMetrics, ...] = ()
 
     @property

@@ -29,6 +29,8 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
         ),
         times={
             family: np.concatenate([one.times[family] for one in samples])
+            if all(one.knows(family) for one in samples)
+            else np.empty(0)
             for family in samples[0].times
         },
         sent=total(lambda one: one.sent),
@@ -41,6 +43,9 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
         late=total(lambda one: one.late),
         early=total(lambda one: one.early),
         overdue=total(lambda one: one.overdue),
+        surplus=total(lambda one: one.surplus),
+        by_order=samples[0].by_order,
+        untimed=total(lambda one: one.untimed),
         per_step=samples[0].per_step,
         hops=pool_hops([one.hops for one in samples]),
         live=samples[0].live,

@@ -140,10 +140,13 @@ def _monitor(
 ) -> MonitorSamples:
     """What one monitor received, with the path to it, and overdue outputs of earlier segments."""
     taps = {tap.topic: rows.taps[tap.topic] for tap in monitor.taps}
+    hops = hop_samples(plan, monitor, matched.steps, taps, matched.rows, matched.matching)
+    if not matched.matching.pairs_known:
+        hops = tuple(each for each in hops if each.target != monitor.topic)
     return replace(
         monitor_samples(segment, matched),
         overdue=_overdue(rows, matched) if monitor.match == "stamp" else 0,
-        hops=hop_samples(plan, monitor, matched.steps, taps, matched.rows, matched.matching),
+        hops=hops,
     )
 
 

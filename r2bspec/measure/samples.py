@@ -62,6 +62,10 @@ class MonitorSamples:
             ``expected = answered + missed``.
         received: messages; ``received = answered + duplicates + unmatched``.
         throughput_hz: see `throughput.throughput`.
+        surplus: see `Matching`.
+        by_order: whether outputs are matched by order. If one is then missing, too many or early,
+            the latencies are unknown, and there are none among the times.
+        untimed: messages whose time of reception is that of taking (see `MONITOR_FIELDS`).
         late: outputs that arrived after the sending window had ended.
         early: see `Matching`.
         overdue: of the unmatched, outputs of a step of an earlier segment.
@@ -83,6 +87,9 @@ class MonitorSamples:
     late: int = 0
     early: int = 0
     overdue: int = 0
+    surplus: int = 0
+    by_order: bool = False
+    untimed: int = 0
     per_step: float = 1.0
     hops: tuple[HopSamples, ...] = ()
     live: bool = False
@@ -97,6 +104,15 @@ class MonitorSamples:
         """Expected outputs that never arrived."""
         return self.expected - self.answered
 
+    @property
+    def unknown_latency(self) -> str:
+        """Why the latencies are unknown, as a clause; empty if they are known."""
+        return unknown_latency(self.by_order, self.expected, self.missed, self.surplus, self.early)
+
+    def knows(self, family: str) -> bool:
+        """Whether the times of a family are known."""
+        return family not in LOSS_SENSITIVE_FAMILIES or not self.unknown_latency
+
     def in_order(self, family: str, lost: float) -> Seconds:
         """The times of a family in the order of the steps, `lost` for missed outputs.
 
@@ -107,6 +123,34 @@ class MonitorSamples:
         values = np.full(self.steps.received_ns.size, lost)
         values[self.steps.answered] = self.times[family]
         return values
+
+
+def unknown_latency(by_order: bool, expected: int, missed: int, surplus: int, early: int) -> str:
+    """Why latencies are unknown, as a clause; empty if they are known. See `Matching.pairs_known`.
+
+    Args:
+        by_order: whether outputs are matched by order.
+        expected: expected outputs.
+        missed: how many of them are missing.
+        surplus: outputs beyond them.
+        early: outputs received before their step was published.
+    """
+    if not by_order or not (missed or surplus or early):
+        return ""
+    faults = {
+        f"{missed:,} of {expected:,} are missing": missed,
+        f"{surplus:,} are more than the {expected:,} expected": surplus,
+        f"{early:,} came before their input": early,
+    }
+    found = " and ".join(text for text, count in faults.items() if count)
+    return f"outputs are matched by order, and {found}"
+
+
+def known_latencies(seen: Sequence[MonitorSamples]) -> Seconds:
+    """The latencies of a monitor over several iterations; none if those of one are unknown."""
+    if any(one.unknown_latency for one in seen):
+        return np.empty(0)
+    return np.concatenate([one.times["latency"] for one in seen])
 
 
 @dataclass(frozen=True)
@@ -205,8 +249,10 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
     return MonitorSamples(
         steps=_step_times(playback, monitor, matched),
         times={
-            "latency": latency,
-            "latency_from_due": latencies_from_due(playback, monitor, matched),
+            "latency": latency if matched.pairs_known else np.empty(0),
+            "latency_from_due": latencies_from_due(playback, monitor, matched)
+            if matched.pairs_known
+            else np.empty(0),
             "interval": _intervals_with_edge_gaps(arrived, gaps),
             "jitter": jitter(arrived),
         },
@@ -219,6 +265,9 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
         throughput_hz=rate_hz,
         late=int(np.count_nonzero(arrived > segment.ended_ns)),
         early=matched.early,
+        surplus=matched.surplus,
+        by_order=matched.by_order,
+        untimed=_untimed(monitor),
         per_step=matched.per_step,
     )
 
@@ -280,5 +329,10 @@ def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
         reordered=0,
         unmatched=0,
         throughput_hz=throughput(arrived, segment.began_ns, segment.ended_ns - segment.began_ns),
+        untimed=_untimed(monitor),
         live=True,
     )
+
+
+def _untimed(rows: Rows) -> int:
+    return int(np.count_nonzero(rows["received_ns"] == rows["taken_ns"]))

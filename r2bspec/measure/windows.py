@@ -188,5 +188,6 @@ def _cut_window(
         reordered=0,
         unmatched=0,
         throughput_hz=rate_hz,
+        by_order=seen.by_order,
         per_step=seen.per_step,
     )

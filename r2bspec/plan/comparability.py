@@ -25,6 +25,7 @@ _LOAD_FIELDS: Final = frozenset(
     {
         *("dataset", "datasets", "playback_mode", "buffer", "inputs", "monitors", "play"),
         *("play_at_peak", "timeline", "harness", "search", "warm_up_ns", "transport", "starts"),
+        "unpaired",
     }
 )
 """Fields for the load on the graph, and for its monitoring."""

@@ -102,6 +102,7 @@ def compile_plan(
         play_at_peak=play_at_peak,
         # A search and probes of sustained rates alone are made in one start.
         starts=spec.starts if play or play_at_peak else 1,
+        unpaired=spec.playback.unpaired,
     )
 
 

@@ -368,3 +368,4 @@ class Plan(_Value, frozen=True, kw_only=True):
     segment_bytes: int = 0
     play_at_peak: PlayPlan | None = None
     starts: int = 1
+    unpaired: Literal["refuse", "drop"] = "refuse"

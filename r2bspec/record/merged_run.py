@@ -121,6 +121,7 @@ def merge_runs(
         silences=tuple(each for record in records for each in record.silences),
         differences=records[0].differences if records else (),
         left_out=tuple(dict.fromkeys(each for record in records for each in record.left_out)),
+        unplayed=tuple(dict.fromkeys(each for record in records for each in record.unplayed)),
     )
     return MergedRun(folder=folder, record=merged, plan=plan, runs=tuple(runs), spec=spec)
 

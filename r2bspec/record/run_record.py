@@ -41,7 +41,7 @@ MONITOR_FIELDS = (
 )
 """One row per received message, in order of arrival: its header stamp (0 if the type has none), the
 times at which the middleware received it and at which the monitor took it, and its serialised
-size."""
+size. Both times are equal where the middleware gives no time of reception."""
 
 RESOURCE_FIELDS = (
     ("time_ns", "<i8"),
@@ -236,13 +236,69 @@ class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     `segment` is the one in which this was detected; afterwards some steps were played while the
     messages of every topic were counted. `reason` is the first fault on the path; `way` has the
-    publishers, the subscriptions and the number of messages of each topic of the path.
+    publishers, the subscriptions and the number of messages of each topic of the path. `late` is
+    the number of missing outputs that came meanwhile; matched by order, these are not recognised.
     """
 
     segment: str
     topic: str
     reason: str
     way: tuple[str, ...]
+    late: int = 0
+
+
+UNPAIRED_HELP = (
+    "play them with 'mode: timeline', or in specs of their own; 'unpaired: drop' in 'playback' "
+    "agrees to play the rest alone"
+)
+_WARNING_SHARE = 0.05
+_ERROR_SHARE = 0.5
+
+
+class UnplayedMessages(msgspec.Struct, frozen=True, kw_only=True):
+    """Messages of an input that were not played.
+
+    Attributes:
+        topic: the input, by its full name.
+        count: how many of the `total` messages were not played.
+        cause: they have no ``partner``, a message of the same stamp in all other inputs; or, in a
+            timeline, no message of the ``recording`` has their stamp, so that their time is
+            unknown.
+        agreed: whether the spec agrees to it (``playback.unpaired: drop``).
+        at_least: whether there may be more.
+    """
+
+    topic: str
+    count: int
+    total: int
+    cause: Literal["partner", "recording"] = "partner"
+    agreed: bool = False
+    at_least: bool = False
+
+    @property
+    def clause(self) -> str:
+        """What they lack, without a full stop."""
+        lack = {
+            "partner": "have no partner of the same stamp",
+            "recording": "have a stamp that no recorded message has",
+        }[self.cause]
+        about = "at least " if self.at_least else ""
+        return f"{about}{self.count:,} of {self.total:,} messages of {self.topic} {lack}"
+
+    @property
+    def text(self) -> str:
+        """The same with the consequence, without a full stop."""
+        return f"{self.clause} and were not played"
+
+    @property
+    def is_warning(self) -> bool:
+        """Whether so many are missing that a verdict says so; not if the spec agrees."""
+        return not self.agreed and self.count > _WARNING_SHARE * self.total
+
+    @property
+    def is_most(self) -> bool:
+        """Whether most are missing."""
+        return self.count > _ERROR_SHARE * self.total
 
 
 class Difference(msgspec.Struct, frozen=True, kw_only=True):
@@ -314,8 +370,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     is empty if nothing is played, or if its measurement would have affected the graph.
     `confirmation` is the confirmation run, if there was one. `silences` are outputs that stopped,
     `differences` those between the running graph and the spec. `left_out` has one sentence for
-    each optional part that was not played, with the reason. `starts` are those whose graph was
-    warmed up; empty in records of versions that did not state them, which had one start.
+    each optional part that was not played, with the reason; `unplayed` has the messages of inputs
+    that were not. `starts` are those whose graph was warmed up; empty in records of versions that
+    did not state them, which had one start.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -339,3 +396,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     differences: tuple[Difference, ...] = ()
     left_out: tuple[str, ...] = ()
     starts: tuple[StartRecord, ...] = ()
+    unplayed: tuple[UnplayedMessages, ...] = ()

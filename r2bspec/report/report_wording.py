@@ -10,6 +10,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration, OverallOutcome, RequirementVerdict, Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
+from r2bspec.middleware.rmw_registry import middleware_named
 from r2bspec.record.run_record import Probe, SearchRecord, StartRecord
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
@@ -192,8 +193,10 @@ def notes(result: Result) -> Iterator[str]:
             yield f"{difference.code}: {difference.message}; {difference.help}"
     yield from (f"{each[:1].upper()}{each[1:]}" for each in _of_pairs(result))
     yield from affected_iteration_notes(result.verdict.disturbed)
+    yield from unplayed_notes(result)
     yield from result.left_out
     yield from _live_notes(result)
+    yield from _reception_notes(result)
     yield from _message_anomalies(result)
     # Each start has a process of the name; that all end in one way is one note.
     yield from dict.fromkeys(_exit_notes(result))
@@ -206,6 +209,13 @@ def _exit_notes(result: Result) -> Iterator[str]:
             if process.exit_code is not None and process.exit_code < 0:
                 ended = f"signal {-process.exit_code}"
             yield f"Process {process.name} ended with {ended}"
+
+
+def unplayed_notes(result: Result) -> Iterator[str]:
+    """The messages of inputs that were not played, a sentence for each input."""
+    for one in result.unplayed:
+        agreed = ", as 'playback.unpaired' allows" if one.agreed else ""
+        yield f"{'Warning: ' if one.is_warning else ''}{one.text}{agreed}"
 
 
 def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
@@ -245,6 +255,23 @@ def _live_notes(result: Result) -> Iterator[str]:
                 )
 
 
+def _reception_notes(result: Result) -> Iterator[str]:
+    """What latencies include because the middleware does not say when messages were received."""
+    rmw = loaded_rmw(result)
+    seen = [each for rate in result.metrics.rates for each in rate.pooled.monitors.values()]
+    received, untimed = sum(each.received for each in seen), sum(each.untimed for each in seen)
+    if 2 * untimed > received:
+        what = "gives no times of reception"
+    elif rmw and received and middleware_named(rmw).stamps_when_taken:
+        what = "stamps messages when they are taken, not when they are received"
+    else:
+        return
+    yield (
+        f"{rmw or 'The middleware'} {what}: all latencies include the time until the monitor takes "
+        "a message, and do not compare with those of other middlewares"
+    )
+
+
 def _message_anomalies(result: Result) -> Iterator[str]:
     """Messages that did not arrive exactly once, in order, and in response to an input."""
     for rate in result.metrics.rates:
@@ -252,6 +279,8 @@ def _message_anomalies(result: Result) -> Iterator[str]:
             where = f"{name} {at_rate(rate.offered_hz, rate.pace)}"
             if not seen.received:
                 yield f"{where} received nothing"
+            elif seen.unknown_latency:
+                yield f"{where}: the latency is unknown: {seen.unknown_latency}"
             if seen.expected != seen.sent:
                 inputs, outputs = show(seen.sent, "count"), show(seen.expected, "count")
                 yield f"{where}: {inputs} inputs, {outputs} outputs expected"

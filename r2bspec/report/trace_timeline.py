@@ -55,10 +55,12 @@ def phases(run: Run) -> list[tuple[str, int, int]]:
 
 
 def expected_answers(run: Run, monitor: str) -> Iterator[ExpectedAnswer]:
-    """Every expected output of every segment, in the order of playing."""
+    """Every expected output, in the order of playing, of the segments where pairs are known."""
     (plan,) = (each for each in run.plan.monitors if each.name == monitor)
     for segment in run.record.segments:
         playback, rows, matched = match_segment(run, segment, plan)
+        if not matched.pairs_known:
+            continue
         for step, row in zip(
             matched.trigger_steps.tolist(), matched.first_row.tolist(), strict=True
         ):

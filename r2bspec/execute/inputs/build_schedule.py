@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
-from r2bspec.execute.errors import RunError
+from r2bspec.execute.errors import RunError, UnpairedInputError
 from r2bspec.execute.inputs.align_by_stamp import align, playback_order
 from r2bspec.execute.inputs.recorded_rate import place_between
 from r2bspec.execute.inputs.timeline import make_timeline, times_by_stamp
@@ -21,11 +22,12 @@ from r2bspec.ipc.schedule import BetweenMessage, CyclicSchedule, Schedule, Timel
 from r2bspec.ipc.transform_stamps import TF
 from r2bspec.measure.expected_steps import input_mask
 from r2bspec.plan.plan import InputPlan, Plan
+from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages
 
 
 def build_schedule(
     plan: Plan, folder: Path, headers: Mapping[str, bool], note: Callable[[str], None]
-) -> Schedule:
+) -> tuple[Schedule, tuple[UnplayedMessages, ...]]:
     """Build the schedule of a plan with playback.
 
     Args:
@@ -34,8 +36,12 @@ def build_schedule(
         headers: for each input, whether its type begins with a header.
         note: receives a note about messages that are left out.
 
+    Returns:
+        The schedule, and what of the inputs it leaves out.
+
     Raises:
         RunError: an input has no messages, or none that can be scheduled.
+        UnpairedInputError: most messages of an input have no partner, and the plan refuses that.
     """
     found = [_load_index(folder, each.source, headers[each.topic]) for each in plan.inputs]
     types = {each.source: headers[each.topic] for each in plan.inputs if each.bag_topic}
@@ -48,14 +54,40 @@ def build_schedule(
     if plan.timeline is None:
         return _cyclic_schedule(plan, pairs, sources, transforms, note)
     timeline, unknown = make_timeline(pairs, sources, plan.timeline, plan.buffer, transforms)
-    for topic, count in unknown.items():
-        note(f"{topic}: left out {count} messages whose stamp no recorded message has")
+    unplayed = _unplayed(pairs, unknown, "recording")
+    _note_unplayed(unplayed, note)
     _check_every_monitor_has_steps(plan, timeline)
     note(
         f"one round of the timeline has {len(timeline.steps)} steps and takes "
         f"{timeline.period_ns / 1e9:.4g} s"
     )
-    return timeline
+    return timeline, unplayed
+
+
+def _unplayed(
+    pairs: Sequence[tuple[InputPlan, BufferIndex]],
+    left_out: Mapping[str, int],
+    cause: Literal["partner", "recording"],
+    *,
+    agreed: bool = False,
+) -> tuple[UnplayedMessages, ...]:
+    """The messages that are left out, by input; `left_out` counts them by buffer."""
+    return tuple(
+        UnplayedMessages(
+            topic=each.topic,
+            count=left_out[index.topic],
+            total=len(index.sizes),
+            cause=cause,
+            agreed=agreed,
+        )
+        for each, index in pairs
+        if index.topic in left_out
+    )
+
+
+def _note_unplayed(unplayed: Sequence[UnplayedMessages], note: Callable[[str], None]) -> None:
+    for each in unplayed:
+        note(each.text.replace("were not played", "are not played"))
 
 
 def _cyclic_schedule(
@@ -64,15 +96,25 @@ def _cyclic_schedule(
     sources: list[BufferIndex],
     transforms: BufferIndex | None,
     note: Callable[[str], None],
-) -> CyclicSchedule:
+) -> tuple[CyclicSchedule, tuple[UnplayedMessages, ...]]:
+    """The schedule of a plan without times.
+
+    Raises:
+        UnpairedInputError: most messages of an input have no partner, and the spec does not agree.
+    """
     columns = [number for number, (each, _) in enumerate(pairs) if not each.recorded_rate]
     aligned = align(
         [pairs[number][1] for number in columns],
         plan.buffer,
         [pairs[number][0].slop_ns for number in columns],
     )
-    for topic, count in aligned.unpaired.items():
-        note(f"{topic}: left out {count} messages whose stamp is not in all inputs")
+    unplayed = _unplayed(pairs, aligned.unpaired, "partner", agreed=plan.unpaired == "drop")
+    _note_unplayed(unplayed, note)
+    refused = [each for each in unplayed if each.is_most and not each.agreed]
+    if refused:
+        raise UnpairedInputError(
+            "; ".join(each.clause for each in refused), hint=UNPAIRED_HELP, code="R2B415"
+        )
     steps = playback_order(aligned.steps, plan.playback_mode)
     timed = [_with_recorded_times(each, index, sources) for each, index in pairs]
     of_steps = [timed[number] for number in columns]
@@ -82,13 +124,15 @@ def _cyclic_schedule(
             placed = place_between(number, timed[number], steps, of_steps)
             note(f"{each.topic}: {len(placed)} messages between the {len(steps)} steps of a round")
             between += placed
-    return CyclicSchedule(
+    placed_transforms = () if transforms is None else place_transforms(transforms, steps, of_steps)
+    schedule = CyclicSchedule(
         steps=steps,
-        transforms=place_transforms(transforms, steps, of_steps) if transforms is not None else (),
+        transforms=placed_transforms,
         columns=tuple(columns) if between else (),
         between=tuple(between),
         stamp_offsets_ns=playback_order(aligned.stamp_offsets_ns, plan.playback_mode),
     )
+    return schedule, unplayed
 
 
 def _with_recorded_times(

@@ -117,6 +117,7 @@ class SegmentPlayer:
         self._initial_count = self._playback.count()
         self._next_rows: dict[str, int] = {}
         self._stopped_outputs: set[str] = set()
+        self._reported_outputs: set[str] = set()
         self.on_output_stopped: Callable[[Segment, MonitorPlan], None] = lambda _, __: None
         self._folder = folder
         self._progress = progress
@@ -167,23 +168,34 @@ class SegmentPlayer:
         command = protocol.Play(rate_hz=rate_hz, steps=steps)
         self._supervisor.request(self._player, command, protocol.Played, timeout_s)
 
-    def discard_new_rows(self) -> None:
-        """Discard the messages that have arrived since the last segment."""
+    def discard_new_rows(self) -> dict[str, int]:
+        """Discard the messages that have arrived since the last segment.
+
+        Returns:
+            For each monitor, how many of them are late: outputs of steps of earlier segments.
+        """
+        earlier = self._earlier_stamps()
+        late = {}
+        for name, rows in self._monitors.items():
+            stamps = np.unique(rows.read(self._next_rows.get(name, 0))["stamp_ns"])
+            late[name] = int(np.count_nonzero(np.isin(stamps, earlier)))
         self._next_rows = self._counts() | {name: rows.count() for name, rows in self._taps.items()}
+        return late
 
     def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
-        """Report outputs that have stopped, each once."""
+        """Report outputs that have stopped, each once; those that go on are waited for again."""
         for plan in self._plan.monitors:
-            if (
-                kind == "warm_up"
-                or plan.name in self._stopped_outputs
-                or not observation.playback.size
-            ):
+            if kind == "warm_up" or not observation.playback.size:
                 continue
             matched = observation.matched(plan.name)
-            if output_stopped(matched.steps, matched.rows, matched.matching):
+            if plan.name in self._stopped_outputs:
+                if matched.matching.answered.any():
+                    self._stopped_outputs.remove(plan.name)
+            elif output_stopped(matched.steps, matched.rows, matched.matching):
                 self._stopped_outputs.add(plan.name)
-                self.on_output_stopped(self.segments[-1], plan)
+                if plan.name not in self._reported_outputs:
+                    self._reported_outputs.add(plan.name)
+                    self.on_output_stopped(self.segments[-1], plan)
 
     def play_for(
         self, heading: SegmentHeading, rate_hz: float, duration_ns: int, min_steps: int = 2

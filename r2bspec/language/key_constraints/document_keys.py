@@ -85,7 +85,7 @@ def _playback(root: TreeNode) -> Iterator[Diagnostic]:
             if isinstance(root, MapNode) and key in root.entries:
                 message = f"'{key}' has no effect: a live benchmark plays nothing"
                 yield _at_key(root, (), key, message, f"remove '{key}', or change playback.mode")
-        for key in ("inputs", "buffer"):
+        for key in ("inputs", "buffer", "unpaired"):
             if key in playback.entries:
                 message = f"'playback.{key}' has no effect: a live benchmark plays nothing"
                 help_text = f"remove '{key}', or change playback.mode"
@@ -96,6 +96,10 @@ def _playback(root: TreeNode) -> Iterator[Diagnostic]:
                 message = f"'playback.{key}' has no effect with mode {mode}"
                 help_text = f"remove it, or write 'mode: timeline' instead of '{mode}'"
                 yield _at_key(playback, ("playback",), key, message, help_text)
+    elif mode == "timeline" and "unpaired" in playback.entries:
+        message = "'playback.unpaired' has no effect with mode timeline"
+        help_text = "remove it: a timeline plays messages without a partner, too"
+        yield _at_key(playback, ("playback",), "unpaired", message, help_text)
     yield from _recorded_rates(playback, mode)
     yield from _translations(playback)
 

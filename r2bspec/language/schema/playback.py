@@ -97,6 +97,13 @@ PLAYBACK: Schema = record(
                 }
             ],
         ),
+        "unpaired": choice(
+            "Messages without a partner of the same stamp in all other inputs are not played. "
+            "refuse warns above 5 % of the messages of an input, and stops above 50 %; drop agrees "
+            "to any number.",
+            ["refuse", "drop"],
+            "refuse",
+        ),
         "timeline": record(
             "With mode timeline: how recorded times are converted to times of playing.",
             {

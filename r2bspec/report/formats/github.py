@@ -14,7 +14,12 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.units import at_rate
-from r2bspec.report.report_wording import requirement_text, sentences, several_monitors
+from r2bspec.report.report_wording import (
+    requirement_text,
+    sentences,
+    several_monitors,
+    unplayed_notes,
+)
 from r2bspec.report.requirement_locations import RequirementLocations, read_requirement_locations
 
 MAX_ANNOTATIONS = 9
@@ -41,6 +46,12 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     kind = {"pass": "notice", "inconclusive": "warning"}.get(verdict.outcome, "error")
     title = f"{report_input.result.name}: {verdict.outcome}"
     yield command(kind, title, verdict.reason, {"file": file} if file else {})
+    for one_input, text in zip(
+        report_input.result.unplayed, unplayed_notes(report_input.result), strict=True
+    ):
+        shown = "warning" if one_input.is_warning else "notice"
+        where = {"file": file} if file else {}
+        yield command(shown, f"{report_input.result.name}: {one_input.topic}", text, where)
     several = several_monitors(verdict)
     annotated = [
         one for outcome in _COMMANDS for one in verdict.requirements if one.outcome == outcome

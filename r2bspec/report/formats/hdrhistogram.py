@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.measure.percentiles import rank
+from r2bspec.measure.samples import known_latencies
 from r2bspec.report.errors import ReportError
 
 _TICKS_PER_HALF = 5
@@ -51,7 +52,7 @@ def _values(report_input: ReportInput) -> tuple[NDArray[np.float64], int | None]
     ((rate, monitor),) = found
     seen = [one.monitors[monitor] for one in samples.iterations[rate]]
     lost = None if seen[0].live else sum(one.missed for one in seen)
-    return np.concatenate([one.times["latency"] for one in seen]), lost
+    return known_latencies(seen), lost
 
 
 def _lines(values: NDArray[np.float64], lost: int | None) -> Iterator[str]:

@@ -143,6 +143,8 @@ class _MonitorFigures:
             seen = cls(None, np.sort(monitor["received_ns"]), 0)
         else:
             seen = cls(playback["published_ns"], arrivals(monitor, matched), matched.missed)
+        if not matched.pairs_known:
+            return seen
         answered = matched.answered
         received = monitor["received_ns"][matched.first_row[answered]]
         seen.latency = (received - playback["published_ns"][matched.trigger_steps[answered]]) / 1e6

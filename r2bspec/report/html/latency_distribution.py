@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from r2bspec.measure.metrics import pace_of
-from r2bspec.measure.samples import RunSamples
+from r2bspec.measure.samples import RunSamples, known_latencies
 from r2bspec.measure.units import show_rate
 from r2bspec.report.html.canvas import Chart, ChartBuilder, colour, draw
 
@@ -32,7 +32,7 @@ def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSample
         for number, rate in enumerate(rates):
             for run, style, side in ((samples, "-", "this run"), (baseline, "--", "baseline")):
                 seen = [one.monitors[monitor] for one in run.iterations[rate]]
-                values = np.sort(np.concatenate([one.times["latency"] for one in seen]))
+                values = np.sort(known_latencies(seen))
                 total = values.size + sum(one.missed for one in seen)
                 if not values.size:
                     continue

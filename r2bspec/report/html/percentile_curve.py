@@ -11,7 +11,7 @@ from r2bspec.diagnostics.quote import printable
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.measure.distribution_parts import quantile
 from r2bspec.measure.metrics import pace_of
-from r2bspec.measure.samples import RunSamples, SegmentSamples
+from r2bspec.measure.samples import RunSamples, SegmentSamples, known_latencies
 from r2bspec.measure.units import at_rate, show, show_rate
 from r2bspec.report.html.canvas import (
     OUTCOME_COLOURS,
@@ -73,7 +73,7 @@ def _pooled(
 ) -> tuple[NDArray[np.float64], int]:
     """All latencies at a rate in ascending order, and how many messages were lost."""
     seen = [one.monitors[monitor] for one in iterations]
-    values = np.sort(np.concatenate([one.times["latency"] for one in seen]))
+    values = np.sort(known_latencies(seen))
     return values, sum(one.missed for one in seen)
 
 

@@ -16,9 +16,11 @@ StepLatencies = NDArray[np.float64]
 
 
 def step_latencies(run: Run, segment: Segment, monitor: str) -> StepLatencies:
-    """The latencies of the expected outputs of one segment at one monitor."""
+    """The latencies of the expected outputs of one segment at one monitor; none if unknown."""
     (plan,) = (each for each in run.plan.monitors if each.name == monitor)
     playback, rows, matched = match_segment(run, segment, plan)
+    if not matched.pairs_known:
+        return np.empty(0)
     found = np.full(matched.trigger_steps.size, np.nan)
     answered = matched.answered
     received = rows["received_ns"][matched.first_row[answered]]

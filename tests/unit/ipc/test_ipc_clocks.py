@@ -51,6 +51,12 @@ def test_an_arrival_is_brought_to_the_monotonic_clock(world: World) -> None:
     assert (world.clocks.steps, world.clocks.total_step_ns) == (0, 0)
 
 
+def test_without_a_time_of_arrival_that_of_taking_is_used(world: World) -> None:
+    arrived, taken = world.clocks.arrival(0)
+    assert arrived == taken
+    assert 0 <= world.now - taken <= 4 * world.reading
+
+
 @pytest.mark.parametrize("step", [-HOUR, -50 * MS, 50 * MS, HOUR, 24 * 365 * HOUR])
 def test_a_step_between_arrival_and_taking_moves_no_arrival(world: World, step: int) -> None:
     world.now += 20 * MS

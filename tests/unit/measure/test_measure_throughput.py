@@ -83,7 +83,7 @@ def test_a_last_burst_that_never_comes_is_missing(tmp_path: Path) -> None:
 
 def test_a_graph_slower_than_its_input_has_its_own_rate(tmp_path: Path) -> None:
     # 20 Hz of 30, from a queue without an end: all are answered, half of them after the window.
-    latency = 0.05 + np.arange(300) * (1 / 20 - 1 / 30)
+    latency = np.linspace(0.05, 0.05 + 299 * (1 / 20 - 1 / 30), 300)
     assert measured(tmp_path, 30.0, latency).throughput_hz == pytest.approx(20, rel=0.005)
 
 

@@ -1,0 +1,106 @@
+"""Messages without a partner of the same stamp are found before a run, where the bag tells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from check_specs import codes, findings
+
+from r2bspec.check.example_spec import example
+from r2bspec.check.rules import input_messages_unpaired
+from ros_runs import write_bag
+
+IMAGE = "sensor_msgs/msg/Image"
+LEFT_MS = [33 * number for number in range(60)]
+
+
+def stereo(
+    tmp_path: Path, right_ms: Iterable[int], playback: str = "", window: str = "{}"
+) -> tuple[str, str]:
+    """A spec that plays both cameras of a bag to one node, and its file."""
+    write_bag(tmp_path / "bag", {"/left": LEFT_MS, "/right": [*right_ms]})
+    text = example(
+        data_loader=f"""
+            bag: ./bag
+            window: {window}
+            topics: {{/left: recorded/left, /right: recorded/right}}
+        """,
+        playback=f"""
+            {playback or "mode: looping"}
+            inputs:
+              left: {{from: recorded/left, format: {IMAGE}}}
+              right: {{from: recorded/right, format: {IMAGE}}}
+        """,
+        graph=f"""
+            nodes:
+              matcher:
+                command: [sh, ./match.sh]
+                subscribes: {{left: {IMAGE}, right: {IMAGE}}}
+                publishes: {{output: {IMAGE}}}
+        """,
+    )
+    return text, str(tmp_path / "spec.r2b.yaml")
+
+
+def shifted(equal: int, total: int) -> list[int]:
+    """Stamps of which the first ones are those of the left camera, and the others are near them."""
+    return [stamp + (number >= equal) * 3 for number, stamp in enumerate(LEFT_MS[:total])]
+
+
+def test_cameras_that_are_not_synchronised_are_an_error(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(3, 56))
+    left, right = findings(text, file=file)
+    assert (left.code, right.code) == ("R2B415", "R2B415")
+    assert (left.severity, right.severity) == ("error", "error")
+    assert left.message == "57 of 60 messages of /r2b/left have no partner of the same stamp"
+    assert right.message == "53 of 56 messages of /r2b/right have no partner of the same stamp"
+    assert "mode: timeline" in right.help
+    assert "unpaired: drop" in right.help
+
+
+@pytest.mark.parametrize(
+    ("paired", "severities"),
+    [(60, []), (57, []), (56, ["warning"] * 2), (30, ["warning"] * 2), (29, ["error"] * 2)],
+)
+def test_above_5_percent_it_is_a_warning_and_above_50_an_error(
+    tmp_path: Path, paired: int, severities: list[str]
+) -> None:
+    text, file = stereo(tmp_path, shifted(paired, 60))
+    assert [each.severity.value for each in findings(text, file=file)] == severities
+
+
+def test_only_the_window_counts(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(30, 60), window="{end: 900 ms}")
+    assert codes(text, file=file) == []
+
+
+def test_the_spec_can_agree(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(3, 56), "unpaired: drop")
+    assert codes(text, file=file) == []
+
+
+def test_a_timeline_plays_everything(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(3, 56), "mode: timeline")
+    assert "R2B415" not in codes(text, file=file)
+    text, file = stereo(
+        tmp_path / "both", shifted(3, 56), "mode: timeline\n            unpaired: drop"
+    )
+    assert "R2B119" in codes(text, file=file)
+
+
+def test_stamps_of_large_bags_are_not_read_but_messages_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(input_messages_unpaired, "_MAX_READ_BYTES", 0)
+    text, file = stereo(tmp_path, shifted(3, 20))
+    (left,) = findings(text, file=file)
+    assert left.message == (
+        "at least 40 of 60 messages of /r2b/left have no partner of the same stamp"
+    )
+
+
+def test_without_the_bag_nothing_is_said(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(3, 56))
+    assert [each.code for each in findings(text, file=file, offline=True)] == []

@@ -1,0 +1,259 @@
+"""What cannot be is INVALID with a sentence that says what, and what is unknown is not judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.judge_run import result_of
+from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.playback_validity import lateness_limit_s
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import Verdict
+from r2bspec.measure.compute_metrics import summarise
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.plan.plan import Plan
+from r2bspec.record.run_folder import Run, RunFolder, open_run
+from r2bspec.record.sample_arrays import Rows
+from r2bspec.report.format_registry import FORMATS, renderer
+from r2bspec.report.report_wording import notes
+from r2bspec.report.terminal import to_text
+from r2bspec.report.trace_timeline import expected_answers
+from run_simulation import Played, Simulation, objective
+
+STEPS = 300
+
+
+@dataclass(frozen=True)
+class Ratioed(Simulation):
+    """A simulation with a ratio at its monitors."""
+
+    inputs: int = 1
+    outputs: int = 1
+
+    def plan(self) -> Plan:
+        plan = super().plan()
+        monitors = tuple(
+            msgspec.structs.replace(each, ratio_inputs=self.inputs, ratio_outputs=self.outputs)
+            for each in plan.monitors
+        )
+        return msgspec.structs.replace(plan, monitors=monitors)
+
+
+def by_order(*required: str, latency: NDArray[np.float64], iterations: int = 3) -> Ratioed:
+    return Ratioed(
+        segments=[Played(30, latency)] * iterations,
+        objectives={"all": objective(*required)},
+        match="order",
+    )
+
+
+def rewrite(run: Run, change: Callable[[Rows, Rows], Rows]) -> Run:
+    """The run with other rows of its monitor, given those of playback and monitor."""
+    folder = RunFolder(run.folder)
+    for segment in run.record.segments:
+        rows = change(run.playback(segment), run.monitor(segment, "detections"))
+        folder.write_monitor(segment.id, "detections", rows)
+    return open_run(run.folder)
+
+
+def verdict_of(run: Run) -> Verdict:
+    return judge(run.plan.objectives, read_samples(run))
+
+
+def doubled_and_dropped(_: Rows, rows: Rows) -> Rows:
+    """Every second step answered twice, the others not at all."""
+    return np.sort(np.concatenate((rows[::2], rows[::2])), order="received_ns")
+
+
+def earlier(by_s: float, share: float = 1.0) -> Callable[[Rows, Rows], Rows]:
+    def change(_: Rows, rows: Rows) -> Rows:
+        changed = rows.copy()
+        changed["received_ns"][: round(share * rows.size)] -= round(by_s * 1e9)
+        return np.sort(changed, order="received_ns")
+
+    return change
+
+
+def test_answers_before_their_question_are_invalid(tmp_path: Path) -> None:
+    run = Simulation(
+        segments=[Played(30, np.full(STEPS, 0.02))] * 3,
+        objectives={"all": objective("latency.p99 < 50 ms", "drop_rate <= 1 %")},
+    ).write(tmp_path / "run")
+    found = verdict_of(rewrite(run, earlier(0.12)))
+    assert (found.outcome, found.exit_code) == ("invalid", 4)
+    assert "900 of 900 outputs were received before their input was published" in found.reason
+    assert "impossible" in found.reason
+    assert {one.outcome for one in found.requirements} == {"inconclusive"}
+    assert all("stamp of their input" in one.settle for one in found.requirements)
+
+
+@pytest.mark.parametrize(("share", "outcome"), [(0.009, "pass"), (0.02, "invalid")])
+def test_one_in_a_hundred_may_be_early(tmp_path: Path, share: float, outcome: str) -> None:
+    run = Simulation(
+        segments=[Played(30, np.full(1000, 0.02))],
+        objectives={"all": objective("drop_rate <= 1 %")},
+    ).write(tmp_path / "run")
+    assert verdict_of(rewrite(run, earlier(0.12, share))).outcome == outcome
+
+
+def test_two_clocks_may_be_a_little_apart(tmp_path: Path) -> None:
+    run = Simulation(
+        segments=[Played(30, np.full(STEPS, 0.02))] * 3,
+        objectives={"all": objective("latency.p99 < 50 ms")},
+    ).write(tmp_path / "run")
+    assert verdict_of(rewrite(run, earlier(0.02005))).outcome == "pass"
+
+
+def test_by_order_a_node_that_drops_half_and_doubles_the_rest_is_invalid(tmp_path: Path) -> None:
+    required = "drop_rate <= 1 %", "latency.p99 < 50 ms"
+    run = by_order(*required, latency=np.full(STEPS, 0.005)).write(tmp_path / "run")
+    found = verdict_of(rewrite(run, doubled_and_dropped))
+    assert found.outcome == "invalid"
+    assert "450 of 900 outputs were received before their input" in found.reason
+    assert "they answer other inputs" in found.reason
+
+
+def test_by_order_more_outputs_than_the_ratio_allows_are_invalid(tmp_path: Path) -> None:
+    run = by_order("drop_rate <= 1 %", latency=np.full(STEPS, 0.005)).write(tmp_path / "run")
+    twice = rewrite(run, lambda _, rows: np.sort(np.repeat(rows, 2), order="received_ns"))
+    found = verdict_of(twice)
+    assert found.outcome == "invalid"
+    assert "received 1,800 outputs for 900 inputs" in found.reason
+    assert "its ratio allows 900" in found.reason
+    assert "Set the ratio of the monitor" in found.requirements[0].settle
+
+
+def test_a_ratio_that_fits_is_valid(tmp_path: Path) -> None:
+    spec = by_order("drop_rate <= 1 %", latency=np.full(STEPS, 0.005))
+    run = replace(spec, outputs=2).write(tmp_path / "run")
+    twice = rewrite(run, lambda _, rows: np.sort(np.repeat(rows, 2), order="received_ns"))
+    assert verdict_of(twice).outcome == "pass"
+
+
+def lossy(lost: int) -> NDArray[np.float64]:
+    latency = np.full(STEPS, 0.015)
+    latency[100 : 100 + lost] = np.nan
+    return latency
+
+
+@pytest.mark.parametrize("metric", ["latency.p50", "latency.mean", "latency_from_due.p99"])
+def test_by_order_one_lost_message_makes_the_latency_unknown(tmp_path: Path, metric: str) -> None:
+    run = by_order(f"{metric} < 1 s", "drop_rate <= 5 %", latency=lossy(1)).write(tmp_path / "run")
+    latency, drops = verdict_of(run).requirements
+    assert latency.outcome == "inconclusive"
+    assert "unknown: outputs are matched by order, and 3 of 900 are missing" in latency.reason
+    assert "Match by stamp" in latency.settle
+    assert drops.outcome == "pass"
+    assert drops.notes == (
+        "Outputs are matched by order: a lost one and another that came twice cancel out.",
+    )
+
+
+@pytest.mark.parametrize(
+    "required", ["latency.max < 1 s", "latency.p50 < 1 s in 90 % of 1 s windows"]
+)
+def test_nor_do_other_methods_judge_an_unknown_latency(tmp_path: Path, required: str) -> None:
+    run = by_order(required, latency=lossy(1)).write(tmp_path / "run")
+    assert [one.outcome for one in verdict_of(run).requirements] == ["inconclusive"]
+
+
+def test_by_order_without_losses_the_latency_is_known(tmp_path: Path) -> None:
+    run = by_order("latency.p50 < 50 ms", latency=lossy(0)).write(tmp_path / "run")
+    assert verdict_of(run).outcome == "pass"
+
+
+def test_an_unknown_latency_is_in_no_report(tmp_path: Path) -> None:
+    latencies = lossy(1)
+    run = Ratioed(
+        segments=[Played(30, lossy(0)), Played(30, latencies)],
+        objectives={"all": objective("drop_rate <= 5 %")},
+        match="order",
+    ).write(tmp_path / "run")
+    (rate,) = summarise(read_samples(run)).rates
+    first, second = (one.monitors["detections"] for one in rate.iterations)
+    assert first.latency.p50 == pytest.approx(0.015)
+    assert (second.latency.n, second.latency.p50, second.latency_from_due.max) == (0, None, None)
+    assert second.unknown_latency
+    assert rate.pooled.monitors["detections"].latency.n == 0
+    assert rate.pooled.monitors["detections"].interval.n > 0
+    result = result_of(run)
+    assert "the latency is unknown: outputs are matched by order, and 1 of 600" in " ".join(
+        notes(result)
+    )
+    reported = ReportInput(result=result, run=run)
+    for name in FORMATS:
+        assert renderer(name)(reported)
+    traced = renderer("trace")(reported)
+    assert b"iteration-001" in traced
+    answers = [one.segment.id for one in expected_answers(run, "detections")]
+    assert set(answers) == {"iteration-001"}
+
+
+def test_late_publications_at_high_rates_are_bursts() -> None:
+    assert lateness_limit_s(30) == pytest.approx(0.5 / 30)
+    assert lateness_limit_s(100) == pytest.approx(0.005)
+    assert lateness_limit_s(200) == pytest.approx(0.005)
+    assert lateness_limit_s(1000) == pytest.approx(0.0015)
+    assert lateness_limit_s(0) == pytest.approx(0.005)
+    for rate_hz in range(1, 5000):
+        # Two whole periods are too late at every rate, and what half a period is never is.
+        assert 0.5 / rate_hz <= lateness_limit_s(rate_hz) < 2 / rate_hz
+
+
+@pytest.mark.parametrize(("periods", "usable"), [(1.4, True), (1.6, False)])
+def test_two_periods_of_lateness_at_1_khz_are_invalid(
+    tmp_path: Path, periods: float, usable: bool
+) -> None:
+    late = np.full(2000, periods / 1000)
+    run = Simulation(
+        segments=[Played(1000, np.full(2000, 1e-3), late=late)],
+        objectives={"all": objective("latency.p50 < 60 ms", at="1 kHz")},
+    ).write(tmp_path / "run")
+    found = verdict_of(run)
+    assert (found.outcome == "pass") == usable
+    assert usable or "began over 1.5 ms after they were due" in found.reason
+
+
+def reported(tmp_path: Path, rmw: str, *, untimed: bool) -> Result:
+    run = Simulation(
+        segments=[Played(30, np.full(30, 0.02))], objectives={"all": objective("missed == 0")}
+    ).write(tmp_path / "run")
+    if untimed:
+
+        def as_taken(_: Rows, rows: Rows) -> Rows:
+            rows = rows.copy()
+            rows["received_ns"] = rows["taken_ns"]
+            return rows
+
+        run = rewrite(run, as_taken)
+    return msgspec.structs.replace(result_of(run), versions={"rmw": rmw})
+
+
+@pytest.mark.parametrize(
+    ("rmw", "untimed", "words"),
+    [
+        ("rmw_of_nobody", True, "rmw_of_nobody gives no times of reception"),
+        ("rmw_fastrtps_cpp", True, "rmw_fastrtps_cpp gives no times of reception"),
+        ("rmw_cyclonedds_cpp", False, "rmw_cyclonedds_cpp stamps messages when they are taken"),
+        ("", True, "The middleware gives no times of reception"),
+        ("rmw_fastrtps_cpp", False, ""),
+    ],
+)
+def test_what_latencies_include_is_said_in_every_report(
+    tmp_path: Path, rmw: str, untimed: bool, words: str
+) -> None:
+    result = reported(tmp_path, rmw, untimed=untimed)
+    text = to_text(result, width=300)
+    assert ("until the monitor takes a message" in text) == bool(words)
+    assert words in text
+    for name in ("markdown", "junit"):
+        content = renderer(name)(ReportInput(result=result)).decode()
+        assert ("until the monitor takes a message" in content) == bool(words)
