@@ -77,6 +77,34 @@ def _untrusted_specs(*, untrusted: bool, base_ref: str) -> UntrustedSpecs | None
     return UntrustedSpecs(base_version(base_ref, Path.cwd()) if base_ref else None)
 
 
+def _parse_max_bytes(ctx: click.Context, param: click.Parameter, text: str | None) -> int | None:
+    """The bytes of ``--max-bytes``; the limit then applies until the verb has ended."""
+    if text is None:
+        return None
+    from r2bspec.language.quantities import QuantityError, Size
+    from r2bspec.untrusted.decompression_budget import max_unpacked_bytes
+    from r2bspec.untrusted.number_limits import MAX_INTEGER
+
+    try:
+        max_bytes = int(text) if text.isdecimal() else Size.parse(text).bytes
+    except (QuantityError, ValueError) as error:
+        raise click.BadParameter(str(error), ctx, param) from error
+    if not 0 < max_bytes <= MAX_INTEGER:
+        raise click.BadParameter("it must be positive, and have at most 64 bits", ctx, param)
+    ctx.with_resource(max_unpacked_bytes(max_bytes))
+    return max_bytes
+
+
+max_bytes_option = click.option(
+    "--max-bytes",
+    metavar="SIZE",
+    callback=_parse_max_bytes,
+    expose_value=False,
+    help="The most that each file of a bag may unpack to, such as '4 GiB'.  [default: 512 MiB, or "
+    "1,000 times its size]",
+)
+
+
 def parse_variables(options: Iterable[str]) -> dict[str, str]:
     """Split ``NAME=VALUE`` options.
 
@@ -111,6 +139,7 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
     @_allow_path_option
     @_untrusted_option
     @_base_ref_option
+    @max_bytes_option
     @functools.wraps(command)
     def with_values(
         sets: tuple[str, ...],

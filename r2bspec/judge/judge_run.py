@@ -10,7 +10,6 @@ from collections.abc import Mapping
 
 import msgspec
 
-from r2bspec.diagnostics.number_limits import check_numbers
 from r2bspec.judge.confirmation import judge_with_confirmation
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.history_comparison import judge_with_baseline
@@ -121,12 +120,7 @@ def from_json(content: bytes) -> Result:
     Raises:
         msgspec.DecodeError: it is not a result of this version.
     """
-    result = decode_json(content, Result)
-    try:
-        check_numbers(result)
-    except ValueError as error:
-        raise msgspec.ValidationError(str(error)) from error
-    return result
+    return decode_json(content, Result)
 
 
 def _text(objective: Objective) -> ObjectiveText:

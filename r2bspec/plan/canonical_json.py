@@ -11,7 +11,6 @@ from pathlib import Path
 
 import msgspec
 
-from r2bspec.diagnostics.number_limits import check_numbers
 from r2bspec.language import value_codec
 from r2bspec.plan.errors import PLAN_BROKEN, PLAN_FOREIGN, PLAN_UNREADABLE, PlanError
 from r2bspec.plan.plan import Plan, PlayPlan
@@ -68,8 +67,7 @@ def parse_plan(data: bytes, name: str) -> Plan:
     """
     _check_header(data, name)
     try:
-        plan = decode_json(data, Plan, dec_hook=_decode)
-        check_numbers(plan, free=_PASSED_ON)
+        plan = decode_json(data, Plan, dec_hook=_decode, free=_PASSED_ON)
         _check_ranges(plan)
     except (msgspec.DecodeError, ValueError) as error:
         raise PlanError(

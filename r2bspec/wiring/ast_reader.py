@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.language.spec import QoS
-from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.untrusted.safe_file import ByteBudget, read_bytes
 from r2bspec.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
 
-_MAX_FILE_BYTES = 1_000_000
+_MAX_FILE_BYTES = 300_000
+"""The parser needs up to 700 bytes of memory for each byte."""
 _CONDITIONAL_NODES = (
     ast.If,
     ast.For,
@@ -47,17 +48,21 @@ class _PartialInterface:
     qos: dict[str, QoS] = field(default_factory=dict)
 
 
-def read_node_source(source: Path, name: str, folder: Path | None = None) -> InterfaceEntry | None:
+def read_node_source(
+    source: Path, name: str, folder: Path | None = None, budget: ByteBudget | None = None
+) -> InterfaceEntry | None:
     """The interface of the class `name` in a file, or None if it is unknown.
 
     Args:
         source: the file.
         name: the class.
         folder: where the file must be; by default anywhere.
+        budget: what this file and others may have together.
     """
     folders = None if folder is None else (folder,)
     try:
-        tree = ast.parse(read_bytes(source, max_bytes=_MAX_FILE_BYTES, folders=folders))
+        content = read_bytes(source, max_bytes=_MAX_FILE_BYTES, folders=folders, budget=budget)
+        tree = ast.parse(content)
         return _read(tree, name)
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return None
@@ -67,8 +72,10 @@ def _read(tree: ast.Module, name: str) -> InterfaceEntry | None:
     found = next(
         (each for each in tree.body if isinstance(each, ast.ClassDef) and each.name == name), None
     )
+    if found is None:
+        return None
     imported = _import_names(tree)
-    if found is None or not _is_plain_node(found, imported) or _leaks_self(found):
+    if not _is_plain_node(found, imported) or _leaks_self(found):
         return None
     result = _PartialInterface()
     for call, certain in _calls(found):
