@@ -19,6 +19,7 @@ from r2bspec.report.output import echo, echo_document
 if TYPE_CHECKING:
     from r2bspec.cli.check_files import FileReport
     from r2bspec.diagnostics import Diagnostic
+    from r2bspec.errors import R2bspecError
 
 
 @click.command("validate")
@@ -56,6 +57,7 @@ def command(
     for standard input. All cases of a matrix are checked, unless --case selects one.
     """
     from r2bspec.cli.check_files import CheckOptions, check_files, check_text
+    from r2bspec.cli.internal_error import InternalError, WorkerEndedError
     from r2bspec.cli.spec_files import spec_files
 
     check_options = CheckOptions(*values, offline=offline, resolved=resolved)
@@ -68,12 +70,20 @@ def command(
         changes = repair(files, lambda text, file: check_text(text, file, check_options), write=fix)
         if diff:
             return ExitStatus.FINDINGS_OR_FAILED if changes else ExitStatus.OK
-    checked = list(check_files(files, check_options))
+    checked: list[FileReport] = []
+    crash: R2bspecError | None = None
+    try:
+        checked.extend(check_files(files, check_options))
+    except (InternalError, WorkerEndedError) as error:
+        crash = error
     failed = any(one.severity == "error" for each in checked for one in each.findings)
-    if resolved and not failed:
+    if resolved and not failed and crash is None:
         _print_resolved(checked)
     else:
         _print_findings(checked, output_format, offline=offline)
+    if crash is not None:
+        # One file that r2bspec cannot check does not hide what is wrong with the others.
+        raise crash
     return ExitStatus.FINDINGS_OR_FAILED if failed else ExitStatus.OK
 
 
