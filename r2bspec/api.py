@@ -102,31 +102,60 @@ PrepareBase = Callable[["BaseReference"], PreparedBenchmark]
 """Prepares the base of a comparison, if it differs from the head in more than the environment."""
 
 
-def load(path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None) -> Spec:
-    """Load a spec.
+def load(
+    path: Path | str,
+    *,
+    sets: Sequence[str] = (),
+    variables: Variables | None = None,
+    case: str = "",
+    allow_paths: Iterable[Path] = (),
+    untrusted: UntrustedSpecs | None = None,
+) -> Spec:
+    """Load a spec; the arguments are those of `prepare`.
 
     Raises:
         InvalidSpecError: it is not valid; see its `diagnostics`.
     """
     from r2bspec.language.load_spec import load_spec
 
-    loaded = load_spec(Path(path), sets=sets, variables=variables)
+    loaded = load_spec(
+        Path(path),
+        sets=sets,
+        variables=variables,
+        case=case,
+        allow_paths=allow_paths,
+        untrusted=untrusted,
+    )
     if loaded.spec is None:
         raise InvalidSpecError(loaded, loaded.diagnostics)
     return loaded.spec
 
 
 def validate(
-    path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None
+    path: Path | str,
+    *,
+    sets: Sequence[str] = (),
+    variables: Variables | None = None,
+    case: str = "",
+    allow_paths: Iterable[Path] = (),
+    untrusted: UntrustedSpecs | None = None,
 ) -> tuple[Diagnostic, ...]:
-    """All findings in any case of a spec, sorted by place.
+    """All findings in any case of a spec, or in one, sorted by place.
 
-    Nothing that the spec names is executed.
+    Nothing that the spec names is executed. The arguments are those of `prepare`.
     """
     from r2bspec.check import check_cases
     from r2bspec.language.load_spec import load_cases
 
-    return tuple(check_cases(load_cases(Path(path), sets=sets, variables=variables)))
+    cases = load_cases(
+        Path(path),
+        sets=sets,
+        variables=variables,
+        case=case,
+        allow_paths=allow_paths,
+        untrusted=untrusted,
+    )
+    return tuple(check_cases(cases))
 
 
 def prepare(
@@ -145,7 +174,8 @@ def prepare(
         sets: values to replace, each as ``path=value``.
         variables: values for declared variables.
         case: the case of its matrix, where the spec has several.
-        allow_paths: folders from which files may be extended, besides that of the spec.
+        allow_paths: folders, besides that of the spec, from which files may be extended, and in
+            which the spec itself may be if it is a link.
         untrusted: given where the spec is a stranger's; it then reads fewer variables.
 
     Raises:
@@ -197,15 +227,28 @@ def prepare(
 
 
 def compile_plan(
-    path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None
+    path: Path | str,
+    *,
+    sets: Sequence[str] = (),
+    variables: Variables | None = None,
+    case: str = "",
+    allow_paths: Iterable[Path] = (),
+    untrusted: UntrustedSpecs | None = None,
 ) -> Plan:
-    """The plan of a spec.
+    """The plan of a spec; the arguments are those of `prepare`.
 
     Raises:
         InvalidSpecError: the spec has errors.
         DataError: the bag does not exist or is not readable.
     """
-    return prepare(path, sets=sets, variables=variables).plan
+    return prepare(
+        path,
+        sets=sets,
+        variables=variables,
+        case=case,
+        allow_paths=allow_paths,
+        untrusted=untrusted,
+    ).plan
 
 
 def run(

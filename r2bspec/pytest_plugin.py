@@ -5,11 +5,15 @@ test of its own; the first of them runs the benchmark for all. ``--r2bspec-runs 
 folders ``DIR/NAME``, where NAME is the name of the benchmark, instead of running, so that a machine
 without ROS can report what another one has measured.
 
+``--r2bspec-untrusted`` and ``--r2bspec-base-ref``, ``--r2bspec-allow-path`` and
+``--r2bspec-max-bytes`` are the options of the command line without the prefix.
+
 Without ``--r2bspec`` the plugin collects nothing and imports nothing.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +26,9 @@ if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
 
 _SUFFIX = ".r2b.yaml"
+_ALLOW_PATH = "--r2bspec-allow-path"
+_ACCESS = pytest.StashKey[dict[str, Any]]()
+"""The arguments of `load_spec` that say what a spec may read."""
 
 
 class BenchmarkError(Exception):
@@ -48,6 +55,62 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default="fail",
         help="the result of an inconclusive requirement  [default: fail]",
     )
+    group.addoption(
+        "--r2bspec-untrusted",
+        action="store_true",
+        help="specs are a stranger's: they may read no environment variable that "
+        "--r2bspec-base-ref does not list",
+    )
+    group.addoption(
+        "--r2bspec-base-ref",
+        metavar="REF",
+        default="",
+        help="with --r2bspec-untrusted: the commit that the change is based on",
+    )
+    group.addoption(
+        "--r2bspec-allow-path",
+        metavar="DIR",
+        action="append",
+        default=[],
+        help="a folder, besides that of a spec, from which files may be extended, and in which "
+        "the spec may be if it is a link; may be repeated",
+    )
+    group.addoption(
+        "--r2bspec-max-bytes",
+        metavar="SIZE",
+        help="the most that each file of a bag may unpack to",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Read the base version once, so that an unknown one is an error of usage.
+
+    Raises:
+        pytest.UsageError: an option is wrong.
+    """
+    if not config.getoption("--r2bspec"):
+        return
+    from r2bspec.diagnostics.plain_text import plain
+    from r2bspec.errors import R2bspecError
+    from r2bspec.language.quantities import parse_size_option
+    from r2bspec.language.untrusted_environment import untrusted_specs
+    from r2bspec.untrusted.decompression_budget import max_unpacked_bytes
+
+    size = config.getoption("--r2bspec-max-bytes")
+    try:
+        untrusted = untrusted_specs(
+            config.invocation_params.dir,
+            untrusted=config.getoption("--r2bspec-untrusted"),
+            base_ref=config.getoption("--r2bspec-base-ref"),
+        )
+        if size is not None:
+            limit = contextlib.ExitStack()
+            limit.enter_context(max_unpacked_bytes(parse_size_option(size)))
+            config.add_cleanup(limit.close)
+    except (R2bspecError, ValueError) as error:
+        raise pytest.UsageError(plain(f"r2bspec: {error}")) from None
+    allowed = [config.invocation_params.dir / each for each in config.getoption(_ALLOW_PATH)]
+    config.stash[_ACCESS] = {"allow_paths": allowed, "untrusted": untrusted}
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
@@ -67,9 +130,10 @@ class _SpecFile(pytest.File):
 
     def collect(self) -> Iterable[pytest.Item]:
         """One test of the spec itself, and one for each requirement."""
+        from r2bspec.diagnostics.plain_text import plain
         from r2bspec.language.load_spec import load_spec
 
-        loaded = load_spec(self.path)
+        loaded = load_spec(self.path, **self.access)
         yield _Validation.from_parent(self, name="valid", loaded=loaded)
         if loaded.spec is None:
             return
@@ -78,11 +142,16 @@ class _SpecFile(pytest.File):
                 span = loaded.span(("slos", objective, "require", number))
                 yield _Requirement.from_parent(
                     self,
-                    name=f"{objective}: {requirement.text.strip()}",
+                    name=plain(f"{objective}: {requirement.text.strip()}"),
                     objective=objective,
                     text=requirement.text,
                     line=span.line,
                 )
+
+    @property
+    def access(self) -> dict[str, Any]:
+        """The arguments of `load_spec` that say what the spec may read."""
+        return self.config.stash[_ACCESS]
 
     def result(self, name: str) -> Result:
         """The judged run, made once for all tests of the file.
@@ -112,7 +181,8 @@ class _SpecFile(pytest.File):
 
             return read_folder(Path(stored) / name).result
         output = self.config.getoption("--r2bspec-output")
-        return api.run(api.prepare(self.path), Path(output) / name if output else None)
+        prepared = api.prepare(self.path, **self.access)
+        return api.run(prepared, Path(output) / name if output else None)
 
 
 class _SpecTest(pytest.Item):
@@ -123,7 +193,9 @@ class _SpecTest(pytest.Item):
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """The message alone, for errors of the plugin itself."""
         if isinstance(excinfo.value, BenchmarkError):
-            return str(excinfo.value)
+            from r2bspec.diagnostics.plain_text import harmless
+
+            return harmless(str(excinfo.value))
         return super().repr_failure(excinfo, style)
 
 
@@ -160,6 +232,8 @@ class _Requirement(_SpecTest):
 
     def runtest(self) -> None:
         """Fail unless the requirement is met in a valid run."""
+        from r2bspec.diagnostics.plain_text import harmless
+
         result = self.parent.result(self._benchmark_name())
         if result.verdict.outcome in {"invalid", "incomplete"}:
             raise BenchmarkError(f"{result.verdict.outcome}: {result.verdict.reason}")
@@ -173,7 +247,8 @@ class _Requirement(_SpecTest):
                 "the run has no verdict on this requirement: it is from another version of the spec"
             )
         for one in found:
-            self.add_report_section("call", "verdict", "\n".join(_verdict_lines(one)))
+            section = harmless("\n".join(_verdict_lines(one)))
+            self.add_report_section("call", "verdict", section)
         failed = [one for one in found if one.outcome == "fail" and one.level == "error"]
         undecided = [one for one in found if one.outcome == "inconclusive" and one.level == "error"]
         if failed or undecided:
@@ -181,13 +256,13 @@ class _Requirement(_SpecTest):
                 line for one in failed or undecided for line in _verdict_lines(one)
             )
             if not failed and self.config.getoption("--r2bspec-inconclusive") == "skip":
-                pytest.skip(explanation)
+                pytest.skip(harmless(explanation))
             raise BenchmarkError(explanation)
 
     def _benchmark_name(self) -> str:
         from r2bspec.language.load_spec import load_spec
 
-        spec = load_spec(self.path).spec
+        spec = load_spec(self.path, **self.parent.access).spec
         return spec.name if spec is not None else ""
 
     def reportinfo(self) -> tuple[Path, int | None, str]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from r2bspec.cli.shared_options import parse_variables, sets_option, variables_option
+from r2bspec.cli.shared_options import SpecValues, spec_options
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo
 
@@ -33,14 +33,12 @@ _HEAD = (
     metavar="SECONDS",
     help="The longest time for a node to appear.",
 )
-@sets_option
-@variables_option
+@spec_options
 def command(
     spec: Path,
     only: tuple[str, ...],
     timeout_s: float,
-    sets: tuple[str, ...],
-    variables: tuple[str, ...],
+    values: SpecValues,
 ) -> int:
     """Start each node of SPEC once, on real ROS 2, and record its interface.
 
@@ -48,11 +46,16 @@ def command(
     'interfaces/KEY.yaml' next to SPEC, where every other verb finds them. Launch files and external
     nodes are left out.
     """
-    from r2bspec.api import load
+    from r2bspec.api import InvalidSpecError, load
     from r2bspec.diagnostics import did_you_mean
     from r2bspec.introspect.record_interfaces import record_interfaces
+    from r2bspec.report.findings.print_findings import show
 
-    loaded = load(spec, sets=sets, variables=parse_variables(variables))
+    try:
+        loaded = load(spec, **values._asdict())
+    except InvalidSpecError as error:
+        show(error.diagnostics, error.loaded.texts)
+        raise
     known = {**loaded.preprocessors, **loaded.graph.nodes}
     for each in only:
         if each not in known:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import SpecValues, spec_options
+from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
@@ -42,6 +42,7 @@ _SPEC = click.Path(path_type=Path, dir_okay=False)
     "option that set it.",
 )
 @spec_options
+@max_bytes_option
 @click.option(
     "--output",
     "-o",

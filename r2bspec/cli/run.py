@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import SpecValues, junit_option, reports_option, spec_options
+from r2bspec.cli.shared_options import (
+    SpecValues,
+    junit_option,
+    max_bytes_option,
+    reports_option,
+    spec_options,
+)
 from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_and_report
 from r2bspec.errors import R2bspecError
 
@@ -25,6 +31,7 @@ if TYPE_CHECKING:
     help="The run folder, new or empty.  [default: runs/NAME-TIME]",
 )
 @spec_options
+@max_bytes_option
 @click.option(
     "--against",
     "against",

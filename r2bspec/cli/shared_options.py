@@ -60,37 +60,17 @@ _base_ref_option = click.option(
 )
 
 
-def _untrusted_specs(*, untrusted: bool, base_ref: str) -> UntrustedSpecs | None:
-    """What ``--untrusted`` and ``--base-ref`` say; None without the former.
-
-    Raises:
-        click.UsageError: there is a base, and nothing is compared with it.
-        BaseVersionError: the base cannot be read.
-    """
-    if not untrusted:
-        if base_ref:
-            raise click.UsageError("--base-ref needs --untrusted")
-        return None
-    from r2bspec.language.base_version import base_version
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
-
-    return UntrustedSpecs(base_version(base_ref, Path.cwd()) if base_ref else None)
-
-
 def _parse_max_bytes(ctx: click.Context, param: click.Parameter, text: str | None) -> int | None:
     """The bytes of ``--max-bytes``; the limit then applies until the verb has ended."""
     if text is None:
         return None
-    from r2bspec.language.quantities import QuantityError, Size
+    from r2bspec.language.quantities import parse_size_option
     from r2bspec.untrusted.decompression_budget import max_unpacked_bytes
-    from r2bspec.untrusted.number_limits import MAX_INTEGER
 
     try:
-        max_bytes = int(text) if text.isdecimal() else Size.parse(text).bytes
-    except (QuantityError, ValueError) as error:
+        max_bytes = parse_size_option(text)
+    except ValueError as error:
         raise click.BadParameter(str(error), ctx, param) from error
-    if not 0 < max_bytes <= MAX_INTEGER:
-        raise click.BadParameter("it must be positive, and have at most 64 bits", ctx, param)
     ctx.with_resource(max_unpacked_bytes(max_bytes))
     return max_bytes
 
@@ -139,7 +119,6 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
     @_allow_path_option
     @_untrusted_option
     @_base_ref_option
-    @max_bytes_option
     @functools.wraps(command)
     def with_values(
         sets: tuple[str, ...],
@@ -150,7 +129,11 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
         base_ref: str,
         **others: Any,
     ) -> int:
-        stranger = _untrusted_specs(untrusted=untrusted, base_ref=base_ref)
+        stranger = None
+        if untrusted or base_ref:
+            from r2bspec.language.untrusted_environment import untrusted_specs
+
+            stranger = untrusted_specs(Path.cwd(), untrusted=untrusted, base_ref=base_ref)
         values = SpecValues(sets, parse_variables(variables), case, allow_paths, stranger)
         return command(values=values, **others)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import SpecValues, spec_options
+from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.findings.finding_formats import FORMATS
 from r2bspec.report.output import echo, echo_document
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     help="; ".join(f"{name}: {use}" for name, use in FORMATS.items()) + ".",
 )
 @spec_options
+@max_bytes_option
 @click.option(
     "--resolved",
     is_flag=True,
