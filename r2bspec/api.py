@@ -132,16 +132,30 @@ def load(
 
 
 def validate(
-    path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None
+    path: Path | str,
+    *,
+    sets: Sequence[str] = (),
+    variables: Variables | None = None,
+    case: str = "",
+    allow_paths: Iterable[Path] = (),
+    untrusted: UntrustedSpecs | None = None,
 ) -> tuple[Diagnostic, ...]:
-    """All findings in any case of a spec, sorted by place.
+    """All findings in any case of a spec, or in one, sorted by place.
 
-    Nothing that the spec names is executed.
+    Nothing that the spec names is executed. The arguments are those of `prepare`.
     """
     from r2bspec.check import check_cases
     from r2bspec.language.load_spec import load_cases
 
-    return tuple(check_cases(load_cases(Path(path), sets=sets, variables=variables)))
+    cases = load_cases(
+        Path(path),
+        sets=sets,
+        variables=variables,
+        case=case,
+        allow_paths=allow_paths,
+        untrusted=untrusted,
+    )
+    return tuple(check_cases(cases))
 
 
 def prepare(
@@ -161,7 +175,8 @@ def prepare(
         sets: values to replace, each as ``path=value``.
         variables: values for declared variables.
         case: the case of its matrix, where the spec has several.
-        allow_paths: folders from which files may be extended, besides that of the spec.
+        allow_paths: folders, besides that of the spec, from which files may be extended, and in
+            which the spec itself may be if it is a link.
         untrusted: given where the spec is a stranger's; it then reads fewer variables.
         smoke: prepare a smoke run, which judges nothing: see `r2bspec.plan.smoke_plan`.
 
@@ -225,15 +240,28 @@ def prepare(
 
 
 def compile_plan(
-    path: Path | str, *, sets: Sequence[str] = (), variables: Variables | None = None
+    path: Path | str,
+    *,
+    sets: Sequence[str] = (),
+    variables: Variables | None = None,
+    case: str = "",
+    allow_paths: Iterable[Path] = (),
+    untrusted: UntrustedSpecs | None = None,
 ) -> Plan:
-    """The plan of a spec.
+    """The plan of a spec; the arguments are those of `prepare`.
 
     Raises:
         InvalidSpecError: the spec has errors.
         DataError: the bag does not exist or is not readable.
     """
-    return prepare(path, sets=sets, variables=variables).plan
+    return prepare(
+        path,
+        sets=sets,
+        variables=variables,
+        case=case,
+        allow_paths=allow_paths,
+        untrusted=untrusted,
+    ).plan
 
 
 def run(

@@ -6,11 +6,15 @@ of these tests. ``--r2bspec-runs DIR`` judges run folders ``DIR/NAME``, where NA
 the benchmark, instead of running, so that a machine without ROS can report what another one has
 measured.
 
+``--r2bspec-untrusted`` and ``--r2bspec-base-ref``, ``--r2bspec-allow-path`` and
+``--r2bspec-max-bytes`` are the options of the command line without the prefix.
+
 Without ``--r2bspec`` the plugin collects nothing and imports nothing.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +27,9 @@ if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
 
 _SUFFIX = ".r2b.yaml"
+_ALLOW_PATH = "--r2bspec-allow-path"
+_ACCESS = pytest.StashKey[dict[str, Any]]()
+"""The arguments of `load_spec` that say what a spec may read."""
 
 
 class BenchmarkError(Exception):
@@ -49,6 +56,62 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default="fail",
         help="the result of an inconclusive requirement  [default: fail]",
     )
+    group.addoption(
+        "--r2bspec-untrusted",
+        action="store_true",
+        help="specs are a stranger's: they may read no environment variable that "
+        "--r2bspec-base-ref does not list",
+    )
+    group.addoption(
+        "--r2bspec-base-ref",
+        metavar="REF",
+        default="",
+        help="with --r2bspec-untrusted: the commit that the change is based on",
+    )
+    group.addoption(
+        "--r2bspec-allow-path",
+        metavar="DIR",
+        action="append",
+        default=[],
+        help="a folder, besides that of a spec, from which files may be extended, and in which "
+        "the spec may be if it is a link; may be repeated",
+    )
+    group.addoption(
+        "--r2bspec-max-bytes",
+        metavar="SIZE",
+        help="the most that each file of a bag may unpack to",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Read the base version once, so that an unknown one is an error of usage.
+
+    Raises:
+        pytest.UsageError: an option is wrong.
+    """
+    if not config.getoption("--r2bspec"):
+        return
+    from r2bspec.diagnostics.plain_text import plain
+    from r2bspec.errors import R2bspecError
+    from r2bspec.language.quantities import parse_size_option
+    from r2bspec.language.untrusted_environment import untrusted_specs
+    from r2bspec.untrusted.decompression_budget import max_unpacked_bytes
+
+    size = config.getoption("--r2bspec-max-bytes")
+    try:
+        untrusted = untrusted_specs(
+            config.invocation_params.dir,
+            untrusted=config.getoption("--r2bspec-untrusted"),
+            base_ref=config.getoption("--r2bspec-base-ref"),
+        )
+        if size is not None:
+            limit = contextlib.ExitStack()
+            limit.enter_context(max_unpacked_bytes(parse_size_option(size)))
+            config.add_cleanup(limit.close)
+    except (R2bspecError, ValueError) as error:
+        raise pytest.UsageError(plain(f"r2bspec: {error}")) from None
+    allowed = [config.invocation_params.dir / each for each in config.getoption(_ALLOW_PATH)]
+    config.stash[_ACCESS] = {"allow_paths": allowed, "untrusted": untrusted}
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
@@ -68,11 +131,12 @@ class _SpecFile(pytest.File):
 
     def collect(self) -> Iterable[pytest.Item]:
         """One test of the spec itself, and one for each requirement; those of each case."""
+        from r2bspec.diagnostics.plain_text import plain
         from r2bspec.language.load_spec import load_cases
 
-        for loaded in load_cases(self.path):
+        for loaded in load_cases(self.path, **self.access):
             # As pytest writes the parameters of a test.
-            case = f"[{loaded.case}]" if loaded.case else ""
+            case = plain(f"[{loaded.case}]") if loaded.case else ""
             yield _Validation.from_parent(self, name=f"valid{case}", loaded=loaded)
             if loaded.spec is None:
                 continue
@@ -81,12 +145,17 @@ class _SpecFile(pytest.File):
                     span = loaded.span(("slos", objective, "require", number))
                     yield _Requirement.from_parent(
                         self,
-                        name=f"{objective}: {requirement.text.strip()}{case}",
+                        name=plain(f"{objective}: {requirement.text.strip()}") + case,
                         loaded=loaded,
                         objective=objective,
                         text=requirement.text,
                         line=span.line,
                     )
+
+    @property
+    def access(self) -> dict[str, Any]:
+        """The arguments of `load_spec` that say what the spec may read."""
+        return self.config.stash[_ACCESS]
 
     def result(self, loaded: LoadedSpec) -> Result:
         """The judged run of a case, made once for all its tests.
@@ -118,7 +187,7 @@ class _SpecFile(pytest.File):
             return read_folder(_stored_folder(Path(stored), loaded.id)).result
         output = self.config.getoption("--r2bspec-output")
         folder = _new_folder(Path(output) / api.folder_name(loaded.id)) if output else None
-        return api.run(api.prepare(self.path, case=loaded.case), folder)
+        return api.run(api.prepare(self.path, case=loaded.case, **self.access), folder)
 
 
 def _stored_folder(folder: Path, name: str) -> Path:
@@ -146,7 +215,9 @@ class _SpecTest(pytest.Item):
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """The message alone, for errors of the plugin itself."""
         if isinstance(excinfo.value, BenchmarkError):
-            return str(excinfo.value)
+            from r2bspec.diagnostics.plain_text import harmless
+
+            return harmless(str(excinfo.value))
         return super().repr_failure(excinfo, style)
 
 
@@ -186,6 +257,8 @@ class _Requirement(_SpecTest):
 
     def runtest(self) -> None:
         """Fail unless the requirement is met in a valid run."""
+        from r2bspec.diagnostics.plain_text import harmless
+
         result = self.parent.result(self._loaded)
         if result.verdict.outcome in {"invalid", "incomplete"}:
             raise BenchmarkError(f"{result.verdict.outcome}: {result.verdict.reason}")
@@ -199,8 +272,9 @@ class _Requirement(_SpecTest):
                 "the run has no verdict on this requirement: it is from another version of the spec"
             )
         for one in found:
-            self.add_report_section("call", "verdict", "\n".join(_verdict_lines(one)))
-        self.add_report_section("call", "run", result.verdict.reason)
+            section = harmless("\n".join(_verdict_lines(one)))
+            self.add_report_section("call", "verdict", section)
+        self.add_report_section("call", "run", harmless(result.verdict.reason))
         failed = [one for one in found if one.outcome == "fail" and one.level == "error"]
         undecided = [one for one in found if one.outcome == "inconclusive" and one.level == "error"]
         if failed or undecided:
@@ -208,7 +282,7 @@ class _Requirement(_SpecTest):
                 line for one in failed or undecided for line in _verdict_lines(one)
             )
             if not failed and self.config.getoption("--r2bspec-inconclusive") == "skip":
-                pytest.skip(explanation)
+                pytest.skip(harmless(explanation))
             raise BenchmarkError(explanation)
 
     def reportinfo(self) -> tuple[Path, int | None, str]:

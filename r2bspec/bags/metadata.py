@@ -28,8 +28,10 @@ _LFS_MAGIC = b"version https://git-lfs.github.com/spec/"
 _MAX_VERSION = 9
 MAX_ENTRIES = 10_000
 """Files or topics of a bag."""
-_MAX_NAME_LENGTH = 1000
+MAX_NAME_LENGTH = 1000
+"""Characters of the name of a topic or type."""
 _MAX_METADATA_BYTES = 16_000_000
+_MAX_YAML_VALUES = 250_000
 _MAX_DIGITS = 30
 _OLD_TYPE = re.compile(r"(?P<package>[^/]+)/(?P<name>[^/]+)")
 
@@ -118,7 +120,7 @@ def read_metadata(folder: Path) -> BagMetadata:
         ) from error
     try:
         # Every scalar is a string, so a topic 'on' or '010' is not converted.
-        document: Any = load_texts(text)
+        document: Any = load_texts(text, max_values=_MAX_YAML_VALUES)
         return _from_document(document["rosbag2_bagfile_information"])
     except yaml.YAMLError as error:
         raise DataError(
@@ -173,7 +175,7 @@ def _check_numbers(info: Any) -> None:
             raise ValueError(f"it lists {number:,} {what}; the limit is {MAX_ENTRIES:,}")
     for topic in topics:
         longest = max(len(topic["topic_metadata"][key]) for key in ("name", "type"))
-        if longest > _MAX_NAME_LENGTH:
+        if longest > MAX_NAME_LENGTH:
             raise ValueError(f"it has a name of {longest:,} characters")
 
 

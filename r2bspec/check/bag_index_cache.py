@@ -7,10 +7,15 @@ indexed again. If the cache cannot be read or written, bags are indexed without 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from r2bspec.private_files import private_files
+from r2bspec.untrusted.decompression_budget import chosen_max_bytes
+from r2bspec.untrusted.safe_json import read_json
 
 if TYPE_CHECKING:
     from r2bspec.bags.recording import BagIndex, BagLocation
@@ -19,6 +24,7 @@ _CACHE_VERSION = 2
 """Increase this with every change of the content of an index."""
 
 _MAX_FILES = 10_000
+_MAX_ENTRY_BYTES = 64_000_000
 _MIN_CACHED_BYTES = 1_000_000
 """Smaller bags are indexed faster than a cache is read."""
 
@@ -32,16 +38,15 @@ def cached_index(location: BagLocation) -> BagIndex:
     from r2bspec.datasets.locate_bag import index as index_location
 
     entry = _cache_file(location.path) if location.path is not None else None
-    if entry is None:
+    # What was indexed under other limits may be more than the user allows now.
+    if entry is None or chosen_max_bytes() is not None:
         return index_location(location)
     import msgspec
 
     from r2bspec.bags.recording import BagIndex
 
-    try:
-        return msgspec.json.decode(entry.read_bytes(), type=BagIndex)
-    except (OSError, msgspec.MsgspecError):
-        pass
+    with contextlib.suppress(OSError, msgspec.DecodeError):
+        return read_json(entry, BagIndex, max_bytes=_MAX_ENTRY_BYTES)
     found = index_location(location)
     _store(entry, msgspec.json.encode(found))
     return found
@@ -67,8 +72,10 @@ def _cache_file(bag: Path) -> Path | None:
 def _store(entry: Path, content: bytes) -> None:
     scratch = entry.with_name(f".{entry.name}.{os.getpid()}")
     try:
-        entry.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_bytes(content)
+        # Names of topics are not for other users, and no other user may exchange an entry.
+        with private_files():
+            entry.parent.mkdir(parents=True, exist_ok=True)
+            scratch.write_bytes(content)
         scratch.replace(entry)
     except OSError:
         scratch.unlink(missing_ok=True)

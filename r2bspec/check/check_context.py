@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, NamedTuple
 
-from r2bspec.check.bag_index_cache import cached_index
+from r2bspec.check.document_files import DocumentFiles
 from r2bspec.check.spec_requirements import LocatedRequirement, located_requirements
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
@@ -17,7 +17,7 @@ from r2bspec.plan.process_plans import process_names
 from r2bspec.record.calibration_file import CalibrationFile, calibration_path, read_calibration_file
 from r2bspec.record.errors import RecordError
 from r2bspec.wiring.build_wiring import build_wiring, harness_topic
-from r2bspec.wiring.companion_files import CompanionFiles, read_companion_files
+from r2bspec.wiring.companion_files import CompanionFiles
 from r2bspec.wiring.merge_bags import merge_indexes
 from r2bspec.wiring.wiring import NodeWiring, Wiring
 
@@ -45,15 +45,23 @@ class Context:
         offline: whether to skip recorded data.
     """
 
-    def __init__(self, loaded: LoadedSpec, spec: Spec, *, offline: bool = False) -> None:
+    def __init__(
+        self,
+        loaded: LoadedSpec,
+        spec: Spec,
+        *,
+        offline: bool = False,
+        files: DocumentFiles | None = None,
+    ) -> None:
         self.loaded = loaded
         self.spec = spec
         self.offline = offline
+        self._files = DocumentFiles(loaded.base_dir) if files is None else files
 
     @cached_property
     def companion_files(self) -> CompanionFiles:
         """The companion files of the spec: interfaces, parameter files, Python files."""
-        return read_companion_files(self.spec, self.loaded.base_dir)
+        return self._files.companion_files(self.spec)
 
     @property
     def noise(self) -> CalibrationFile | None:
@@ -120,18 +128,9 @@ class Context:
         return found
 
     def _recording(self, source: BagSource, place: Path) -> Recording:
-        from r2bspec.bags.errors import DataError
-        from r2bspec.datasets.locate_bag import locate as locate_bag
-
         # A path without a '/' is still a path if the spec gives it as one.
         path = source.path if "/" in source.path or not source.path else f"./{source.path}"
-        place = self._name_path(place)
-        location = None
-        try:
-            location = locate_bag(path or source.dataset, self.loaded.base_dir)
-            return Recording(place, location, cached_index(location), None)
-        except DataError as error:
-            return Recording(place, location, None, error)
+        return Recording(self._name_path(place), *self._files.bag(path or source.dataset))
 
     def _name_path(self, place: Path) -> Path:
         """The path of the bag's name: its own value, or a key of it."""

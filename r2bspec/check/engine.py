@@ -14,6 +14,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from r2bspec.check.check_context import Context
+from r2bspec.check.document_files import DocumentFiles
 from r2bspec.check.finding_location import to_diagnostic
 from r2bspec.check.rule import Rule
 from r2bspec.check.rule_registry import all_rules
@@ -53,9 +54,19 @@ def check_in_context(loaded: LoadedSpec, context: Context | None) -> list[Diagno
     return _unwaived_findings([loaded], [context], complete=loaded.matrix_case is None)
 
 
-def context_of(loaded: LoadedSpec, *, offline: bool = False) -> Context | None:
-    """The context of a spec; None where the document has errors."""
-    return None if loaded.spec is None else Context(loaded, loaded.spec, offline=offline)
+def context_of(
+    loaded: LoadedSpec, *, offline: bool = False, files: DocumentFiles | None = None
+) -> Context | None:
+    """The context of a spec; None where the document has errors.
+
+    Args:
+        loaded: from `load_spec`.
+        offline: as for `check`.
+        files: shared with other cases of the document.
+    """
+    if loaded.spec is None:
+        return None
+    return Context(loaded, loaded.spec, offline=offline, files=files)
 
 
 def check_cases(cases: Sequence[LoadedSpec], *, offline: bool = False) -> list[Diagnostic]:
@@ -65,7 +76,8 @@ def check_cases(cases: Sequence[LoadedSpec], *, offline: bool = False) -> list[D
         cases: every case, from `load_cases`.
         offline: as for `check`.
     """
-    contexts = [context_of(one, offline=offline) for one in cases]
+    files = DocumentFiles(cases[0].base_dir) if cases else None
+    contexts = [context_of(one, offline=offline, files=files) for one in cases]
     return _unwaived_findings(cases, contexts, complete=True)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import SpecValues, spec_options
+from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 )
 @click.option("--write", is_flag=True, help="Apply the proposed changes to SPEC.")
 @spec_options
+@max_bytes_option
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
 def command(
     spec: Path,

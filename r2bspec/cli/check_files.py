@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
@@ -25,6 +25,8 @@ from r2bspec.language.load_spec import LoadedSpec, load_cases
 
 if TYPE_CHECKING:
     from r2bspec.language.untrusted_environment import UntrustedSpecs
+
+T = TypeVar("T")
 
 MIN_PARALLEL_FILES = 100
 """From this number of files on several processes are faster than one. Starting them takes about as
@@ -69,35 +71,61 @@ class FileReport:
 
 
 def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileReport]:
-    """Check every file, in the order given."""
+    """Check every file, in the order given.
+
+    Raises:
+        InternalError, WorkerEndedError: the check of a file crashed; after the reports of the
+            others.
+    """
     # Documents are trees: frequent collection of cycles takes time and frees nothing.
     gc.set_threshold(50_000, 20, 20)
     check_one = partial(check_file, options=options)
     workers = min(len(os.sched_getaffinity(0)), len(files) // _MIN_FILES_PER_WORKER)
     if len(files) < MIN_PARALLEL_FILES or workers < 2 or "-" in files:
-        yield from map(_naming_the_file(check_one), files)
+        yield from _one_after_another(check_one, files)
         return
+    from r2bspec.cli.internal_error import InternalError, UncheckedFiles
     from r2bspec.cli.worker_processes import map_in_processes
 
     # The first file imports all modules, which the forked processes then share.
-    yield _naming_the_file(check_one)(files[0])
-    yield from map_in_processes(check_one, files[1:], workers)
+    failures = UncheckedFiles()
+    try:
+        yield naming_the_file(check_one, files[0])
+    except InternalError as error:
+        failures.add(files[0], error)
+    yield from map_in_processes(check_one, files[1:], workers, failures)
 
 
-def _naming_the_file(check_one: Callable[[str], FileReport]) -> Callable[[str], FileReport]:
-    """The same check, whose unforeseen errors say which file led to them."""
+def _one_after_another(
+    check_one: Callable[[str], FileReport], files: Sequence[str]
+) -> Iterator[FileReport]:
+    from r2bspec.cli.internal_error import InternalError, UncheckedFiles
 
-    def check(file: str) -> FileReport:
+    failures = UncheckedFiles()
+    for file in files:
         try:
-            return check_one(file)
-        except (R2bspecError, click.ClickException, click.exceptions.Exit):
-            raise
-        except Exception as error:
-            from r2bspec.cli.internal_error import Crash, InternalError
+            report = naming_the_file(check_one, file)
+        except InternalError as error:
+            failures.add(file, error)
+        else:
+            yield report
+    failures.raise_first()
 
-            raise InternalError(Crash.of(error, f"while checking {file!r}")) from error
 
-    return check
+def naming_the_file(check_one: Callable[[str], T], file: str) -> T:
+    """The result of a check, whose unforeseen errors say which file led to them.
+
+    Raises:
+        InternalError: the check raised what no code foresaw.
+    """
+    try:
+        return check_one(file)
+    except (R2bspecError, click.ClickException, click.exceptions.Exit):
+        raise
+    except Exception as error:
+        from r2bspec.cli.internal_error import Crash, InternalError
+
+        raise InternalError(Crash.of(error, f"while checking {file!r}")) from error
 
 
 def check_file(file: str, options: CheckOptions) -> FileReport:

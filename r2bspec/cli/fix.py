@@ -6,8 +6,10 @@ import contextlib
 import os
 import secrets
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
+from r2bspec.cli.check_files import naming_the_file
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.edits import FixResult, fix, unified_diff
 from r2bspec.errors import UsageError
@@ -41,7 +43,8 @@ def repair(
         if before is None:
             continue  # an unreadable file is a finding of its own
         bom = _BOM if before.startswith(_BOM) else ""
-        fixed = _apply_fixes(before.removeprefix(bom), file, check_text)
+        text = before.removeprefix(bom)
+        fixed = naming_the_file(partial(_apply_fixes, text, check_text), file)
         if not fixed.applied:
             continue
         changed += 1
@@ -58,7 +61,7 @@ def repair(
 
 
 def _apply_fixes(
-    text: str, file: str, check_text: Callable[[str, str], Sequence[Diagnostic]]
+    text: str, check_text: Callable[[str, str], Sequence[Diagnostic]], file: str
 ) -> FixResult:
     return fix(text, file, lambda changed: check_text(changed, file))
 

@@ -46,11 +46,16 @@ def command(
     'interfaces/KEY.yaml' next to SPEC, where every other verb finds them. Launch files and external
     nodes are left out.
     """
-    from r2bspec.api import load
+    from r2bspec.api import InvalidSpecError, load
     from r2bspec.diagnostics import did_you_mean
     from r2bspec.introspect.record_interfaces import record_interfaces
+    from r2bspec.report.findings.print_findings import show
 
-    loaded = load(spec, **values._asdict())
+    try:
+        loaded = load(spec, **values._asdict())
+    except InvalidSpecError as error:
+        show(error.diagnostics, error.loaded.texts)
+        raise
     known = {**loaded.preprocessors, **loaded.graph.nodes}
     for each in only:
         if each not in known:

@@ -15,6 +15,9 @@ from r2bspec.exit_status import ExitStatus
 
 _PACKAGE = Path(__file__).parents[1]
 
+MAX_FAILURES = 10
+"""Files whose check may end without a result before all others are left, too."""
+
 _ISSUE_LABELS = ("issues", "issue tracker", "bug tracker", "bugs", "repository", "source")
 """Labels of project URLs at which a problem can be reported, the most precise first."""
 
@@ -64,6 +67,33 @@ class WorkerEndedError(R2bspecError):
 
     code = "R2B691"
     exit_code = ExitStatus.INTERNAL_ERROR
+
+
+class UncheckedFiles:
+    """The files whose check ended without a result, while that of others goes on."""
+
+    def __init__(self) -> None:
+        self._failures: list[tuple[str, R2bspecError]] = []
+
+    def add(self, name: str, failure: R2bspecError) -> None:
+        """Keep the failure of one file.
+
+        Raises:
+            R2bspecError: the first failure, if there are so many that it is not a matter of files.
+        """
+        self._failures.append((name, failure))
+        if len(self._failures) >= MAX_FAILURES:
+            self.raise_first()
+
+    def raise_first(self) -> None:
+        """Raise the first failure, if there is one; its hint names the other files."""
+        if not self._failures:
+            return
+        (_, first), *others = self._failures
+        if others:
+            names = ", ".join(repr(name) for name, _ in others)
+            first.hint = f"{first.hint} Not checked either: {names}.".strip()
+        raise first
 
 
 def _formatted(error: BaseException) -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import SpecValues, spec_options
+from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
@@ -42,6 +42,7 @@ _SPEC = click.Path(path_type=Path, dir_okay=False)
     "option that set it.",
 )
 @spec_options
+@max_bytes_option
 @click.option(
     "--output",
     "-o",
@@ -124,6 +125,8 @@ def _write(content: bytes, output: Path | None, *, is_json: bool = False) -> Non
         else:
             echo(content.decode(), nl=False)
         return
+    from r2bspec.diagnostics.plain_text import plain
     from r2bspec.record.atomic_files import write_atomically
 
-    write_atomically(output, content)
+    # Text is made to be shown: by `cat`, in a review, in a comment.
+    write_atomically(output, content if is_json else plain(content.decode()).encode())

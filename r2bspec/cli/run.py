@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from r2bspec.cli.run_options import ALL_CASES, RunOptions
-from r2bspec.cli.shared_options import SpecValues, junit_option, reports_option, spec_options
+from r2bspec.cli.shared_options import (
+    SpecValues,
+    junit_option,
+    max_bytes_option,
+    reports_option,
+    spec_options,
+)
 from r2bspec.cli.spec_selection import SpecSelection
 from r2bspec.report.output import echo
 
@@ -26,6 +32,7 @@ if TYPE_CHECKING:
     help="The run folder, new or empty.  [default: runs/NAME-TIME]",
 )
 @spec_options
+@max_bytes_option
 @click.option(
     "--smoke", is_flag=True, help="One short iteration that shows whether all works; no verdict."
 )

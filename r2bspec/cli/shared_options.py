@@ -64,21 +64,29 @@ _base_ref_option = click.option(
 )
 
 
-def _untrusted_specs(*, untrusted: bool, base_ref: str) -> UntrustedSpecs | None:
-    """What ``--untrusted`` and ``--base-ref`` say; None without the former.
-
-    Raises:
-        click.UsageError: there is a base, and nothing is compared with it.
-        BaseVersionError: the base cannot be read.
-    """
-    if not untrusted:
-        if base_ref:
-            raise click.UsageError("--base-ref needs --untrusted")
+def _parse_max_bytes(ctx: click.Context, param: click.Parameter, text: str | None) -> int | None:
+    """The bytes of ``--max-bytes``; the limit then applies until the verb has ended."""
+    if text is None:
         return None
-    from r2bspec.language.base_version import base_version
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
+    from r2bspec.language.quantities import parse_size_option
+    from r2bspec.untrusted.decompression_budget import max_unpacked_bytes
 
-    return UntrustedSpecs(base_version(base_ref, Path.cwd()) if base_ref else None)
+    try:
+        max_bytes = parse_size_option(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error), ctx, param) from error
+    ctx.with_resource(max_unpacked_bytes(max_bytes))
+    return max_bytes
+
+
+max_bytes_option = click.option(
+    "--max-bytes",
+    metavar="SIZE",
+    callback=_parse_max_bytes,
+    expose_value=False,
+    help="The most that each file of a bag may unpack to, such as '4 GiB'.  [default: 512 MiB, or "
+    "1,000 times its size]",
+)
 
 
 def parse_variables(options: Iterable[str]) -> dict[str, str]:
@@ -125,7 +133,11 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
         base_ref: str,
         **others: Any,
     ) -> int:
-        stranger = _untrusted_specs(untrusted=untrusted, base_ref=base_ref)
+        stranger = None
+        if untrusted or base_ref:
+            from r2bspec.language.untrusted_environment import untrusted_specs
+
+            stranger = untrusted_specs(Path.cwd(), untrusted=untrusted, base_ref=base_ref)
         values = SpecValues(sets, parse_variables(variables), case, allow_paths, stranger)
         return command(values=values, **others)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import SpecValues, spec_options
+from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.findings.finding_formats import FORMATS
 from r2bspec.report.output import echo, echo_document
@@ -19,6 +19,7 @@ from r2bspec.report.output import echo, echo_document
 if TYPE_CHECKING:
     from r2bspec.cli.check_files import FileReport
     from r2bspec.diagnostics import Diagnostic
+    from r2bspec.errors import R2bspecError
 
 
 @click.command("validate")
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     help="; ".join(f"{name}: {use}" for name, use in FORMATS.items()) + ".",
 )
 @spec_options
+@max_bytes_option
 @click.option(
     "--resolved",
     is_flag=True,
@@ -62,6 +64,7 @@ def command(
     for standard input. All cases of a matrix are checked, unless --case selects one.
     """
     from r2bspec.cli.check_files import CheckOptions, check_files, check_text
+    from r2bspec.cli.internal_error import InternalError, WorkerEndedError
     from r2bspec.cli.spec_files import spec_files
 
     check_options = CheckOptions(*values, offline=offline, resolved=resolved)
@@ -74,13 +77,21 @@ def command(
         changes = repair(files, lambda text, file: check_text(text, file, check_options), write=fix)
         if diff:
             return ExitStatus.FINDINGS_OR_FAILED if changes else ExitStatus.OK
-    checked = list(check_files(files, check_options))
+    checked: list[FileReport] = []
+    crash: R2bspecError | None = None
+    try:
+        checked.extend(check_files(files, check_options))
+    except (InternalError, WorkerEndedError) as error:
+        crash = error
     failing = {"error", "warning"} if strict else {"error"}
     failed = any(one.severity in failing for each in checked for one in each.findings)
-    if resolved and not failed:
+    if resolved and not failed and crash is None:
         _print_resolved(checked)
     else:
         _print_findings(checked, output_format, offline=offline, quiet=quiet)
+    if crash is not None:
+        # One file that r2bspec cannot check does not hide what is wrong with the others.
+        raise crash
     return ExitStatus.FINDINGS_OR_FAILED if failed else ExitStatus.OK
 
 

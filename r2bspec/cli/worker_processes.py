@@ -2,7 +2,8 @@
 
 `multiprocessing.Pool` waits for ever for the answer of a worker that was killed, and the executor
 of `concurrent.futures` does not know which task ended it. Here each worker answers task by task on
-a pipe of its own, so that the end of a pipe names the task.
+a pipe of its own, so that the end of a pipe names the task. Another worker then takes its other
+tasks: one file that crashes its check does not hide the findings of the rest.
 """
 
 from __future__ import annotations
@@ -13,15 +14,23 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from multiprocessing import connection
 from multiprocessing.context import ForkProcess
 from typing import Any, TypeVar
 
-from r2bspec.cli.internal_error import Crash, InternalError, WorkerEndedError
+from r2bspec.cli.internal_error import (
+    Crash,
+    InternalError,
+    UncheckedFiles,
+    WorkerEndedError,
+)
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 
 T = TypeVar("T")
+
+_NO_RESULT = object()
 
 _INTERRUPTS = frozenset({signal.SIGINT, signal.SIGTERM})
 
@@ -38,35 +47,109 @@ class _Worker:
 
 @dataclass(slots=True)
 class _Answer:
-    """What a worker says of a task: its result, a foreseen error, or a crash."""
+    """What a worker says of a task: its result, a foreseen error, or a crash.
+
+    Attributes:
+        failure: what the crash is for the user.
+        ended: whether the worker has ended instead of answering.
+    """
 
     task: int
     result: Any = None
     error: R2bspecError | None = None
     crash: Crash | None = None
+    failure: R2bspecError | None = None
+    ended: bool = False
 
 
-def map_in_processes(function: Callable[[str], T], names: Sequence[str], count: int) -> Iterator[T]:
+def map_in_processes(
+    function: Callable[[str], T],
+    names: Sequence[str],
+    count: int,
+    failures: UncheckedFiles | None = None,
+) -> Iterator[T]:
     """`function` of every name, by `count` processes, in the order of the names.
 
     Interrupts are the caller's: the workers ignore them, and are killed when the iterator is
     closed or left by an exception.
 
+    Args:
+        function: applied in the workers.
+        names: its arguments.
+        count: the number of workers.
+        failures: what has failed before, to be raised with what fails here.
+
     Raises:
-        InternalError: `function` raised an exception that is no `R2bspecError`.
-        WorkerEndedError: a worker died; the message has the name it was at.
+        R2bspecError: `function` raised it; at once.
+        InternalError: `function` raised another exception; after the results of the others.
+        WorkerEndedError: a worker died, and the message has the name it was at; likewise.
     """
-    workers: list[_Worker] = []
+    shift = _Shift(function, names, failures or UncheckedFiles())
     try:
         for _ in range(count):
-            workers.append(_start(function, names, workers))
-        yield from _collect(workers, names)
+            shift.start()
+        yield from shift.results()
     finally:
-        for worker in workers:
+        for worker in shift.workers:
             worker.pipe.close()
             worker.process.kill()
-        for worker in workers:
+        for worker in shift.workers:
             worker.process.join()
+
+
+class _Shift:
+    """The workers of one call, and what is left to do."""
+
+    def __init__(
+        self, function: Callable[[str], Any], names: Sequence[str], failures: UncheckedFiles
+    ) -> None:
+        self._failures = failures
+        self._function = function
+        self._names = names
+        self._waiting: Iterator[int] = iter(range(len(names)))
+        self._by_pipe: dict[Any, _Worker] = {}
+        self.workers: list[_Worker] = []
+
+    def start(self) -> _Worker:
+        """One more worker, which has tasks already."""
+        worker = _start(self._function, self._names, self.workers)
+        self.workers.append(worker)
+        self._by_pipe[worker.pipe] = worker
+        _assign(worker, self._waiting)
+        return worker
+
+    def results(self) -> Iterator[Any]:
+        """Every result, in the order of the names; then the failures are raised."""
+        done: dict[int, Any] = {}
+        following = 0
+        while following < len(self._names):
+            for ready in connection.wait(list(self._by_pipe)):
+                worker = self._by_pipe[ready]
+                answer = _receive(worker, self._names)
+                done[answer.task] = answer.result
+                worker.tasks.remove(answer.task)
+                if answer.error is not None:
+                    raise answer.error
+                if answer.failure is not None:
+                    self._failures.add(self._names[answer.task], answer.failure)
+                    done[answer.task] = _NO_RESULT
+                if answer.ended:
+                    self._replace(worker)
+                else:
+                    _assign(worker, self._waiting)
+            while following in done:
+                result = done.pop(following)
+                following += 1
+                if result is not _NO_RESULT:
+                    yield result
+        self._failures.raise_first()
+
+    def _replace(self, ended: _Worker) -> None:
+        """Let a new worker do what one that has ended can no longer do."""
+        del self._by_pipe[ended.pipe]
+        self._waiting = chain(ended.tasks, self._waiting)
+        ended.tasks = []
+        self.start()
 
 
 def _start(
@@ -88,25 +171,6 @@ def _start(
     return _Worker(process, own)
 
 
-def _collect(workers: Sequence[_Worker], names: Sequence[str]) -> Iterator[Any]:
-    waiting = iter(range(len(names)))
-    by_pipe = {worker.pipe: worker for worker in workers}
-    for worker in workers:
-        _assign(worker, waiting)
-    done: dict[int, Any] = {}
-    following = 0
-    while following < len(names):
-        for ready in connection.wait(list(by_pipe)):
-            worker = by_pipe[ready]  # type: ignore[index]  # only pipes were waited for
-            answer = _receive(worker, names)
-            done[answer.task] = answer.result
-            worker.tasks.remove(answer.task)
-            _assign(worker, waiting)
-        while following in done:
-            yield done.pop(following)
-            following += 1
-
-
 def _assign(worker: _Worker, waiting: Iterator[int]) -> None:
     """Give a worker tasks; one that has died is noticed when its answer is read."""
     with contextlib.suppress(OSError):
@@ -120,14 +184,15 @@ def _receive(worker: _Worker, names: Sequence[str]) -> _Answer:
         found: _Answer = worker.pipe.recv()
     except (EOFError, OSError):
         worker.process.join()
-        raise WorkerEndedError(
+        ended = WorkerEndedError(
             f"the process that checked {_first(worker, names)} ended {_how(worker)}",
             hint="Check that file by itself. SIGKILL often means that memory was short.",
-        ) from None
-    if found.error is not None:
-        raise found.error
+        )
+        if not worker.tasks:
+            raise ended from None
+        return _Answer(worker.tasks[0], failure=ended, ended=True)
     if found.crash is not None:
-        raise InternalError(found.crash)
+        found.failure = InternalError(found.crash)
     return found
 
 
@@ -151,7 +216,7 @@ def _work(
     pipe: connection.Connection,
     inherited: Sequence[connection.Connection],
 ) -> None:
-    """The life of a worker: it ends with its pipe, or with the first task that fails."""
+    """The life of a worker: it ends with its pipe."""
     for number in _INTERRUPTS:
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _INTERRUPTS)

@@ -10,7 +10,9 @@ from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
 from r2bspec.bags.recording import BagIndex, BagLocation
 from r2bspec.datasets.sequences import SEQUENCES, describe, unknown_dataset_error
+from r2bspec.diagnostics.quote import clip
 
+_MAX_NAME_LENGTH = 4095  # that of Linux
 DATASETS_VARIABLE = "R2B_DATASETS"
 
 
@@ -28,6 +30,12 @@ def locate(bag: str, base_dir: Path) -> BagLocation:
         DataError: the path does not exist (R2B301), the name is unknown (R2B307), or
             ``$R2B_DATASETS`` is no folder (R2B301).
     """
+    if len(bag) > _MAX_NAME_LENGTH:
+        raise DataError(
+            f"the name of a bag has {len(bag):,} characters: {clip(bag)}",
+            code=BAG_NOT_FOUND,
+            hint=f"a path has at most {_MAX_NAME_LENGTH:,}",
+        )
     # Unlike those of pathlib, these take a name that cannot be for one that is not there.
     path = base_dir / os.path.expanduser(bag)  # noqa: PTH111
     if bag and os.path.exists(path):  # noqa: PTH110

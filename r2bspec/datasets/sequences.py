@@ -10,6 +10,7 @@ from r2bspec.bags.errors import DATASET_UNKNOWN, TOPIC_NOT_IN_BAG, WINDOW_OUTSID
 from r2bspec.bags.recording import BagIndex, TopicInfo, Window, WritableStorage
 from r2bspec.datasets.scene.rig import HOPE_TOPICS, ROBOT_TOPICS, TopicSource
 from r2bspec.datasets.scene.sizes import message_bytes
+from r2bspec.diagnostics.quote import quote
 
 DURATION_NS = 10_000_000_000
 
@@ -83,7 +84,7 @@ def unknown_dataset_error(name: str, known: Collection[str]) -> DataError:
     """The error for an unknown dataset name."""
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return DataError(
-        f"there is no dataset {name!r}",
+        f"there is no dataset {quote(name)}",
         code=DATASET_UNKNOWN,
         hint=f"did you mean {close[0]}?"
         if close

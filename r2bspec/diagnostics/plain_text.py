@@ -21,6 +21,7 @@ _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 # Line feed and tab stay, and a carriage return before a line feed.
 _CONTROL = rf"\r(?!\n)|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff{_BIDI}]"
 _ANY_CONTROL = re.compile(_CONTROL)
+_NOT_ESCAPED = re.compile(rf"[\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff{_BIDI}]")
 _STYLE = re.compile(r"(\x1b\[[0-9;]*m)")
 # The runner ignores space before a command; our own styles may be there, too.
 _LINE_COMMAND = re.compile(r"(?m)^((?:\x1b\[[0-9;]*m|[^\S\n])*):(?=:)")
@@ -32,6 +33,18 @@ def plain(text: str) -> str:
     if text.isascii() and text.isprintable():
         return text
     return _ANY_CONTROL.sub(REPLACEMENT, text)
+
+
+def escaped_json(content: bytes) -> bytes:
+    """A JSON document in which every character that controls a terminal is an escape.
+
+    Its values are the same. Encoders escape the characters below U+0020 only, and outside of texts
+    JSON has none of these.
+    """
+    if content.isascii() and b"\x7f" not in content:
+        return content
+    text = content.decode("utf-8", "surrogatepass")
+    return _NOT_ESCAPED.sub(lambda found: f"\\u{ord(found[0]):04x}", text).encode()
 
 
 def without_commands(text: str) -> str:

@@ -18,6 +18,7 @@ from typing import Any, Final, Literal
 
 import msgspec
 
+from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.untrusted.safe_file import read_bytes
@@ -152,7 +153,7 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
 
 def to_json(report: ReferenceReport) -> bytes:
     """The report as JSON in SI units, which `read_report` reads again."""
-    return msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
+    return escaped_json(msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n")
 
 
 def _is_ros2_benchmark_report(report: dict[str, Any]) -> bool:

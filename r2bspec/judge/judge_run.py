@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import msgspec
 
-from r2bspec.diagnostics.number_limits import check_numbers
+from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.judge.confirmation import judge_with_confirmation
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.history_comparison import judge_with_baseline
@@ -126,7 +126,7 @@ def _baseline_result(baseline: BaselineRecord, *, confirmed: bool) -> BaselineRe
 
 def to_json(result: Result) -> bytes:
     """The content of ``result.json``: fields in the order of the types, two spaces, a newline."""
-    return msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n"
+    return escaped_json(msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
 
 
 def from_json(content: bytes) -> Result:
@@ -135,12 +135,7 @@ def from_json(content: bytes) -> Result:
     Raises:
         msgspec.DecodeError: it is not a result of this version.
     """
-    result = decode_json(content, Result)
-    try:
-        check_numbers(result)
-    except ValueError as error:
-        raise msgspec.ValidationError(str(error)) from error
-    return result
+    return decode_json(content, Result)
 
 
 def _text(objective: Objective) -> ObjectiveText:

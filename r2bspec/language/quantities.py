@@ -300,3 +300,15 @@ def _format_decimal(number: Decimal) -> str:
     """A decimal number as text, without exponent and trailing zeros."""
     text = format(number.normalize(), "f")
     return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def parse_size_option(text: str) -> int:
+    """The bytes of an option; a number without a unit is one of bytes.
+
+    Raises:
+        ValueError: it is no size, or no positive one of at most 64 bits.
+    """
+    size = int(text) if text.isdecimal() else Size.parse(text).bytes
+    if not 0 < size < 2**63:
+        raise ValueError("a size is positive, and has at most 64 bits")
+    return size

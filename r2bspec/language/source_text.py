@@ -16,7 +16,7 @@ from pathlib import Path
 from r2bspec.diagnostics import Diagnostic, Edit, Severity, Span
 from r2bspec.diagnostics.source_lines import split_lines
 from r2bspec.untrusted.errors import OutsideFolderError, RefusedFileError, TooLargeError
-from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.untrusted.safe_file import ByteBudget, read_bytes
 
 MAX_DOCUMENT_BYTES = 10_000_000
 """Size of the largest document that is read; a spec has a few thousand bytes."""
@@ -63,12 +63,15 @@ class ReadResult:
         return all(found.severity is not Severity.ERROR for found in self.diagnostics)
 
 
-def read_file(path: Path, folders: Iterable[Path] = ()) -> ReadResult:
+def read_file(
+    path: Path, folders: Iterable[Path] = (), budget: ByteBudget | None = None
+) -> ReadResult:
     """Read and decode one file; ``-`` is standard input. Problems become diagnostics.
 
     Args:
         path: the file. If it is a link, the file itself must be below the folder of the link.
         folders: further folders in which the file itself may be.
+        budget: what this file and others may have together.
     """
     file = "<stdin>" if str(path) == "-" else str(path)
     try:
@@ -76,8 +79,10 @@ def read_file(path: Path, folders: Iterable[Path] = ()) -> ReadResult:
             data = sys.stdin.buffer.read(MAX_DOCUMENT_BYTES + 1)
         else:
             allowed = (path.parent, *folders)
-            data = read_bytes(path, max_bytes=MAX_DOCUMENT_BYTES, folders=allowed)
+            data = read_bytes(path, max_bytes=MAX_DOCUMENT_BYTES, folders=allowed, budget=budget)
     except TooLargeError:
+        if budget is not None and not budget.left:
+            return ReadResult(Source(file, ""), (_too_large_together(file, budget),))
         return decode(b" " * (MAX_DOCUMENT_BYTES + 1), file)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
@@ -85,6 +90,15 @@ def read_file(path: Path, folders: Iterable[Path] = ()) -> ReadResult:
         found = _error("R2B001", message, Span.of_file(file), _reading_help(error))
         return ReadResult(Source(file, ""), (found,))
     return decode(data, file)
+
+
+def _too_large_together(file: str, budget: ByteBudget) -> Diagnostic:
+    return _error(
+        "R2B002",
+        f"the extended files have more than {budget.max_bytes // 1_000_000} MB together",
+        Span.of_file(file),
+        "remove some: a file that is extended twice counts twice",
+    )
 
 
 def _reading_help(error: Exception) -> str:

@@ -7,10 +7,12 @@ else is an error at its place, and is not read.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics.quote import clip
-from r2bspec.language.base_version import BaseVersion
+from r2bspec.errors import UsageError
+from r2bspec.language.base_version import BaseVersion, base_version
 from r2bspec.language.located_tree import TreeNode
 from r2bspec.language.variable_declarations import listed_environment
 
@@ -40,3 +42,22 @@ class UntrustedSpecs:
             for name, item in listed.items()
             if name not in known
         }
+
+
+def untrusted_specs(folder: Path, *, untrusted: bool, base_ref: str) -> UntrustedSpecs | None:
+    """What ``--untrusted`` and ``--base-ref`` say; None without the former.
+
+    Args:
+        folder: a folder of the repository.
+        untrusted: whether specs are a stranger's.
+        base_ref: the commit that the change is based on; empty if it is not known.
+
+    Raises:
+        UsageError: there is a base, and nothing is compared with it.
+        BaseVersionError: the base cannot be read.
+    """
+    if untrusted:
+        return UntrustedSpecs(base_version(base_ref, folder) if base_ref else None)
+    if base_ref:
+        raise UsageError("--base-ref needs --untrusted")
+    return None

@@ -1,7 +1,8 @@
 """The canonical JSON of a plan, its hash, and reading it.
 
 Canonical form: JSON in UTF-8, sorted keys, indentation of two spaces, shortest floats that can be
-read back exactly, a newline at the end. Quantities and requirements are strings of the language.
+read back exactly, control characters and bidirectional marks as escapes, a newline at the end.
+Quantities and requirements are strings of the language.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from r2bspec.diagnostics.number_limits import check_numbers
+from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.language import value_codec
 from r2bspec.language.default_starts import MAX_STARTS
 from r2bspec.plan.errors import PLAN_BROKEN, PLAN_FOREIGN, PLAN_UNREADABLE, PlanError
@@ -35,7 +36,7 @@ class _PlanHeader(msgspec.Struct):
 def canonical_json(plan: Plan) -> bytes:
     """The canonical form of a plan."""
     text = msgspec.json.encode(plan, enc_hook=value_codec.encode, order="sorted")
-    return msgspec.json.format(text, indent=2) + b"\n"
+    return escaped_json(msgspec.json.format(text, indent=2) + b"\n")
 
 
 def plan_hash(plan: Plan) -> str:
@@ -69,8 +70,7 @@ def parse_plan(data: bytes, name: str) -> Plan:
     """
     _check_header(data, name)
     try:
-        plan = decode_json(data, Plan, dec_hook=_decode)
-        check_numbers(plan, free=_PASSED_ON)
+        plan = decode_json(data, Plan, dec_hook=_decode, free=_PASSED_ON)
         _check_ranges(plan)
     except (msgspec.DecodeError, ValueError) as error:
         raise PlanError(

@@ -18,7 +18,6 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
-from r2bspec.diagnostics.number_limits import check_numbers
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.errors import PlanError
 from r2bspec.plan.plan import Plan
@@ -38,6 +37,7 @@ from r2bspec.record.sample_arrays import (
 )
 from r2bspec.untrusted.safe_file import is_folder, read_bytes, read_text
 from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
+from r2bspec.untrusted.safe_yaml import RefusedYamlError, check_document
 
 FORMAT_VERSION = 1
 
@@ -291,27 +291,29 @@ def _read(path: Path) -> bytes:
 
 def _decode(path: Path, content: bytes, kind: Any) -> Any:
     try:
-        decoded = decode_json(content, kind)
-        check_numbers(decoded)
+        return decode_json(content, kind)
     except (msgspec.DecodeError, ValueError) as error:
         raise RecordError(f"{path} is damaged: {error}", hint=_CHANGED_HINT) from error
-    return decoded
 
 
 def read_spec_text(path: Path) -> str:
     """The resolved spec of a run or comparison; empty if the folder has none.
 
     Raises:
-        RecordError: it is no regular file, too large, or not UTF-8.
+        RecordError: it is no regular file, too large, not UTF-8, or no YAML within the limits.
     """
     try:
-        return read_text(path, max_bytes=_MAX_SPEC_BYTES, folders=(path.parent,))
+        text = read_text(path, max_bytes=_MAX_SPEC_BYTES, folders=(path.parent,))
+        check_document(text)
     except FileNotFoundError:
         return ""
+    except RefusedYamlError as error:
+        raise RecordError(f"{path} is damaged: {error}", hint=_CHANGED_HINT) from error
     except OSError as error:
         raise RecordError(
             f"{path} cannot be read: {error.strerror or error}", hint=_CHANGED_HINT
         ) from error
+    return text
 
 
 def _segment_folder(folder: Path, segment: str) -> Path:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.measure.distribution_parts import MAIN_PERCENTILES, part_value
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.units import at_rate, show_range
@@ -32,7 +33,7 @@ def to_json(report_input: ReportInput, *, bigger: bool) -> bytes:
     if bigger and search is not None and search.holds_hz is not None:
         found = {"name": f"{result.name}: peak", "unit": "Hz", "value": search.holds_hz}
         entries.append(found | {"extra": peak_text(search)})
-    return (json.dumps(entries, indent=2, ensure_ascii=False) + "\n").encode()
+    return escaped_json((json.dumps(entries, indent=2, ensure_ascii=False) + "\n").encode())
 
 
 def _entries(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import click
 
-from r2bspec.diagnostics.plain_text import harmless, plain, without_commands
+from r2bspec.diagnostics.plain_text import escaped_json, harmless, plain, without_commands
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,8 +40,11 @@ def echo(
 
 
 def echo_document(content: str | bytes, *, nl: bool = True) -> None:
-    """Print a document for programs, such as JSON, which has rules of its own for its texts."""
-    click.echo(content, nl=nl)
+    """Print a document for programs.
+
+    Characters that control a terminal, which only JSON can have here, become escapes of JSON.
+    """
+    click.echo(escaped_json(content.encode() if isinstance(content, str) else content), nl=nl)
 
 
 def write(stream: TextIO, text: str) -> None:

@@ -5,6 +5,7 @@ A file is written atomically; its folders are created.
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +19,8 @@ from r2bspec.report.errors import ReportError, ReportUsageError
 from r2bspec.report.format_registry import check_installed, find_format, renderer
 
 STDOUT = "-"
+
+_MAX_NAME_LENGTH = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +87,13 @@ def _contents(request: ReportRequest, report_input: ReportInput) -> Iterator[tup
     for rate in report_input.result.metrics.rates:
         for monitor in rate.pooled.monitors:
             one = replace(report_input, monitor=monitor, rate_hz=rate.offered_hz)
-            path = request.path.replace("{monitor}", monitor)
+            path = request.path.replace("{monitor}", file_name(monitor))
             yield path.replace("{rate}", rate_name(rate.offered_hz, rate.pace)), render(one)
+
+
+def file_name(text: str) -> str:
+    """A name of the run as part of a path: it leads to no other folder."""
+    return re.sub(r"[/\x00]", "_", text).replace("..", "_")[:_MAX_NAME_LENGTH]
 
 
 def write_report(path: str, content: bytes) -> None:

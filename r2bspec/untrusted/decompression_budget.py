@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from typing import Any, Final, TypeVar, cast
 
 from r2bspec.untrusted.errors import RefusedDataError
@@ -32,7 +33,45 @@ MAX_RATIO: Final = 1_000
 _MAX_FRAME_HEADER_BYTES: Final = 18
 T = TypeVar("T")
 
-_HINT: Final = "copy or record it again; if it is meant, convert it without compression"
+_HINT: Final = (
+    "copy or record it again; if it is meant, allow it with --max-bytes, or convert it without "
+    "compression"
+)
+
+
+@dataclass(slots=True)
+class _Chosen:
+    """What the user has chosen in place of the limits on files; None: nothing.
+
+    It is of the process, and not of a context: threads unpack, too.
+    """
+
+    max_bytes: int | None = None
+
+
+_CHOSEN: Final = _Chosen()
+
+
+@contextmanager
+def max_unpacked_bytes(max_bytes: int | None) -> Iterator[None]:
+    """Let each file be unpacked to this many bytes, whatever its size, while the block lasts.
+
+    A message or chunk may then have any ratio, and still no more than `MAX_PIECE_BYTES`.
+
+    Args:
+        max_bytes: the limit in bytes; None for the usual ones.
+    """
+    before = _CHOSEN.max_bytes
+    _CHOSEN.max_bytes = max_bytes
+    try:
+        yield
+    finally:
+        _CHOSEN.max_bytes = before
+
+
+def chosen_max_bytes() -> int | None:
+    """The limit of `max_unpacked_bytes` that applies; None for the usual ones."""
+    return _CHOSEN.max_bytes
 
 
 class DecompressionBudget:
@@ -43,7 +82,13 @@ class DecompressionBudget:
     """
 
     def __init__(self, stored_bytes: int) -> None:
-        self._left = max(FREE_TOTAL_BYTES, stored_bytes * MAX_RATIO)
+        chosen = _CHOSEN.max_bytes
+        if chosen is None:
+            self._left = max(FREE_TOTAL_BYTES, stored_bytes * MAX_RATIO)
+            self._limit = f"{MAX_RATIO:,} times its size"
+        else:
+            self._left = chosen
+            self._limit = _chosen_text(chosen)
 
     def spend(self, unpacked_bytes: int) -> None:
         """Take in one more piece.
@@ -53,9 +98,7 @@ class DecompressionBudget:
         """
         self._left -= unpacked_bytes
         if self._left < 0:
-            raise RefusedDataError(
-                f"it unpacks to more than {MAX_RATIO:,} times its size", hint=_HINT
-            )
+            raise RefusedDataError(f"it unpacks to more than {self._limit}", hint=_HINT)
 
     @contextmanager
     def active(self) -> Iterator[None]:
@@ -96,7 +139,8 @@ def check_piece(stored_bytes: int, unpacked_bytes: int) -> None:
         raise RefusedDataError(
             f"a message or chunk unpacks to more than {MAX_PIECE_BYTES >> 20} MiB", hint=_HINT
         )
-    if unpacked_bytes > max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO):
+    ratio_counts = _CHOSEN.max_bytes is None
+    if ratio_counts and unpacked_bytes > max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO):
         raise RefusedDataError(
             f"a message or chunk unpacks to more than {MAX_RATIO:,} times its size", hint=_HINT
         )
@@ -107,6 +151,9 @@ def check_piece(stored_bytes: int, unpacked_bytes: int) -> None:
 
 def max_unpacked(stored_bytes: int) -> int:
     """The most bytes that a piece of this size may unpack to."""
+    chosen = _CHOSEN.max_bytes
+    if chosen is not None:
+        return min(MAX_PIECE_BYTES, chosen)
     return min(MAX_PIECE_BYTES, max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO))
 
 
@@ -171,4 +218,10 @@ def _unpack(decompressor: Any, data: bytes, stated_bytes: int | None) -> bytes:
 def _refuse(stated_bytes: int | None) -> None:
     if stated_bytes is not None:
         raise RefusedDataError("a message or chunk unpacks to more than it states", hint=_HINT)
-    raise RefusedDataError("a message or chunk unpacks to too much", hint=_HINT)
+    chosen = _CHOSEN.max_bytes
+    limit = "too much" if chosen is None else f"more than {_chosen_text(chosen)}"
+    raise RefusedDataError(f"a message or chunk unpacks to {limit}", hint=_HINT)
+
+
+def _chosen_text(max_bytes: int) -> str:
+    return f"the {max_bytes:,} bytes of --max-bytes"

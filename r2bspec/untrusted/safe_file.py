@@ -28,6 +28,22 @@ _KINDS: Final = (
 _BLOCK_BYTES: Final = 1 << 20
 
 
+class ByteBudget:
+    """What several files may have together.
+
+    Args:
+        max_bytes: over all of them.
+    """
+
+    def __init__(self, max_bytes: int) -> None:
+        self.max_bytes = max_bytes
+        self.left = max_bytes
+
+    def spend(self, number_of_bytes: int) -> None:
+        """Count what was read of one more file; no more than `left`."""
+        self.left -= number_of_bytes
+
+
 def open_regular(path: Path, *, folders: Iterable[Path] | None = None) -> BinaryIO:
     """Open a regular file for reading.
 
@@ -48,37 +64,56 @@ def open_regular(path: Path, *, folders: Iterable[Path] | None = None) -> Binary
         os.close(place)
 
 
-def read_bytes(path: Path, *, max_bytes: int, folders: Iterable[Path] | None = None) -> bytes:
+def read_bytes(
+    path: Path,
+    *,
+    max_bytes: int,
+    folders: Iterable[Path] | None = None,
+    budget: ByteBudget | None = None,
+) -> bytes:
     """The content of a regular file, read once.
 
     Args:
         path: as for `open_regular`.
         max_bytes: the most that is read.
         folders: as for `open_regular`.
+        budget: what this file and others may have together; a file that exceeds it uses it up.
 
     Raises:
         TooLargeError: it has more bytes.
         RefusedFileError: as `open_regular`.
         OSError: the system refuses.
     """
+    allowed = max_bytes if budget is None else min(max_bytes, budget.left)
     with open_regular(path, folders=folders) as file:
-        blocks, left = [], max_bytes + 1
+        blocks, left = [], allowed + 1
         while left and (block := file.read(min(left, _BLOCK_BYTES))):
             blocks.append(block)
             left -= len(block)
+    if budget is not None:
+        budget.spend(min(allowed, allowed + 1 - left))
+    if not left and budget is not None and allowed < max_bytes:
+        limit = f"{budget.max_bytes:,} bytes"
+        raise TooLargeError(f"it and the files read before have more than {limit} together")
     if not left:
         raise TooLargeError(f"it is larger than {max_bytes:,} bytes")
     return b"".join(blocks)
 
 
-def read_text(path: Path, *, max_bytes: int, folders: Iterable[Path] | None = None) -> str:
+def read_text(
+    path: Path,
+    *,
+    max_bytes: int,
+    folders: Iterable[Path] | None = None,
+    budget: ByteBudget | None = None,
+) -> str:
     """The content of a file in UTF-8; arguments and errors as for `read_bytes`.
 
     Raises:
         RefusedFileError: it is not UTF-8, or as `read_bytes`.
         OSError: the system refuses.
     """
-    content = read_bytes(path, max_bytes=max_bytes, folders=folders)
+    content = read_bytes(path, max_bytes=max_bytes, folders=folders, budget=budget)
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:

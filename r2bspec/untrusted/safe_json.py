@@ -1,4 +1,4 @@
-"""Decoding JSON: size and depth are limited, and every problem is a `msgspec.DecodeError`."""
+"""Decoding JSON: size, depth and numbers are limited; each problem is a `msgspec.DecodeError`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
+from r2bspec.untrusted.number_limits import check_numbers
 from r2bspec.untrusted.safe_file import read_bytes
 
 MAX_JSON_BYTES: Final = 256_000_000
@@ -35,20 +36,35 @@ def read_json(
 
 
 def decode_json(
-    content: bytes, kind: type[T], *, dec_hook: Callable[[type, Any], Any] | None = None
+    content: bytes,
+    kind: type[T],
+    *,
+    dec_hook: Callable[[type, Any], Any] | None = None,
+    free: frozenset[str] = frozenset(),
 ) -> T:
     """Decode one value.
 
+    Args:
+        content: the document.
+        kind: the type of the value.
+        dec_hook: as for `msgspec.json.decode`.
+        free: fields whose numbers are only passed on; all others are checked (`check_numbers`).
+
     Raises:
-        msgspec.ValidationError: it is JSON, but not of this type.
+        msgspec.ValidationError: it is JSON, but not of this type, or a number is out of range.
         msgspec.DecodeError: it is not JSON or not UTF-8, or nested too deeply.
     """
     try:
-        return msgspec.json.decode(content, type=kind, dec_hook=dec_hook)
+        value = msgspec.json.decode(content, type=kind, dec_hook=dec_hook)
     except RecursionError:
         raise msgspec.DecodeError("it is nested too deeply") from None
     except UnicodeDecodeError as error:
         raise msgspec.DecodeError(f"it is not UTF-8 (byte {error.start})") from None
+    try:
+        check_numbers(value, free)
+    except ValueError as error:
+        raise msgspec.ValidationError(str(error)) from None
+    return value
 
 
 def decode_python_json(content: bytes) -> object:

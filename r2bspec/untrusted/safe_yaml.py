@@ -37,7 +37,11 @@ class RefusedYamlError(yaml.YAMLError):
 
 
 def load_values(
-    text: str, *, max_depth: int = MAX_DEPTH, max_expanded: int = MAX_EXPANDED_VALUES
+    text: str,
+    *,
+    max_depth: int = MAX_DEPTH,
+    max_expanded: int = MAX_EXPANDED_VALUES,
+    max_values: int = MAX_VALUES,
 ) -> Any:
     """The values of a document, as YAML 1.1 resolves them; no object is made from a tag.
 
@@ -46,10 +50,10 @@ def load_values(
         yaml.YAMLError: it is not YAML.
     """
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    return _load(text, loader, _Limits(max_depth, max_expanded, tags=False))
+    return _load(text, loader, _Limits(max_depth, max_expanded, max_values, tags=False))
 
 
-def load_texts(text: str) -> Any:
+def load_texts(text: str, *, max_values: int = MAX_VALUES) -> Any:
     """The document with every scalar as the text that is written: ``on`` and ``010`` stay.
 
     Raises:
@@ -57,13 +61,31 @@ def load_texts(text: str) -> Any:
         yaml.YAMLError: it is not YAML.
     """
     loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
-    return _load(text, loader, _Limits(MAX_DEPTH, MAX_EXPANDED_VALUES, tags=True))
+    return _load(text, loader, _Limits(MAX_DEPTH, MAX_EXPANDED_VALUES, max_values, tags=True))
+
+
+def check_document(text: str) -> None:
+    """See that a text is YAML within the limits, without building its values.
+
+    Raises:
+        RefusedYamlError: it is not.
+    """
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    try:
+        _check(text, loader, _Limits(MAX_DEPTH, MAX_EXPANDED_VALUES, MAX_VALUES, tags=False))
+    except RefusedYamlError:
+        raise
+    except yaml.YAMLError as error:
+        place = getattr(error, "problem_mark", None)
+        line = 1 if place is None else place.line + 1
+        raise RefusedYamlError("it is not YAML", line) from None
 
 
 @dataclass(frozen=True, slots=True)
 class _Limits:
     max_depth: int
     max_expanded: int
+    max_values: int
     tags: bool
 
 
@@ -111,8 +133,8 @@ def _check(text: str, loader: Any, limits: _Limits) -> None:
             if anchor:
                 anchors[anchor] = size
             _grow(open_sizes, size)
-        if values > MAX_VALUES:
-            raise RefusedYamlError(f"there are more than {MAX_VALUES:,} values", line)
+        if values > limits.max_values:
+            raise RefusedYamlError(f"there are more than {limits.max_values:,} values", line)
 
 
 def _alias_size(

@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.language.spec import QoS
-from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.untrusted.safe_file import ByteBudget, read_bytes
 from r2bspec.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
 from r2bspec.wiring.self_references import PARAMETER_METHODS, method_of_self, self_references
 from r2bspec.wiring.source_names import SourceNames
 
-_MAX_FILE_BYTES = 1_000_000
+_MAX_FILE_BYTES = 300_000
+"""The parser needs up to 700 bytes of memory for each byte."""
 _SIMPLE_STATEMENTS = (ast.Expr, ast.Assign, ast.AnnAssign)
 """Statements of a constructor that are executed exactly once."""
 
@@ -62,28 +63,35 @@ class _PartialInterface:
     qos: dict[str, QoS] = field(default_factory=dict)
 
 
-def read_node_source(source: Path, name: str, folder: Path | None = None) -> InterfaceEntry | None:
+def read_node_source(
+    source: Path, name: str, folder: Path | None = None, budget: ByteBudget | None = None
+) -> InterfaceEntry | None:
     """The interface of the class `name` in a file, or None if it is unknown.
 
     Args:
         source: the file.
         name: the class.
         folder: where the file must be; by default anywhere.
+        budget: what this file and others may have together.
     """
-    tree = read_python_file(source, folder)
+    tree = read_python_file(source, folder, budget)
     return None if tree is None else read_node_class(tree, name)
 
 
-def read_python_file(source: Path, folder: Path | None = None) -> ast.Module | None:
+def read_python_file(
+    source: Path, folder: Path | None = None, budget: ByteBudget | None = None
+) -> ast.Module | None:
     """The syntax tree of a Python file, or None if it cannot be read.
 
     Args:
         source: the file.
         folder: where the file must be; by default anywhere.
+        budget: what this file and others may have together.
     """
     folders = None if folder is None else (folder,)
     try:
-        return ast.parse(read_bytes(source, max_bytes=_MAX_FILE_BYTES, folders=folders))
+        content = read_bytes(source, max_bytes=_MAX_FILE_BYTES, folders=folders, budget=budget)
+        return ast.parse(content)
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return None
 

@@ -2,11 +2,13 @@
 
 They are read as data, once, so that wiring and plan are pure functions of values. Except for
 parameter files that the spec names by their paths, nothing outside of the folder of the spec is
-read, and links out of a folder are not followed.
+read, and links out of a folder are not followed. All files of a kind have a limit together, over
+all cases of a spec.
 """
 
 from __future__ import annotations
 
+import ast
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -18,13 +20,22 @@ from r2bspec.untrusted.safe_yaml import load_values
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.wiring.node_interface import InterfaceEntry, parse_interface_entry
 from r2bspec.wiring.node_start import NodeStart, read_node_start
-from r2bspec.wiring.parameter_files import ParameterFile, limited, read_parameter_file
+from r2bspec.wiring.parameter_files import (
+    ParameterEffort,
+    ParameterFile,
+    read_parameter_file,
+)
 
 INTERFACES_FOLDER = "interfaces"
 """The folder next to a spec with recorded interfaces, one file for each node."""
 
+MAX_YAML_BYTES = 3_000_000
+"""Parameter files and interfaces of a spec together."""
+MAX_SOURCE_BYTES = 600_000
+"""Python files of a spec together."""
 _MAX_FILE_BYTES = 1_000_000
 _MAX_DEPTH = 50
+_MAX_VALUES = 50_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,22 +72,71 @@ def read_companion_files(spec: Spec, base_dir: Path) -> CompanionFiles:
         spec: the spec.
         base_dir: its folder.
     """
-    interfaces: dict[str, InterfaceEntry] = {}
-    interface_errors: dict[str, str] = {}
-    sources: dict[str, InterfaceEntry] = {}
-    starts: dict[str, NodeStart] = {}
-    files: dict[str, ParameterFile] = {}
-    named: Counter[str] = Counter()
-    recorded = safe_file.is_folder(base_dir / INTERFACES_FOLDER)
-    for key, node in _nodes(spec):
-        if recorded:
-            _read_interface(base_dir, key, interfaces, interface_errors)
-        if ":" in node.python and node.python not in starts:
-            _read_source(base_dir, node.python, sources, starts)
-        named.update(set(node.parameter_files))
-    for path, number_of_nodes in named.items():
-        files[path] = limited(read_parameter_file(base_dir / path, base_dir), number_of_nodes)
-    return CompanionFiles(interfaces, interface_errors, files, sources, starts)
+    return CompanionReader(base_dir).read(spec)
+
+
+class CompanionReader:
+    """Reads the companion files of all cases of a spec, each file once.
+
+    Args:
+        base_dir: the folder of the spec.
+    """
+
+    def __init__(self, base_dir: Path) -> None:
+        self._base_dir = base_dir
+        self._recorded = safe_file.is_folder(base_dir / INTERFACES_FOLDER)
+        self._yaml = safe_file.ByteBudget(MAX_YAML_BYTES)
+        self._python = safe_file.ByteBudget(MAX_SOURCE_BYTES)
+        self._interfaces: dict[str, InterfaceEntry | str | None] = {}
+        self._trees: dict[str, ast.Module | None] = {}
+        self._sources: dict[str, tuple[InterfaceEntry | None, NodeStart | None]] = {}
+        self._parameter_files: dict[str, ParameterFile] = {}
+        self._effort = ParameterEffort()
+
+    def read(self, spec: Spec) -> CompanionFiles:
+        """The companion files of one case."""
+        interfaces: dict[str, InterfaceEntry] = {}
+        interface_errors: dict[str, str] = {}
+        sources: dict[str, InterfaceEntry] = {}
+        starts: dict[str, NodeStart] = {}
+        named: Counter[str] = Counter()
+        for key, node in _nodes(spec):
+            recorded = self._interface(key) if self._recorded else None
+            if isinstance(recorded, str):
+                interface_errors[key] = recorded
+            elif recorded is not None:
+                interfaces[key] = recorded
+            interface, start = self._source(node.python) if ":" in node.python else (None, None)
+            if interface is not None:
+                sources[node.python] = interface
+            if start is not None:
+                starts[node.python] = start
+            named.update(set(node.parameter_files))
+        files = {path: self._parameter_file(path, number) for path, number in named.items()}
+        return CompanionFiles(interfaces, interface_errors, files, sources, starts)
+
+    def _interface(self, key: str) -> InterfaceEntry | str | None:
+        if key not in self._interfaces:
+            self._interfaces[key] = _read_interface(self._base_dir, key, self._yaml)
+        return self._interfaces[key]
+
+    def _source(self, target: str) -> tuple[InterfaceEntry | None, NodeStart | None]:
+        """What the source of ``./file.py:Class`` says of its interface and its start."""
+        if target not in self._sources:
+            place, _, name = target.rpartition(":")
+            if place not in self._trees:
+                self._trees[place] = read_python_file(
+                    self._base_dir / place, self._base_dir, self._python
+                )
+            self._sources[target] = _read_class(self._trees[place], name)
+        return self._sources[target]
+
+    def _parameter_file(self, path: str, number_of_nodes: int) -> ParameterFile:
+        if path not in self._parameter_files:
+            self._parameter_files[path] = read_parameter_file(
+                self._base_dir / path, self._base_dir, self._yaml
+            )
+        return self._effort.limited(self._parameter_files[path], number_of_nodes)
 
 
 def _nodes(spec: Spec) -> Iterator[tuple[str, Node]]:
@@ -85,37 +145,31 @@ def _nodes(spec: Spec) -> Iterator[tuple[str, Node]]:
 
 
 def _read_interface(
-    base_dir: Path, key: str, found: dict[str, InterfaceEntry], interface_errors: dict[str, str]
-) -> None:
+    base_dir: Path, key: str, budget: safe_file.ByteBudget
+) -> InterfaceEntry | str | None:
+    """The recorded interface of a node, why it cannot be used, or None if there is none."""
     file = interface_file(base_dir, key)
     try:
-        text = safe_file.read_text(file, max_bytes=_MAX_FILE_BYTES, folders=(base_dir,))
+        text = safe_file.read_text(
+            file, max_bytes=_MAX_FILE_BYTES, folders=(base_dir,), budget=budget
+        )
     except FileNotFoundError:
-        return
+        return None
     except OSError as error:
-        interface_errors[key] = error.strerror or str(error)
-        return
+        return error.strerror or str(error)
     try:
-        row = load_values(text, max_depth=_MAX_DEPTH)
-        found[key] = parse_interface_entry(row, "file", f"{INTERFACES_FOLDER}/{file.name}")
+        row = load_values(text, max_depth=_MAX_DEPTH, max_values=_MAX_VALUES)
+        return parse_interface_entry(row, "file", f"{INTERFACES_FOLDER}/{file.name}")
     except Exception as error:
-        interface_errors[key] = str(error).partition("\n")[0] or type(error).__name__
+        return str(error).partition("\n")[0] or type(error).__name__
 
 
-def _read_source(
-    base_dir: Path,
-    target: str,
-    sources: dict[str, InterfaceEntry],
-    starts: dict[str, NodeStart],
-) -> None:
-    """Read what the source of ``./file.py:Class`` says of its interface and its start."""
-    place, _, name = target.rpartition(":")
-    tree = read_python_file(base_dir / place, base_dir)
+def _read_class(
+    tree: ast.Module | None, name: str
+) -> tuple[InterfaceEntry | None, NodeStart | None]:
     if tree is None:
-        return
-    interface = read_node_class(tree, name)
-    if interface is not None:
-        sources[target] = interface
-    start = read_node_start(tree, name)
-    if start is not None:
-        starts[target] = start
+        return None, None
+    try:
+        return read_node_class(tree, name), read_node_start(tree, name)
+    except RecursionError:
+        return None, None

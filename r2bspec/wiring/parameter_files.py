@@ -23,7 +23,7 @@ import yaml
 
 from r2bspec.language.spec import Node, ParameterValue
 from r2bspec.untrusted.errors import OutsideFolderError
-from r2bspec.untrusted.safe_file import read_text, real_path
+from r2bspec.untrusted.safe_file import ByteBudget, read_text, real_path
 from r2bspec.untrusted.safe_yaml import RefusedYamlError, load_values
 
 _MAX_FILE_BYTES = 1_000_000
@@ -33,8 +33,11 @@ _MAX_VALUES = 10_000
 
 _MAX_WILDCARD_KEYS = 100
 """Keys with ``*``: each is compared with the name of every node."""
+_MAX_YAML_VALUES = 50_000
 MAX_VALUES_OF_NODES = 200_000
 """Values of one file for all nodes that name it."""
+MAX_VALUES_OF_CASES = 1_000_000
+"""The same of all files and in all cases of a spec; a key with wildcards counts as a value."""
 
 _ANY_TOKENS = "**"
 _PARAMETERS_KEY = "ros__parameters"
@@ -61,6 +64,11 @@ class ParameterFile:
         return sum(len(values) for _, values in self.nodes)
 
     @cached_property
+    def number_of_wildcards(self) -> int:
+        """How many keys have wildcards; each is compared with the name of every node."""
+        return sum("*" in key for key, _ in self.nodes)
+
+    @cached_property
     def names(self) -> frozenset[str]:
         """The names of the parameters of all keys."""
         return frozenset(name for _, values in self.nodes for name in values)
@@ -80,7 +88,9 @@ class ParameterFile:
         return [self.nodes[position][1] for position in sorted((*same, *wild))]
 
 
-def read_parameter_file(path: Path, base_dir: Path | None = None) -> ParameterFile:
+def read_parameter_file(
+    path: Path, base_dir: Path | None = None, budget: ByteBudget | None = None
+) -> ParameterFile:
     """Read a parameter file; problems are in the result.
 
     A path may lead anywhere, because it is there to be read in the spec, but a link may not lead
@@ -90,10 +100,12 @@ def read_parameter_file(path: Path, base_dir: Path | None = None) -> ParameterFi
     Args:
         path: the file.
         base_dir: the folder of the spec; by default that of the file.
+        budget: what this file and others may have together.
     """
     home = path.parent if base_dir is None else base_dir
     try:
-        text = read_text(path, max_bytes=_MAX_FILE_BYTES, folders=(path.parent, home))
+        folders = (path.parent, home)
+        text = read_text(path, max_bytes=_MAX_FILE_BYTES, folders=folders, budget=budget)
     except FileNotFoundError:
         return ParameterFile(missing=True, problem="does not exist")
     except OutsideFolderError as error:
@@ -102,7 +114,9 @@ def read_parameter_file(path: Path, base_dir: Path | None = None) -> ParameterFi
     except OSError as error:
         return ParameterFile(problem=f"cannot be read: {error.strerror or error}")
     try:
-        document = load_values(text, max_depth=_MAX_DEPTH, max_expanded=_MAX_VALUES)
+        document = load_values(
+            text, max_depth=_MAX_DEPTH, max_expanded=_MAX_VALUES, max_values=_MAX_YAML_VALUES
+        )
     except RefusedYamlError as error:
         return ParameterFile(problem=f"cannot be used: {error}")
     except yaml.YAMLError as error:
@@ -130,6 +144,25 @@ def limited(file: ParameterFile, number_of_nodes: int) -> ParameterFile:
         problem=f"has {file.number_of_values:,} values for {number_of_nodes:,} nodes; "
         f"the limit is {MAX_VALUES_OF_NODES:,} together"
     )
+
+
+class ParameterEffort:
+    """What the parameter files of a spec cost, over all of its files and cases."""
+
+    def __init__(self) -> None:
+        self._left = MAX_VALUES_OF_CASES
+
+    def limited(self, file: ParameterFile, number_of_nodes: int) -> ParameterFile:
+        """The file, or why it cannot be used by that many nodes of one more case."""
+        file = limited(file, number_of_nodes)
+        total = (file.number_of_values + file.number_of_wildcards) * number_of_nodes
+        if total > self._left:
+            return ParameterFile(
+                problem=f"is one of several that have more than {MAX_VALUES_OF_CASES:,} values for "
+                "all nodes and cases together"
+            )
+        self._left -= total
+        return file
 
 
 class _Budget:

@@ -13,7 +13,7 @@ from r2bspec.bags.compression import decompress_ahead
 from r2bspec.bags.errors import RECORDING_NOT_CLOSED, STORAGE_UNREADABLE, DataError
 from r2bspec.bags.metadata import normalise_type
 from r2bspec.bags.recording import Message
-from r2bspec.bags.storage.storage import StoredTopic
+from r2bspec.bags.storage.storage import StoredTopic, check_topics
 from r2bspec.untrusted.decompression_budget import DecompressionBudget
 from r2bspec.untrusted.safe_file import is_regular, open_regular
 from r2bspec.untrusted.safe_sqlite import MAX_VALUE_BYTES, STEPS_BETWEEN_CALLS, open_read_only
@@ -41,6 +41,7 @@ class SqliteStorage:
         _check_complete(real, display_path)
         self._path = real
         self._stored_bytes = real.stat().st_size
+        _check_topics(real)
         self._has_index = _has_index(real)
         with ExitStack() as stack:
             self._reader = stack.enter_context(Reader(_uri_safe_path(real, stack)))
@@ -106,6 +107,20 @@ def _restrict(storage: Any) -> None:
     connection.limit(apsw.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
     # Signals are handled in Python code only: without this, a long query cannot be interrupted.
     connection.set_progress_handler(lambda: False, STEPS_BETWEEN_CALLS)
+
+
+def _check_topics(path: Path) -> None:
+    """Compare the topics with the limits before `rosbags` reads them.
+
+    Raises:
+        RefusedDataError: they exceed one.
+        sqlite3.Error: the database is damaged.
+    """
+    with open_read_only(path, tables=_TABLES) as database:
+        ((number, *lengths),) = database.execute(
+            "SELECT count(*), max(length(name)), max(length(type)) FROM topics"
+        )
+    check_topics(number, max(each or 0 for each in lengths))
 
 
 def _has_index(path: Path) -> bool:

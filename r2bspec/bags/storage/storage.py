@@ -19,7 +19,7 @@ from r2bspec.bags.errors import (
     error_hint,
     error_text,
 )
-from r2bspec.bags.metadata import check_not_lfs_pointer
+from r2bspec.bags.metadata import MAX_ENTRIES, MAX_NAME_LENGTH, check_not_lfs_pointer
 from r2bspec.bags.recording import Message
 from r2bspec.language.bag_formats import SUFFIXES_TEXT, format_of_suffix
 from r2bspec.untrusted.errors import RefusedDataError
@@ -131,9 +131,27 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
             with storage_errors(path):
                 plain = stack.enter_context(unpack(path)) if compressed_files else path
                 storage = _open(plain, path)
-            stack.callback(storage.close)
+                stack.callback(storage.close)
+                names = [name for each in storage.topics for name in (each.name, each.type)]
+                check_topics(len(storage.topics), max(map(len, names), default=0))
             storages.append(storage)
         yield storages
+
+
+def check_topics(number: int, longest: int) -> None:
+    """Compare the topics of a file with the limits of metadata.yaml.
+
+    Args:
+        number: of the topics; one that several publishers recorded counts several times.
+        longest: the length of the longest name of a topic or type.
+
+    Raises:
+        RefusedDataError: they exceed one.
+    """
+    if number > MAX_ENTRIES:
+        raise RefusedDataError(f"it has {number:,} topics; the limit is {MAX_ENTRIES:,}")
+    if longest > MAX_NAME_LENGTH:
+        raise RefusedDataError(f"it has a name of {longest:,} characters")
 
 
 def _open(path: Path, display_path: Path) -> Storage:

@@ -18,6 +18,7 @@ from r2bspec.compare.history.schema import (
     create_tables,
     schema_version,
 )
+from r2bspec.private_files import private_files
 from r2bspec.untrusted.errors import RefusedDataError
 from r2bspec.untrusted.safe_sqlite import check_schema, end_deadline, restrict
 
@@ -181,7 +182,8 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
             hint=f"'r2bspec run SPEC --history {path}' creates it.",
         )
     with contextlib.ExitStack() as stack:
-        with _translate_errors(path):
+        # SQLite gives its journals the mode of the file, so that only its creation matters.
+        with _translate_errors(path), private_files():
             path.parent.mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, timeout=_MAX_LOCK_WAIT_S, isolation_level=None)
             stack.enter_context(contextlib.closing(connection))

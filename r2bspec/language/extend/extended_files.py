@@ -19,15 +19,18 @@ from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.extend.overlay import overlay
 from r2bspec.language.extend.rebase_paths import rebase_paths
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, without
-from r2bspec.language.source_text import Source, read_file
+from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source, read_file
 from r2bspec.language.variable_references import OPENING
 from r2bspec.language.yaml_composer import compose
+from r2bspec.untrusted.safe_file import ByteBudget
 
 KEY = "extends"
 MAX_EXTENDS_DEPTH = 20
 """Files in a chain, each of which extends the next."""
 MAX_EXTENDED_FILES = 100
 """Files that one document may read; a file extended twice counts twice."""
+MAX_EXTENDED_BYTES = MAX_DOCUMENT_BYTES
+"""Bytes that they may have together."""
 
 
 @dataclass(slots=True)
@@ -79,6 +82,7 @@ class _FileMerger:
         self._folders = folders
         self._schema = schema
         self._read = 0
+        self._budget = ByteBudget(MAX_EXTENDED_BYTES)
 
     def merge(self, root: MapNode, place: _FileContext) -> MapNode:
         named = list(extended_names(root))
@@ -165,7 +169,7 @@ class _FileMerger:
         return None
 
     def _compose_file(self, node: ScalarNode, file: str) -> MapNode | None:
-        read = read_file(FilePath(file), self._folders)
+        read = read_file(FilePath(file), self._folders, self._budget)
         self._result.sources[file] = read.source
         if not read.usable:
             self._add(read.diagnostics)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.interop.ros2_benchmark import (
     BASIC_PREFIX,
     METADATA_PREFIX,
@@ -55,7 +56,7 @@ def render(report_input: ReportInput) -> bytes:
     content["metadata"] = {
         f"{METADATA_PREFIX}.{key}": value for key, value in _metadata(report_input, run).items()
     }
-    return (json.dumps(content, indent=4, ensure_ascii=False) + "\n").encode()
+    return escaped_json((json.dumps(content, indent=4, ensure_ascii=False) + "\n").encode())
 
 
 def _at_peak(run: Run, rates: dict[float, list[Segment]]) -> list[Segment]:

@@ -12,6 +12,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
@@ -61,7 +62,8 @@ def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
         output_format: ``text``, or ``json`` for the verdict as in ``result.json``.
     """
     if output_format == "json":
-        sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(verdict), indent=2) + b"\n")
+        content = msgspec.json.format(msgspec.json.encode(verdict), indent=2) + b"\n"
+        sys.stdout.buffer.write(escaped_json(content))
         sys.stdout.flush()
         return
     terminal = _standard_output()

@@ -18,7 +18,7 @@ import pytest
 import r2bspec.cli.check_files as check_files_module
 from r2bspec.check.example_spec import example
 from r2bspec.cli import main as cli
-from r2bspec.cli.internal_error import Crash, InternalError, WorkerEndedError
+from r2bspec.cli.internal_error import MAX_FAILURES, Crash, InternalError, WorkerEndedError
 from r2bspec.cli.worker_processes import map_in_processes
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
@@ -164,6 +164,79 @@ def test_a_worker_that_dies_is_an_error_that_names_its_file(
         f"error[R2B691 worker-ended]: the process that checked '{chosen}' ended by {number.name}"
     )
     assert second.startswith("  help: ")
+
+
+WRONG = "1: 2\n"
+
+
+@pytest.mark.parametrize("together", [True, False])
+@pytest.mark.parametrize("chosen", [[0], [37], [0, 1, 37, 59]])
+def test_a_crash_does_not_hide_the_findings_of_other_files(
+    chosen: list[int],
+    together: bool,
+    many: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if not together:
+        monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 1000)
+    crashing = {many[number] for number in chosen}
+    wrong = [name for number, name in enumerate(many) if number % 10 == 5]
+    for name in wrong:
+        Path(name).write_text(WRONG)
+    before = check_files_module._load
+
+    def load(source: Path | str, file: str, options: check_files_module.CheckOptions) -> object:
+        if file in crashing:
+            _nested()
+        return before(source, file, options)
+
+    monkeypatch.setattr(check_files_module, "_load", load)
+    assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
+    shown = capsys.readouterr()
+    assert [name for name in many if f"{name}:1:" in shown.out] == wrong
+    assert f"{len(many) - len(chosen)} files, " in shown.out
+    assert [name for name in crashing if repr(name) not in shown.err] == []
+
+
+def test_workers_that_die_are_replaced(
+    many: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path(many[58]).write_text(WRONG)
+
+    def die() -> None:
+        faulthandler.disable()
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    _crash_on(monkeypatch, many, die)
+    assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
+    shown = capsys.readouterr()
+    assert f"{many[58]}:1:" in shown.out
+    assert "59 files, " in shown.out
+
+
+def test_when_every_check_crashes_the_rest_is_left(
+    many: list[str],
+    temporary: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(check_files_module, "_load", lambda *_: _nested())
+    assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
+    assert "Not checked either: " in capsys.readouterr().err
+    assert len(list(temporary.iterdir())) == MAX_FAILURES
+
+
+@pytest.mark.parametrize("option", ["--fix", "--diff"])
+def test_a_crash_while_a_file_is_repaired_names_the_file(
+    option: str,
+    many: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    chosen = _crash_on(monkeypatch, many, _nested)
+    assert cli.main(["validate", "--offline", option, *many]) == ExitStatus.INTERNAL_ERROR
+    assert f"while checking '{chosen}'" in capsys.readouterr().err
 
 
 def test_a_worker_that_exits_is_an_error() -> None:

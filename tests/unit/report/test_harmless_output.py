@@ -18,13 +18,14 @@ from r2bspec.compare.comparison import ComparedSource, Comparison, ComparisonLin
 from r2bspec.compare.history import HistoryEntry, open_history
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics import Diagnostic, Severity, Span
-from r2bspec.diagnostics.plain_text import harmless, plain, plain_values
+from r2bspec.diagnostics.plain_text import escaped_json, harmless, plain, plain_values
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
 from r2bspec.report.findings import finding_formats
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.output import console, echo, write
+from r2bspec.report.write_reports import file_name
 from report_runs import USUAL
 
 PACKAGE = Path(__file__).parents[3] / "r2bspec"
@@ -236,3 +237,56 @@ def test_nothing_else_writes_text() -> None:
                 ):
                     found.append(f"{name}:{node.lineno}: {called}")
     assert found == []
+
+
+def test_json_keeps_its_values_and_has_escapes() -> None:
+    document = msgspec.json.encode({"a": ATTACK, ATTACK: "\x85\ufeff\u2029", "é": "日本\U0001f600"})
+    shown = escaped_json(document)
+    check_harmless(re.sub(r"(?m)^\s*::|##\[", "", shown.decode()))
+    assert msgspec.json.decode(shown) == msgspec.json.decode(document)
+    assert "日本\U0001f600" in shown.decode()
+    assert escaped_json(b'{"a": "\x7f"}') == b'{"a": "\\u007f"}'
+
+
+@pytest.mark.parametrize("name", ["json", "bencher", "benchmark_smaller"])
+def test_no_document_of_a_hostile_result_controls_a_terminal(name: str, hostile: Result) -> None:
+    shown = renderer(name)(ReportInput(result=hostile)).decode()
+    assert not CONTROL.search(shown)
+    assert msgspec.json.decode(shown)
+
+
+HOSTILE_SPEC = (
+    example()
+    .replace("name: example", 'name: example\nlabels: {a: "a\\x9b31m\\u202eb\\e]0;x\\a"}')
+    .encode()
+)
+
+
+def test_a_plan_has_no_control_characters_wherever_it_goes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = tmp_path / "relay.r2b.yaml"
+    spec.write_bytes(HOSTILE_SPEC)
+    file = tmp_path / "plan"
+    assert main(["plan", str(spec), "-o", str(file)]) == 0
+    assert main(["plan", str(spec)]) == 0
+    printed = capsys.readouterr().out
+    assert printed == file.read_text(encoding="utf-8")
+    assert not CONTROL.search(printed)
+    assert "\\u202e" in printed
+    for options in (["--graph", "mermaid"], ["--graph", "dot"], ["--explain", "labels.a"]):
+        assert main(["plan", str(spec), *options, "-o", str(file)]) == 0
+        assert not CONTROL.search(file.read_text(encoding="utf-8"))
+    plain_spec = tmp_path / "plain.r2b.yaml"
+    plain_spec.write_text(example(), encoding="utf-8")
+    main(["plan", str(spec), "--diff", str(plain_spec), "-o", str(file)])
+    assert not CONTROL.search(file.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", ["../../../x", "/etc/x", "..", "a\0b", "x" * 300])
+def test_a_name_of_a_monitor_leads_to_no_other_folder(name: str) -> None:
+    shown = file_name(name)
+    assert "/" not in shown
+    assert ".." not in shown
+    assert "\0" not in shown
+    assert len(shown) <= 100

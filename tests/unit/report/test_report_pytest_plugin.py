@@ -122,3 +122,65 @@ def test_a_second_call_has_folders_of_its_own(tmp_path: Path) -> None:
         names.append(_new_folder(tmp_path / "base").name)
         (tmp_path / names[-1]).mkdir()
     assert names == ["base", "base-2", "base-3"]
+
+
+def git(folder: Path, *arguments: str) -> None:
+    names = ["-c", "user.name=x", "-c", "user.email=x@example.org"]
+    command = ["git", *names, *arguments]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+
+
+def test_an_untrusted_spec_reads_no_variable(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BAG", "nowhere")
+    spec = folder / "simulated.r2b.yaml"
+    spec.write_text("environment: [BAG]\n" + SPEC.replace("bag: nowhere", "bag: $(env BAG)"))
+    arguments = ("--r2bspec", "--r2bspec-runs", "runs")
+    assert "PASSED simulated.r2b.yaml::valid" in pytest_run(folder, *arguments).stdout
+    done = pytest_run(folder, *arguments, "--r2bspec-untrusted")
+    assert "FAILED simulated.r2b.yaml::valid" in done.stdout
+    assert "R2B143" in done.stdout
+    git(folder, "init", "--quiet", "-b", "main")
+    git(folder, "add", "simulated.r2b.yaml")
+    git(folder, "commit", "--quiet", "-m", "base")
+    done = pytest_run(folder, *arguments, "--r2bspec-untrusted", "--r2bspec-base-ref", "main")
+    assert "PASSED simulated.r2b.yaml::valid" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("--r2bspec-base-ref=main", "--base-ref needs --untrusted"),
+        ("--r2bspec-max-bytes=0", "a size is positive"),
+        ("--r2bspec-max-bytes=many", "many"),
+    ],
+)
+def test_a_wrong_option_is_wrong_usage(option: str, said: str, folder: Path) -> None:
+    done = pytest_run(folder, "--r2bspec", option)
+    assert done.returncode == 4
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_spec_that_is_a_link_needs_an_allowed_folder(folder: Path, tmp_path: Path) -> None:
+    project = tmp_path / "project"
+    project.mkdir()
+    (project / "linked.r2b.yaml").symlink_to(folder / "simulated.r2b.yaml")
+    arguments = ("--r2bspec", "--r2bspec-runs", str(folder / "runs"))
+    done = pytest_run(project, *arguments)
+    assert "FAILED linked.r2b.yaml::valid" in done.stdout
+    assert "it is a link out of its folder" in done.stdout
+    done = pytest_run(project, *arguments, "--r2bspec-allow-path", str(folder))
+    assert "PASSED linked.r2b.yaml::valid" in done.stdout
+    assert "PASSED linked.r2b.yaml::fast: latency.p50 < 60 ms" in done.stdout
+
+
+def test_what_a_spec_says_does_not_control_the_terminal(folder: Path) -> None:
+    spec = folder / "simulated.r2b.yaml"
+    spec.write_bytes(
+        SPEC.encode().replace(b"bag: nowhere", b'bag: "./\\x9b31m\\e]0;x\\a\\n::error::x"')
+    )
+    done = pytest_run(folder, "--r2bspec")
+    assert "R2B301" in done.stdout
+    assert "\x1b" not in done.stdout
+    assert "\x9b" not in done.stdout
+    assert not any(line.lstrip().startswith("::error") for line in done.stdout.splitlines())

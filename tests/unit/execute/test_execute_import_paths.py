@@ -1,0 +1,49 @@
+"""Promise: every Python that r2bspec starts leaves the current folder out of where it imports."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+from r2bspec.check.example_spec import example
+from r2bspec.cli.main import main
+
+PACKAGE = Path(__file__).parents[3] / "r2bspec"
+
+
+def command_words() -> list[tuple[str, list[object]]]:
+    """Every list or tuple of words in the package in which a module is executed by its name."""
+    found = []
+    for file in sorted(PACKAGE.rglob("*.py")):
+        for each in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(each, ast.List | ast.Tuple):
+                words = [getattr(one, "value", None) for one in each.elts]
+                if "-m" in words or "-c" in words:
+                    found.append((f"{file.relative_to(PACKAGE)}:{each.lineno}", words))
+    return found
+
+
+def test_every_command_line_has_the_option() -> None:
+    found = command_words()
+    assert len(found) >= 5
+    # `bash -c` of a setup file, and not of Python.
+    python = [(place, words) for place, words in found if "-m" in words and len(words) > 1]
+    assert [place for place, words in python if words[words.index("-m") - 1] != "-P"] == []
+
+
+def test_validate_with_several_processes_imports_nothing_from_the_folder(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name in sys.stdlib_module_names:
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('the module of a stranger')\n")
+    for number in range(110):
+        (tmp_path / f"{number}.r2b.yaml").write_text(example(), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
+    assert main(["validate", "--offline", "."]) == 0
+    assert "110 files" in capsys.readouterr().out
