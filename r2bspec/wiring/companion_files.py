@@ -19,6 +19,7 @@ from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.wiring.node_interface import InterfaceEntry, parse_interface_entry
 from r2bspec.wiring.node_start import NodeStart, read_node_start
 from r2bspec.wiring.parameter_files import ParameterFile, limited, read_parameter_file
+from r2bspec.wiring.record_origin import difference
 
 INTERFACES_FOLDER = "interfaces"
 """The folder next to a spec with recorded interfaces, one file for each node."""
@@ -70,7 +71,7 @@ def read_companion_files(spec: Spec, base_dir: Path) -> CompanionFiles:
     recorded = safe_file.is_folder(base_dir / INTERFACES_FOLDER)
     for key, node in _nodes(spec):
         if recorded:
-            _read_interface(base_dir, key, interfaces, interface_errors)
+            _read_interface(base_dir, key, node, interfaces, interface_errors)
         if ":" in node.python and node.python not in starts:
             _read_source(base_dir, node.python, sources, starts)
         named.update(set(node.parameter_files))
@@ -85,7 +86,11 @@ def _nodes(spec: Spec) -> Iterator[tuple[str, Node]]:
 
 
 def _read_interface(
-    base_dir: Path, key: str, found: dict[str, InterfaceEntry], interface_errors: dict[str, str]
+    base_dir: Path,
+    key: str,
+    node: Node,
+    found: dict[str, InterfaceEntry],
+    interface_errors: dict[str, str],
 ) -> None:
     file = interface_file(base_dir, key)
     try:
@@ -97,9 +102,15 @@ def _read_interface(
         return
     try:
         row = load_values(text, max_depth=_MAX_DEPTH)
-        found[key] = parse_interface_entry(row, "file", f"{INTERFACES_FOLDER}/{file.name}")
+        entry = parse_interface_entry(row, "file", f"{INTERFACES_FOLDER}/{file.name}")
     except Exception as error:
         interface_errors[key] = str(error).partition("\n")[0] or type(error).__name__
+        return
+    problem = "" if entry.recorded_from is None else difference(entry.recorded_from, node, base_dir)
+    if problem:
+        interface_errors[key] = problem
+    else:
+        found[key] = entry
 
 
 def _read_source(
