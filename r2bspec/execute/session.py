@@ -191,6 +191,7 @@ class Session:
                 buffer_dir=str(self._buffer_dir),
                 rows=str(self._rows_dir / PLAYBACK_ROWS),
                 transforms=buffered_transforms(self._buffer_dir),
+                clock=plan.clock,
             ),
         )
         self._schedule = build_schedule(plan, self._buffer_dir, ready.headers, self._reporter.note)

@@ -34,6 +34,7 @@ class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
         buffer_only: topics that are buffered and not published. With `retime`, the times of these
             and of the sources are replaced by the times of publication.
         static: whether the buffered /tf_static is published, latched, before anything else.
+        clock: whether the system time is published on /clock.
     """
 
     sources: dict[str, str]
@@ -42,18 +43,21 @@ class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
     buffer_only: tuple[str, ...] = ()
     retime: bool = False
     static: bool = False
+    clock: bool = False
 
 
 class ConfigurePlayer(_Message, frozen=True, kw_only=True, tag=True):
     """Be the player: publish `inputs` and `transforms` (topics) from the buffers.
 
-    The reply, `Ready`, states which inputs have a header. `Follow` sets the schedule.
+    The reply, `Ready`, states which inputs have a header. `Follow` sets the schedule. With
+    `clock`, the system time is published on /clock until it ends.
     """
 
     inputs: tuple[InputPlan, ...]
     buffer_dir: str
     rows: str
     transforms: tuple[str, ...] = ()
+    clock: bool = False
 
 
 class Follow(_Message, frozen=True, kw_only=True, tag=True):

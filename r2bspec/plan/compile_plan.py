@@ -100,6 +100,7 @@ def compile_plan(
         drain_timeout_ns=spec.benchmark.drain_timeout.ns,
         segment_bytes=0 if spec.segment is None else spec.segment.bytes,
         play_at_peak=play_at_peak,
+        clock=spec.playback.clock,
     )
 
 

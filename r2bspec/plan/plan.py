@@ -317,6 +317,7 @@ class Plan(_Value, frozen=True, kw_only=True):
         external: nodes that must already run.
         segment_bytes: the size of the shared memory segment in the spec; 0 derives it from the
             largest message.
+        clock: whether loader and player publish the system time on /clock.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -354,3 +355,4 @@ class Plan(_Value, frozen=True, kw_only=True):
     drain_timeout_ns: int = 5 * 10**9
     segment_bytes: int = 0
     play_at_peak: PlayPlan | None = None
+    clock: bool = False

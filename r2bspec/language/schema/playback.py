@@ -108,6 +108,11 @@ PLAYBACK: Schema = record(
             ["shift", "keep"],
             "shift",
         ),
+        "clock": boolean(
+            "Whether the system time is published on /clock, 100 times per second, for nodes with "
+            "'use_sim_time'. The stamps of played messages are of the same clock.",
+            default=False,
+        ),
     },
     unless_live=["inputs"],
     examples=[
