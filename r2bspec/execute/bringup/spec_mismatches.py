@@ -48,17 +48,30 @@ def unmatched_remappings(ready: protocol.Ready) -> Iterator[Difference]:
     This need not be an error: a node may create a publisher or a subscription later.
     """
     for node, before, after in ready.unmatched:
-        names = sorted({topic for owner, topic, _, _ in ready.endpoints if owner == node} - {after})
-        yield Difference(
-            code=_REMAPPING_MATCHES_NOTHING,
-            message=f"{node} has no topic '{before}' to remap to {after}",
-            part="remapping",
-            owner=node,
-            name=before,
-            topic=after,
-            help=f"its topics: {', '.join(names)}" if names else "it has no topics",
-            harmless=True,
-        )
+        own = {topic for owner, topic, _, _ in ready.endpoints if owner == node}
+        yield unmatched_remapping(node, before, after, own)
+
+
+def unmatched_remapping(node: str, before: str, after: str, own: Iterable[str]) -> Difference:
+    """A remapping that changed no name.
+
+    Args:
+        node: full name.
+        before: as in the spec.
+        after: full name of the topic.
+        own: the topics of the node.
+    """
+    names = sorted({*own} - {after})
+    return Difference(
+        code=_REMAPPING_MATCHES_NOTHING,
+        message=f"{node} has no topic '{before}' to remap to {after}",
+        part="remapping",
+        owner=node,
+        name=before,
+        topic=after,
+        help=f"its topics: {', '.join(names)}" if names else "it has no topics",
+        harmless=True,
+    )
 
 
 def graph_mismatches(
