@@ -23,6 +23,7 @@ from r2bspec.execute.bringup.launcher import (
 from r2bspec.execute.bringup.readiness import wait_for_probe
 from r2bspec.execute.bringup.spec_mismatches import related_differences
 from r2bspec.execute.bringup.start_deadline import StartDeadline
+from r2bspec.execute.bringup.undeclared_parameters import find_undeclared
 from r2bspec.execute.diagnosis.find_fault import full_path, path_lines
 from r2bspec.execute.diagnosis.graph_facts import GraphFacts
 from r2bspec.execute.diagnosis.observe_graph import (
@@ -32,7 +33,7 @@ from r2bspec.execute.diagnosis.observe_graph import (
     fault_report,
     find_faults,
 )
-from r2bspec.execute.errors import NoOutputError
+from r2bspec.execute.errors import GraphMismatchError, NoOutputError
 from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
 from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_rate_hz
@@ -143,6 +144,7 @@ class Session:
         )
         with deadline.paused():
             self._wait_until_ready(monitor)
+            self._check_parameters(monitor)
         self._warm_up(self._segment_player, monitor, deadline)
         segment_player = self._segment_player
         segment_player.on_output_stopped = lambda segment, plan: self._diagnose_stopped_output(
@@ -243,6 +245,21 @@ class Session:
             self._reporter.phase("after_ready", "running the after_ready steps")
             for step in plan.after_ready:
                 self._launcher.run_step(step)
+
+    def _check_parameters(self, monitor: ManagedProcess) -> None:
+        """Ask nodes that are not in Python hosts for their parameters.
+
+        Raises:
+            GraphMismatchError: one does not declare a parameter that is certainly misspelt.
+        """
+        found = find_undeclared(self._plan, MEASURE_PHASE, self._supervisor, monitor)
+        wrong = [each for each in found if not each.harmless]
+        if wrong:
+            message = "; ".join(each.message for each in wrong)
+            raise GraphMismatchError(wrong, message, hint=wrong[0].help)
+        for each in found:
+            self._reporter.note(f"{each.message}; ROS ignores it")
+        self._launcher.differences += found
 
     def _warm_up(
         self, segment_player: SegmentPlayer, monitor: ManagedProcess, deadline: StartDeadline

@@ -153,6 +153,13 @@ class Survey(_Message, frozen=True, kw_only=True, tag=True):
     """Query the nodes, services and topics."""
 
 
+class ListParameters(_Message, frozen=True, kw_only=True, tag=True):
+    """Ask all nodes for the names of their parameters, except for these. For a monitor."""
+
+    exclude: tuple[str, ...]
+    timeout_ns: int
+
+
 class ListForeign(_Message, frozen=True, kw_only=True, tag=True):
     """Ask which publishers were ever seen on guarded topics that may be no process's of the run."""
 
@@ -202,6 +209,7 @@ Command = (
     | CountMatches
     | Discover
     | Survey
+    | ListParameters
     | ListForeign
     | Load
     | Play
@@ -274,6 +282,13 @@ class Surveyed(_Message, frozen=True, kw_only=True, tag=True):
     topics: tuple[str, ...] = ()
 
 
+class ParameterLists(_Message, frozen=True, kw_only=True, tag=True):
+    """The parameters of nodes that have responded, by full name, and which are lifecycle nodes."""
+
+    parameters: dict[str, tuple[str, ...]]
+    lifecycle: tuple[str, ...] = ()
+
+
 class ForeignPublisher(msgspec.Struct, frozen=True, kw_only=True):
     """A publisher of which no process carries the id of the run.
 
@@ -330,6 +345,7 @@ Reply = (
     | Matched
     | Discovered
     | Surveyed
+    | ParameterLists
     | ForeignPublishers
     | Called
     | Composed

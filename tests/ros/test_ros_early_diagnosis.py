@@ -5,6 +5,7 @@ The start timeout of these specs is a minute. That it was not waited for is seen
 
 from __future__ import annotations
 
+import re
 import sys
 from typing import Any
 
@@ -97,6 +98,26 @@ def test_incompatible_profiles(bench: Bench) -> None:
     spec = relay_spec(graph={"nodes": {"picky": {"python": "./nodes.py:Picky"}}})
     spec["playback"]["inputs"]["input"]["qos"] = {"reliability": "best_effort"}
     assert_certain(bench.run(spec), "R2B216", "requests a QoS on /r2b/input")
+
+
+def test_a_misspelt_parameter_of_a_program(bench: Bench) -> None:
+    node = program(remappings={"image": "input", "out": "output"}, parameters={"gian": 2.0})
+    done = run(bench, node)
+    assert done.status == 2
+    assert f"error[{code_with_slug('R2B211')}]" in done.error
+    assert "/r2b/plain declares no parameter 'gian'" in done.error
+    assert "did you mean 'gain'?" in done.error
+    assert re.search(r"spec\d+\.r2b\.yaml:\d+:\d+", done.stderr)
+    assert "warm-up" not in done.stderr
+
+
+def test_a_parameter_of_a_program_that_resembles_no_other_is_a_warning(bench: Bench) -> None:
+    node = program(remappings={"image": "input", "out": "output"}, parameters={"speed": 2.0})
+    done = run(bench, node)
+    done.assert_complete()
+    [found] = done.run().record.differences
+    assert (found.code, found.name, found.harmless) == ("R2B211", "speed", True)
+    assert "/r2b/plain declares no parameter 'speed'; ROS ignores it" in done.stderr
 
 
 def test_a_program_that_is_right_runs(bench: Bench) -> None:

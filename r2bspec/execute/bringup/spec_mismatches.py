@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import msgspec
 
@@ -22,15 +22,24 @@ def require_declared_parameters(ready: protocol.Ready) -> None:
     Raises:
         GraphMismatchError: a node does not declare one.
     """
-    found = [_undeclared_parameter(ready, node, name) for node, name in ready.undeclared]
+    found = [
+        undeclared_parameter(node, name, sorted(ready.parameters.get(node, ())))
+        for node, name in ready.undeclared
+    ]
     if found:
         raise GraphMismatchError(
             found, "; ".join(each.message for each in found), hint=found[0].help
         )
 
 
-def _undeclared_parameter(ready: protocol.Ready, node: str, name: str) -> Difference:
-    known = sorted(ready.parameters.get(node, ()))
+def undeclared_parameter(node: str, name: str, known: Sequence[str]) -> Difference:
+    """A parameter that a node does not declare.
+
+    Args:
+        node: full name.
+        name: of the parameter.
+        known: the parameters that it declares.
+    """
     close = did_you_mean(name, known)
     return Difference(
         code=_PARAMETER_UNKNOWN,
