@@ -6,10 +6,11 @@ run, must also fail (`r2bspec.judge.confirmation`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from r2bspec.execute.bringup.discovery import wait_for_mutual_discovery
+from r2bspec.execute.bringup.early_diagnosis import remapped_topics
 from r2bspec.execute.bringup.external_nodes import wait_for_external
 from r2bspec.execute.bringup.harness_processes import HarnessProcesses
 from r2bspec.execute.bringup.launcher import (
@@ -24,6 +25,7 @@ from r2bspec.execute.bringup.readiness import wait_for_probe
 from r2bspec.execute.bringup.spec_mismatches import related_differences
 from r2bspec.execute.bringup.start_deadline import StartDeadline
 from r2bspec.execute.bringup.undeclared_parameters import find_undeclared
+from r2bspec.execute.diagnosis.certain_faults import certain_topics, unmatched
 from r2bspec.execute.diagnosis.find_fault import full_path, path_lines
 from r2bspec.execute.diagnosis.graph_facts import GraphFacts
 from r2bspec.execute.diagnosis.observe_graph import (
@@ -57,6 +59,9 @@ _WARM_UP_HZ = 10.0
 _WARM_UP_STEPS = 10
 _WARM_UP_RETRY_NS = 1_000_000_000
 """The length of each further attempt after one without output."""
+
+_DIAGNOSED_ATTEMPT = 3
+"""After this attempt without output the path is traced, so that the reason is said early."""
 
 
 class Session:
@@ -285,21 +290,58 @@ class Session:
             silent = [name for name, count in segment_player.received().items() if not count]
             if not silent:
                 return
-            if deadline.over:
-                topics = [each.topic for each in plan.monitors if each.name in silent]
-                facts = self._trace_messages(segment_player, monitor)
-                faults = find_faults(facts, topics)
-                also = related_differences(faults, self._launcher.differences)
-                raise graph_error(
-                    self._launcher,
-                    faults,
-                    f"no messages on {', '.join(topics)}: "
-                    f"{fault_report(facts, topics, faults, also)}",
-                    otherwise=NoOutputError,
-                    hint="The inputs were played, but the graph published nothing on these topics."
-                    if plan.inputs
-                    else "All nodes run, but the source, or a node after it, publishes nothing.",
-                )
+            if deadline.over or attempt == _DIAGNOSED_ATTEMPT:
+                self._diagnose_no_output(segment_player, monitor, silent, final=deadline.over)
+
+    def _diagnose_no_output(
+        self,
+        segment_player: SegmentPlayer,
+        monitor: ManagedProcess,
+        silent: Collection[str],
+        *,
+        final: bool,
+    ) -> None:
+        """Find out why monitors have received nothing, and say it.
+
+        Before the end of the start, a node without output may still load a model. Only endpoints
+        that never match are certain.
+
+        Args:
+            segment_player: plays the steps that are traced.
+            monitor: its process.
+            silent: the monitors, by name.
+            final: whether the time for the start is over.
+
+        Raises:
+            GraphMismatchError: the graph differs from the plan, so that there never is an output.
+            NoOutputError: there is another reason, and the time is over.
+        """
+        plan = self._plan
+        topics = [each.topic for each in plan.monitors if each.name in silent]
+        facts = self._trace_messages(segment_player, monitor)
+        faults = find_faults(facts, topics)
+        remapped = [*remapped_topics(plan, MEASURE_PHASE)]
+        certain = certain_topics(facts, [each.topic for each in faults], remapped)
+        certain |= {each.topic for each in faults if each.kind in {"types", "qos"}}
+        if not final and not certain:
+            sentences = "; ".join(each.sentence for each in faults) or "no fault was found yet"
+            self._reporter.note(f"no messages on {', '.join(topics)} so far: {sentences}")
+            return
+        lacking = {each.topic for each in faults}
+        self._launcher.add_unmatched_remappings(
+            unmatched(facts, [each for each in remapped if each.topic in lacking]), facts
+        )
+        also = related_differences(faults, self._launcher.differences)
+        raise graph_error(
+            self._launcher,
+            faults,
+            f"no messages on {', '.join(topics)}: {fault_report(facts, topics, faults, also)}",
+            otherwise=NoOutputError,
+            hint="The inputs were played, but the graph published nothing on these topics."
+            if plan.inputs
+            else "All nodes run, but the source, or a node after it, publishes nothing.",
+            certain=certain,
+        )
 
     def _trace_messages(self, segment_player: SegmentPlayer, monitor: ManagedProcess) -> GraphFacts:
         """Play some steps and count the messages on each topic."""

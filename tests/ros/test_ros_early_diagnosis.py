@@ -35,6 +35,8 @@ except BaseException:
     pass
 """
 NODES = """
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
 OUTPUT, INPUT = "".join(["out", "put"]), "".join(["in", "put"])
 
 
@@ -42,6 +44,14 @@ class Picky(Node):
     def __init__(self, **kwargs):
         super().__init__("picky", **kwargs)
         publisher = self.create_publisher(Image, OUTPUT, 10)
+        self.create_subscription(Image, INPUT, publisher.publish, 10)
+
+
+class BestEffort(Node):
+    def __init__(self, **kwargs):
+        super().__init__("best_effort", **kwargs)
+        profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        publisher = self.create_publisher(Image, OUTPUT, profile)
         self.create_subscription(Image, INPUT, publisher.publish, 10)
 
 
@@ -98,6 +108,32 @@ def test_incompatible_profiles(bench: Bench) -> None:
     spec = relay_spec(graph={"nodes": {"picky": {"python": "./nodes.py:Picky"}}})
     spec["playback"]["inputs"]["input"]["qos"] = {"reliability": "best_effort"}
     assert_certain(bench.run(spec), "R2B216", "requests a QoS on /r2b/input")
+
+
+def test_incompatible_profiles_between_two_nodes(bench: Bench) -> None:
+    spec = relay_spec(
+        graph={
+            "nodes": {
+                "first": {"python": "./nodes.py:BestEffort", "remappings": {"output": "between"}},
+                "second": {"python": "./nodes.py:Picky", "remappings": {"input": "between"}},
+            }
+        }
+    )
+    done = bench.run(spec)
+    assert done.status == 2
+    assert f"error[{code_with_slug('R2B216')}]" in done.error
+    assert "/r2b/second requests a QoS on /r2b/between that /r2b/first does not offer" in done.error
+    assert len([each for each in done.run().record.segments if each.kind == "warm_up"]) == 3
+
+
+def test_a_node_that_never_answers_is_named_while_the_run_still_waits(bench: Bench) -> None:
+    spec = relay_spec(graph={"nodes": {"mute": {"python": "./nodes.py:Mute"}}})
+    spec["benchmark"]["start_timeout"] = "12 s"
+    done = bench.run(spec)
+    assert done.status == 4
+    early, late = done.stderr.split("error[", 1)
+    assert "no messages on /r2b/output so far: /r2b/mute publishes nothing on /r2b/output" in early
+    assert "R2B641" in late
 
 
 def test_a_misspelt_parameter_of_a_program(bench: Bench) -> None:
