@@ -8,6 +8,7 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, NamedTuple
 
 from r2bspec.check.document_files import DocumentFiles
+from r2bspec.check.installed_packages import package_version
 from r2bspec.check.spec_requirements import LocatedRequirement, located_requirements
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
@@ -159,6 +160,15 @@ class Context:
             if child(part, name) is not None:
                 found = (*place, index, name)
         return found
+
+    def record_versions(self, node: NodeWiring) -> tuple[str, str] | None:
+        """The versions of a package in a recorded interface and on this machine, if they differ."""
+        entry = self.companion_files.interfaces.get(node.key)
+        origin = entry.recorded_from if entry is not None else None
+        if origin is None or not origin.version:
+            return None
+        installed = package_version(node.node.package)
+        return (origin.version, installed) if installed not in {"", origin.version} else None
 
     @property
     def nodes(self) -> Iterator[tuple[str, NodeWiring]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import os
+import re
 import sys
 from collections.abc import Iterator
 from importlib.machinery import ModuleSpec, PathFinder
@@ -13,6 +14,7 @@ from pathlib import Path
 from r2bspec.untrusted.safe_file import read_bytes
 
 _MAX_SOURCE_BYTES = 1_000_000
+_VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
 _PACKAGE_INDEX = "share/ament_index/resource_index/packages"
 
 
@@ -115,3 +117,16 @@ def package_share(package: str) -> Path | None:
         if (prefix / _PACKAGE_INDEX / package).exists():
             return prefix / "share" / package
     return None
+
+
+def package_version(package: str) -> str:
+    """The version of an installed ROS package, from its package.xml; empty if unknown."""
+    share = package_share(package) if package else None
+    if share is None:
+        return ""
+    try:
+        text = read_bytes(share / "package.xml", max_bytes=_MAX_SOURCE_BYTES).decode("utf-8")
+    except (OSError, ValueError):
+        return ""
+    found = _VERSION.search(text)
+    return found[1].strip() if found is not None else ""

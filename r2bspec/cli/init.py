@@ -44,15 +44,22 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     shell_complete=complete_template,
     help="The template; see --list.",
 )
+@click.option(
+    "--node",
+    default="",
+    metavar="TARGET",
+    help="The node under test: ./file.py:Class, relative to the spec, or module.Class.",
+)
 @click.option("--list", "show_list", is_flag=True, help="List the templates.")
-def command(name: str, template: str, show_list: bool) -> int:
+def command(name: str, template: str, node: str, show_list: bool) -> int:
     """Create a commented spec NAME.r2b.yaml that is valid as it is.
 
-    NAME may start with an existing folder, as in benchmarks/camera. The JSON Schema, which editors
+    NAME may start with an existing folder, as in benchmarks/camera. With --node, the spec has this
+    node; its key is derived from the class or the file. The JSON Schema, which editors
     use for completion and help, is written next to the spec. No file is overwritten.
     """
     from r2bspec.language.schema.derive_strict import published_schema_text
-    from r2bspec.language.templates import filled, purpose, templates
+    from r2bspec.language.templates import filled, purpose, templates, with_node
 
     if show_list:
         for known, text in templates().items():
@@ -60,7 +67,8 @@ def command(name: str, template: str, show_list: bool) -> int:
         return ExitStatus.OK
     spec_file = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
     benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
-    text = filled(templates()[template], benchmark, f"./{_SCHEMA}")
+    _check_node(node, template)
+    text = filled(with_node(templates()[template], node), benchmark, f"./{_SCHEMA}")
     schema, schema_text = spec_file.with_name(_SCHEMA), published_schema_text()
     _write_new(spec_file, text)
     if not schema.exists():
@@ -88,6 +96,25 @@ def _benchmark_name(name: str) -> str:
         )
         raise UsageError(f"{name!r} is not a valid name of a benchmark", hint=hint)
     return name
+
+
+def _check_node(node: str, template: str) -> None:
+    """Check that a target can be written into a template.
+
+    Raises:
+        UsageError: it is not a target of a Python node, or the template has none.
+    """
+    from r2bspec.language.schema.name_patterns import PYTHON_NODE
+    from r2bspec.language.templates import has_node, templates
+
+    if node and (node.endswith(".py") or not re.search(PYTHON_NODE.pattern, node)):
+        raise UsageError(f"{node!r} is not a Python node", hint=PYTHON_NODE.message)
+    if node and not has_node(templates()[template]):
+        known = ", ".join(name for name, text in templates().items() if has_node(text))
+        raise UsageError(
+            f"template {template!r} has no Python node of its own",
+            hint=f"Use --node with one of these: {known}.",
+        )
 
 
 def _write_new(file: Path, text: str) -> None:

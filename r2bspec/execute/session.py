@@ -7,11 +7,12 @@ further sessions, the confirmation run, must also fail (`r2bspec.judge.confirmat
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 from r2bspec.execute.bringup.discovery import wait_for_mutual_discovery
+from r2bspec.execute.bringup.early_diagnosis import remapped_topics
 from r2bspec.execute.bringup.external_nodes import wait_for_external
 from r2bspec.execute.bringup.harness_processes import HarnessProcesses
 from r2bspec.execute.bringup.launcher import (
@@ -25,6 +26,8 @@ from r2bspec.execute.bringup.launcher import (
 from r2bspec.execute.bringup.readiness import wait_for_probe
 from r2bspec.execute.bringup.spec_mismatches import related_differences
 from r2bspec.execute.bringup.start_deadline import StartDeadline
+from r2bspec.execute.bringup.undeclared_parameters import find_undeclared
+from r2bspec.execute.diagnosis.certain_faults import certain_topics, unmatched
 from r2bspec.execute.diagnosis.find_fault import full_path, path_lines
 from r2bspec.execute.diagnosis.graph_facts import GraphFacts
 from r2bspec.execute.diagnosis.observe_graph import (
@@ -34,7 +37,7 @@ from r2bspec.execute.diagnosis.observe_graph import (
     fault_report,
     find_faults,
 )
-from r2bspec.execute.errors import NoOutputError
+from r2bspec.execute.errors import GraphMismatchError, NoOutputError
 from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
 from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_rate_hz
@@ -63,6 +66,9 @@ _WARM_UP_HZ = 10.0
 _WARM_UP_STEPS = 10
 _WARM_UP_RETRY_NS = 1_000_000_000
 """The length of each further attempt after one without output."""
+
+_DIAGNOSED_ATTEMPT = 3
+"""After this attempt without output the path is traced, so that the reason is said early."""
 
 
 class Session:
@@ -182,6 +188,7 @@ class Session:
         )
         with deadline.paused():
             self._wait_until_ready(monitor)
+            self._check_parameters(monitor)
         self._warm_up(self._segment_player, monitor, deadline)
         segment_player = self._segment_player
         segment_player.on_output_stopped = lambda segment, plan: self._diagnose_stopped_output(
@@ -221,6 +228,7 @@ class Session:
             buffer_dir=str(self._buffer_dir),
             rows=str(self._rows_dir / PLAYBACK_ROWS),
             transforms=buffered_transforms(self._buffer_dir),
+            clock=plan.clock,
         )
         if player.process is monitor.process:
             # Threads of one interpreter: at once they would take no less time.
@@ -302,6 +310,21 @@ class Session:
             for step in plan.after_ready:
                 self._launcher.run_step(step)
 
+    def _check_parameters(self, monitor: ManagedProcess) -> None:
+        """Ask nodes that are not in Python hosts for their parameters.
+
+        Raises:
+            GraphMismatchError: one does not declare a parameter that is certainly misspelt.
+        """
+        found = find_undeclared(self._plan, MEASURE_PHASE, self._supervisor, monitor)
+        wrong = [each for each in found if not each.harmless]
+        if wrong:
+            message = "; ".join(each.message for each in wrong)
+            raise GraphMismatchError(wrong, message, hint=wrong[0].help)
+        for each in found:
+            self._reporter.note(f"{each.message}; ROS ignores it")
+        self._launcher.differences += found
+
     def _warm_up(
         self, segment_player: SegmentPlayer, monitor: ManagedProcess, deadline: StartDeadline
     ) -> None:
@@ -327,21 +350,58 @@ class Session:
             silent = [name for name, count in segment_player.received().items() if not count]
             if not silent:
                 return
-            if deadline.over:
-                topics = [each.topic for each in plan.monitors if each.name in silent]
-                facts = self._trace_messages(segment_player, monitor)
-                faults = find_faults(facts, topics)
-                also = related_differences(faults, self._launcher.differences)
-                raise graph_error(
-                    self._launcher,
-                    faults,
-                    f"no messages on {', '.join(topics)}: "
-                    f"{fault_report(facts, topics, faults, also)}",
-                    otherwise=NoOutputError,
-                    hint="The inputs were played, but the graph published nothing on these topics."
-                    if plan.inputs
-                    else "All nodes run, but the source, or a node after it, publishes nothing.",
-                )
+            if deadline.over or attempt == _DIAGNOSED_ATTEMPT:
+                self._diagnose_no_output(segment_player, monitor, silent, final=deadline.over)
+
+    def _diagnose_no_output(
+        self,
+        segment_player: SegmentPlayer,
+        monitor: ManagedProcess,
+        silent: Collection[str],
+        *,
+        final: bool,
+    ) -> None:
+        """Find out why monitors have received nothing, and say it.
+
+        Before the end of the start, a node without output may still load a model. Only endpoints
+        that never match are certain.
+
+        Args:
+            segment_player: plays the steps that are traced.
+            monitor: its process.
+            silent: the monitors, by name.
+            final: whether the time for the start is over.
+
+        Raises:
+            GraphMismatchError: the graph differs from the plan, so that there never is an output.
+            NoOutputError: there is another reason, and the time is over.
+        """
+        plan = self._plan
+        topics = [each.topic for each in plan.monitors if each.name in silent]
+        facts = self._trace_messages(segment_player, monitor)
+        faults = find_faults(facts, topics)
+        remapped = [*remapped_topics(plan, MEASURE_PHASE)]
+        certain = certain_topics(facts, [each.topic for each in faults], remapped)
+        certain |= {each.topic for each in faults if each.kind in {"types", "qos"}}
+        if not final and not certain:
+            sentences = "; ".join(each.sentence for each in faults) or "no fault was found yet"
+            self._reporter.note(f"no messages on {', '.join(topics)} so far: {sentences}")
+            return
+        lacking = {each.topic for each in faults}
+        self._launcher.add_unmatched_remappings(
+            unmatched(facts, [each for each in remapped if each.topic in lacking]), facts
+        )
+        also = related_differences(faults, self._launcher.differences)
+        raise graph_error(
+            self._launcher,
+            faults,
+            f"no messages on {', '.join(topics)}: {fault_report(facts, topics, faults, also)}",
+            otherwise=NoOutputError,
+            hint="The inputs were played, but the graph published nothing on these topics."
+            if plan.inputs
+            else "All nodes run, but the source, or a node after it, publishes nothing.",
+            certain=certain,
+        )
 
     def _trace_messages(self, segment_player: SegmentPlayer, monitor: ManagedProcess) -> GraphFacts:
         """Play some steps and count the messages on each topic."""

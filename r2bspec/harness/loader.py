@@ -16,6 +16,7 @@ import msgspec
 
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.adaptive_timeout import AdaptiveTimeout
+from r2bspec.harness.clock_publisher import ClockPublisher
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.monitor import discover, survey
 from r2bspec.harness.preloaded_messages import TF_QOS, publish_static_transforms
@@ -50,7 +51,8 @@ class Loader:
         self._folder = Path(settings.buffer_dir)
         self._node = rclpy_tools.start_node("loader")
         self._loop = rclpy_tools.WaitLoop(self._node)
-        # Before anything else, so that all nodes, which are started later, receive it.
+        # Before anything else, so that all nodes, which are started later, receive them.
+        self._clock = ClockPublisher(self._node) if settings.clock else None
         self._static_publisher = (
             publish_static_transforms(self._node, self._folder) if settings.static else None
         )
@@ -68,6 +70,13 @@ class Loader:
 
     def serve(self) -> None:
         """Answer commands until told to shut down."""
+        try:
+            self._serve()
+        finally:
+            if self._clock is not None:
+                self._clock.close()
+
+    def _serve(self) -> None:
         self._channel.send(protocol.Ready())
         while True:
             match self._channel.receive():

@@ -19,6 +19,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
+from r2bspec.harness.parameter_lists import list_parameters
 from r2bspec.harness.publisher_guard import PublisherGuard
 from r2bspec.ipc import protocol
 from r2bspec.ipc.clocks import ClockOffsetTracker
@@ -120,6 +121,8 @@ class Monitor:
                             self._channel.send(discover(self._node, topics))
                         case protocol.Survey():
                             self._channel.send(survey(self._node))
+                        case protocol.ListParameters() as question:
+                            self._channel.send(list_parameters(question))
                         case protocol.ListForeign():
                             self._channel.send(
                                 protocol.ForeignPublishers(publishers=self._guard.foreign())

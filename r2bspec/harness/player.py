@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 from r2bspec.harness import rclpy_tools
+from r2bspec.harness.clock_publisher import ClockPublisher
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.pacing import Pacer
 from r2bspec.harness.preloaded_messages import TF_QOS, PreloadedMessages, publish_static_transforms
@@ -39,7 +40,8 @@ class Player:
             each.timestamp == "header" and header
             for each, header in zip(settings.inputs, headers, strict=True)
         ]
-        # Before anything else, so that all nodes, which are started later, receive it.
+        # Before anything else, so that all nodes, which are started later, receive them.
+        self._clock = ClockPublisher(self._node) if settings.clock else None
         self._static_publisher = (
             publish_static_transforms(self._node, self._folder)
             if TF_STATIC in settings.transforms
@@ -65,6 +67,13 @@ class Player:
 
     def serve(self) -> None:
         """Answer commands until told to shut down."""
+        try:
+            self._serve()
+        finally:
+            if self._clock is not None:
+                self._clock.close()
+
+    def _serve(self) -> None:
         self._channel.send(protocol.Ready(headers=self._headers))
         while True:
             match self._channel.receive():

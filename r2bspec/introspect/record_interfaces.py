@@ -17,6 +17,7 @@ from typing import Any
 
 import msgspec
 
+from r2bspec.check.installed_packages import package_version
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import NotReadyError
 from r2bspec.execute.processes.environment import RunEnvironment
@@ -34,6 +35,7 @@ from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.companion_files import read_companion_files
+from r2bspec.wiring.record_origin import RecordOrigin, files_digest, node_target
 from r2bspec.wiring.wiring import NodeWiring
 
 NAMESPACE = "/r2bspec_interfaces"
@@ -93,7 +95,7 @@ def record_interfaces(
                 found = _inspect(
                     plan, node, base_dir.absolute(), Path(scratch), timeout_s, interrupts.check
                 )
-                yield InterfaceResult(node.key, _interface_entry(found, node))
+                yield InterfaceResult(node.key, _interface_entry(found, node, base_dir))
             except R2bspecError as error:
                 if error.exit_code == ExitStatus.INTERRUPTED:
                     raise
@@ -223,8 +225,13 @@ def _standalone(wired: NodeWiring) -> tuple[str, ...]:
     return tuple(words)
 
 
-def _interface_entry(found: dict[str, Any], node: NodeWiring) -> dict[str, Any]:
+def _interface_entry(found: dict[str, Any], node: NodeWiring, base_dir: Path) -> dict[str, Any]:
     """The entry of a node in the file, without the defaults of parameters that the spec sets."""
+    origin = RecordOrigin(
+        target=node_target(node.node),
+        sha256=files_digest(node.node, base_dir),
+        version=package_version(node.node.package),
+    )
     parameters = {
         name: {key: value for key, value in each.items() if key == "type"}
         if name in node.parameters
@@ -233,4 +240,7 @@ def _interface_entry(found: dict[str, Any], node: NodeWiring) -> dict[str, Any]:
     }
     row = {key: found[key] for key in ("subscribes", "publishes", "services", "qos")}
     row["parameters"] = parameters
-    return {key: dict(sorted(value.items())) for key, value in row.items() if value}
+    return {
+        "recorded_from": msgspec.to_builtins(origin),
+        **{key: dict(sorted(value.items())) for key, value in row.items() if value},
+    }

@@ -34,6 +34,7 @@ class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
         buffer_only: topics that are buffered and not published. With `retime`, the times of these
             and of the sources are replaced by the times of publication.
         static: whether the buffered /tf_static is published, latched, before anything else.
+        clock: whether the system time is published on /clock.
     """
 
     sources: dict[str, str]
@@ -42,18 +43,21 @@ class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
     buffer_only: tuple[str, ...] = ()
     retime: bool = False
     static: bool = False
+    clock: bool = False
 
 
 class ConfigurePlayer(_Message, frozen=True, kw_only=True, tag=True):
     """Be the player: publish `inputs` and `transforms` (topics) from the buffers.
 
-    The reply, `Ready`, states which inputs have a header. `Follow` sets the schedule.
+    The reply, `Ready`, states which inputs have a header. `Follow` sets the schedule. With
+    `clock`, the system time is published on /clock until it ends.
     """
 
     inputs: tuple[InputPlan, ...]
     buffer_dir: str
     rows: str
     transforms: tuple[str, ...] = ()
+    clock: bool = False
 
 
 class Follow(_Message, frozen=True, kw_only=True, tag=True):
@@ -153,6 +157,13 @@ class Survey(_Message, frozen=True, kw_only=True, tag=True):
     """Query the nodes, services and topics."""
 
 
+class ListParameters(_Message, frozen=True, kw_only=True, tag=True):
+    """Ask all nodes for the names of their parameters, except for these. For a monitor."""
+
+    exclude: tuple[str, ...]
+    timeout_ns: int
+
+
 class ListForeign(_Message, frozen=True, kw_only=True, tag=True):
     """Ask which publishers were ever seen on guarded topics that may be no process's of the run."""
 
@@ -203,6 +214,7 @@ Command = (
     | CountMatches
     | Discover
     | Survey
+    | ListParameters
     | ListForeign
     | Load
     | Play
@@ -275,6 +287,13 @@ class Surveyed(_Message, frozen=True, kw_only=True, tag=True):
     topics: tuple[str, ...] = ()
 
 
+class ParameterLists(_Message, frozen=True, kw_only=True, tag=True):
+    """The parameters of nodes that have responded, by full name, and which are lifecycle nodes."""
+
+    parameters: dict[str, tuple[str, ...]]
+    lifecycle: tuple[str, ...] = ()
+
+
 class ForeignPublisher(msgspec.Struct, frozen=True, kw_only=True):
     """A publisher of which no process carries the id of the run.
 
@@ -331,6 +350,7 @@ Reply = (
     | Matched
     | Discovered
     | Surveyed
+    | ParameterLists
     | ForeignPublishers
     | Called
     | Composed

@@ -195,8 +195,10 @@ COMMAND: Final = NodeKind(
     name="command",
     keys={
         "command": array(
-            "Any program with its arguments, one item each, run without a shell. Remappings, "
-            "parameters and the namespace are appended after --ros-args.",
+            "Any program with its arguments, one item each, run without a shell. If the node has "
+            "a namespace, remappings, parameters, 'publishes' or 'subscribes', the namespace, "
+            "remappings and parameters are appended after --ros-args; otherwise it is run exactly "
+            "as written.",
             deferrable(text("An argument.", examples=["./build/detector"])),
             at_least=1,
             examples=[["./build/detector", "--fast"]],

@@ -244,6 +244,7 @@ class Playback(_SpecStruct, frozen=True, kw_only=True):
         record_timeline: whether the timeline follows the times at which the preprocessors
             published the messages, instead of the recorded times.
         tf: whether stamps in /tf are shifted like those of other messages, or kept.
+        clock: whether the system time is published on /clock.
     """
 
     mode: Literal["timeline", "looping", "sweeping", "live"] = "looping"
@@ -254,6 +255,7 @@ class Playback(_SpecStruct, frozen=True, kw_only=True):
     record_timeline: bool = False
     tf: Literal["shift", "keep"] = "shift"
     pairing: Pairing = Pairing()
+    clock: bool = False
 
 
 class SetupStep(_SpecStruct, frozen=True, kw_only=True):

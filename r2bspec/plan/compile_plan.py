@@ -103,6 +103,7 @@ def compile_plan(
         # A search and probes of sustained rates alone are made in one start.
         starts=spec.starts if play or play_at_peak else 1,
         unpaired=spec.playback.unpaired,
+        clock=spec.playback.clock,
     )
 
 

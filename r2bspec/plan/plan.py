@@ -330,6 +330,7 @@ class Plan(_Value, frozen=True, kw_only=True):
             largest message.
         starts: how often all processes are started, each time for a part of the iterations;
             see `r2bspec.plan.start_groups`.
+        clock: whether loader and player publish the system time on /clock.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -369,3 +370,4 @@ class Plan(_Value, frozen=True, kw_only=True):
     play_at_peak: PlayPlan | None = None
     starts: int = 1
     unpaired: Literal["refuse", "drop"] = "refuse"
+    clock: bool = False

@@ -25,6 +25,7 @@ from r2bspec.wiring.parameter_files import (
     ParameterFile,
     read_parameter_file,
 )
+from r2bspec.wiring.record_origin import difference
 
 INTERFACES_FOLDER = "interfaces"
 """The folder next to a spec with recorded interfaces, one file for each node."""
@@ -101,7 +102,7 @@ class CompanionReader:
         starts: dict[str, NodeStart] = {}
         named: Counter[str] = Counter()
         for key, node in _nodes(spec):
-            recorded = self._interface(key) if self._recorded else None
+            recorded = self._usable_interface(key, node) if self._recorded else None
             if isinstance(recorded, str):
                 interface_errors[key] = recorded
             elif recorded is not None:
@@ -114,6 +115,13 @@ class CompanionReader:
             named.update(set(node.parameter_files))
         files = {path: self._parameter_file(path, number) for path, number in named.items()}
         return CompanionFiles(interfaces, interface_errors, files, sources, starts)
+
+    def _usable_interface(self, key: str, node: Node) -> InterfaceEntry | str | None:
+        """The recorded interface, or why it cannot be used, for example for another target."""
+        found = self._interface(key)
+        if not isinstance(found, InterfaceEntry) or found.recorded_from is None:
+            return found
+        return difference(found.recorded_from, node, self._base_dir) or found
 
     def _interface(self, key: str) -> InterfaceEntry | str | None:
         if key not in self._interfaces:

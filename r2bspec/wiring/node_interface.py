@@ -1,9 +1,9 @@
 """The topics and parameters of a node, as far as they are known without starting it.
 
 The sources, in order of precedence: ``publishes:`` and ``subscribes:`` in the spec, the node's file
-in the folder `interfaces` next to the spec, the catalogue of known packages, the table of the
-reference nodes, and the source of a Python node next to the spec. Nothing is guessed: what no
-source describes is None.
+in the folder `interfaces` next to the spec if it was recorded from this node, the catalogue of
+known packages, the table of the reference nodes, and the source of a Python node next to the spec.
+Nothing is guessed: what no source describes is None.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from r2bspec.language import value_codec
 from r2bspec.language.spec import Node, ParameterValue, QoS
 from r2bspec.untrusted.safe_yaml import load_values
 from r2bspec.wiring.name_resolution import expand, remap
+from r2bspec.wiring.record_origin import RecordOrigin
 
 _TABLE = Path(__file__).parents[1] / "nodes" / "interfaces.yaml"
 _PARAMETER = re.compile(r"\$\(parameter ([^)]*)\)")
@@ -104,6 +105,7 @@ class InterfaceEntry:
     executable: str = ""
     origin: InterfaceSource = "table"
     described_package: str = ""
+    recorded_from: RecordOrigin | None = None
 
 
 InterfaceTable = Mapping[str, InterfaceEntry]
@@ -144,6 +146,7 @@ class _InterfaceRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     services: dict[str, str] | None = None
     qos: dict[str, QoS] | None = None
     executable: str = ""
+    recorded_from: RecordOrigin | None = None
 
 
 class _Parameter(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -172,6 +175,7 @@ def parse_interface_entry(
         executable=read.executable,
         origin=origin,
         described_package=described_package,
+        recorded_from=read.recorded_from,
     )
 
 

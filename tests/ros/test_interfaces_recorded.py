@@ -74,6 +74,10 @@ def test_topics_profiles_services_and_parameters_are_recorded(spec: Path) -> Non
     loaded = load_spec(spec)
     assert loaded.spec is not None
     found = read_companion_files(loaded.spec, spec.parent).interfaces["merge"]
+    origin = found.recorded_from
+    assert origin is not None
+    assert origin.target == "./nodes.py:make"
+    assert len(origin.sha256) == 64
     assert found.subscribes == {"camera0": IMAGE, "camera1": IMAGE}
     assert found.publishes == {"merged": IMAGE, "~/preview": IMAGE}
     assert found.services == {"reset": "rcl_interfaces/srv/ListParameters"}

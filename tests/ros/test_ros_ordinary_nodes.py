@@ -54,6 +54,26 @@ def main(args=None):
         pass
 
 
+class Clocked(Node):
+    # Answers only while its clock, which is that of the topic /clock, has the time of stamps.
+
+    def __init__(self):
+        super().__init__("clocked")
+        self.publisher = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "input", self.on_image, 10)
+        self.create_timer(0.05, self.tick)
+        self.ticks = 0
+
+    def tick(self):
+        self.ticks += 1
+
+    def on_image(self, message):
+        assert self.get_clock().ros_time_is_active
+        now_s = self.get_clock().now().nanoseconds / 1e9
+        if self.ticks and abs(now_s - message.header.stamp.sec) < 600:
+            self.publisher.publish(message)
+
+
 class Ignores(Node):
     def __init__(self, **kwargs):
         super().__init__("ignores")
@@ -107,6 +127,24 @@ def test_nodes_without_keyword_arguments_run_in_processes_of_their_own(
     text = json.dumps(done.result()["metrics"])
     assert '"missed": 0' in text
     assert '"received": 20' in text
+
+
+def test_nodes_with_simulated_time_receive_the_clock(bench: Bench) -> None:
+    spec = relay_spec(
+        graph={
+            "nodes": {
+                "clocked": {
+                    "python": "./nodes.py:Clocked",
+                    "parameters": {"use_sim_time": True},
+                }
+            }
+        }
+    )
+    spec["playback"]["clock"] = True
+    done = bench.run(spec)
+    done.assert_complete()
+    assert "R2B233" not in done.stderr
+    assert '"missed": 0' in json.dumps(done.result()["metrics"])
 
 
 def test_a_constructor_that_swallows_its_arguments_is_named(bench: Bench) -> None:

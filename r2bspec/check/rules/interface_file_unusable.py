@@ -7,13 +7,27 @@ from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 
 def _find(context: Context) -> Findings:
     for _, node in context.nodes:
+        name = quote(f"interfaces/{node.key}.yaml")
         problem = context.companion_files.interface_errors.get(node.key)
         if problem:
             yield Finding(
-                message=f"{quote(f'interfaces/{node.key}.yaml')} is ignored: {problem}",
+                message=f"{name} is ignored: {problem}",
                 path=node.path,
                 key=True,
-                help="recreate it with 'r2bspec interfaces'",
+                help="recreate it with 'r2bspec interfaces'; if it is that of a node of another "
+                "spec, give one of the two another key",
+            )
+        versions = context.record_versions(node)
+        if versions is not None:
+            recorded, installed = versions
+            yield Finding(
+                message=f"{name} was recorded with version {recorded} of {node.node.package}, and "
+                f"{installed} is installed",
+                path=node.path,
+                key=True,
+                help="recreate it with 'r2bspec interfaces'; until then, what follows from it is "
+                "not certain",
+                machine_dependent=True,
             )
 
 
@@ -22,6 +36,7 @@ RULE = Rule(
     title="unusable interface file",
     severity="warning",
     why="A file in the folder 'interfaces' describes the topics and parameters of a node before it "
-    "starts. Without the file, fewer errors are found.",
+    "starts. Without the file, fewer errors are found. A file that was recorded from another node, "
+    "or before the node was changed, is not used.",
     find=_find,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from r2bspec.check.certainty import with_endpoint_records
 from r2bspec.check.rule_api import (
     Context,
     Endpoint,
@@ -36,7 +37,8 @@ def _find(context: Context) -> Findings:
                 place = each.type_path or each.path
                 if each.type != typed[0].type and place not in reported:
                     reported.add(place)
-                    yield _finding(context, phase, typed[0], each)
+                    finding = _finding(context, phase, typed[0], each)
+                    yield with_endpoint_records(context, phase, finding, typed[0], each)
 
 
 def _confirmed(context: Context) -> set[Path]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.certainty import as_version_warning
+from r2bspec.check.certainty import as_version_warning, with_record
 from r2bspec.check.parameter_types import ParameterOverride, parameter_overrides, parameter_type
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
 from r2bspec.diagnostics.quote import clip
@@ -16,8 +16,10 @@ def _find(context: Context) -> Findings:
             given = parameter_type(each.value)
             if declared is None or given is None or declared.type in {"", given}:
                 continue
-            finding = _finding(node.key, each, given, declared)
-            if node.interface.parameters_from == "catalogue":
+            source = node.interface.parameters_from
+            found = _finding(node.key, each, given, declared)
+            finding = with_record(context, found, (node, source))
+            if source == "catalogue":
                 finding = as_version_warning(node.interface, finding)
             yield finding
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.certainty import as_version_warning
+from r2bspec.check.certainty import as_version_warning, with_record
 from r2bspec.check.parameter_types import parameter_overrides
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
 
@@ -25,8 +25,9 @@ def _find(context: Context) -> Findings:
                 key=True,
                 help=suggestion(each.name, declared, "its parameters"),
             )
-            catalogue = node.interface.parameters_from == "catalogue"
-            yield as_version_warning(node.interface, finding) if catalogue else finding
+            source = node.interface.parameters_from
+            finding = with_record(context, finding, (node, source))
+            yield as_version_warning(node.interface, finding) if source == "catalogue" else finding
 
 
 def _is_common_parameter(name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from r2bspec.check.certainty import with_endpoint_records
 from r2bspec.check.rule_api import (
     Context,
     Endpoint,
@@ -24,7 +25,9 @@ def _find(context: Context) -> Findings:
                 for subscription in phase.subscriptions(topic):
                     problem = _incompatibility(publisher, subscription)
                     if problem:
-                        yield _finding(context, phase, publisher, subscription, problem)
+                        ends = (publisher, subscription)
+                        finding = _finding(context, phase, *ends, problem)
+                        yield with_endpoint_records(context, phase, finding, *ends)
 
 
 def _incompatibility(publisher: Endpoint, subscription: Endpoint) -> tuple[str, str, str] | None:

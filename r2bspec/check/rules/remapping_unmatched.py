@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.certainty import COMPLETE_SOURCES, as_version_warning
+from r2bspec.check.certainty import COMPLETE_SOURCES, as_version_warning, with_record
 from r2bspec.check.rule_api import (
     MAX_SUGGESTIONS,
     Context,
@@ -33,7 +33,10 @@ def _find(context: Context) -> Findings:
                 yield _node_remapping_finding(phase, node, left)
             elif topics.known is not None and topics.full(left) not in topics.known:
                 found += 1
-                yield _finding(topics, left, right, suggest=found <= MAX_SUGGESTIONS)
+                finding = _finding(topics, left, right, suggest=found <= MAX_SUGGESTIONS)
+                interface = node.interface
+                sources = (interface.subscribes_from, interface.publishes_from)
+                yield with_record(context, finding, *((node, each) for each in sources))
 
 
 class _NodeTopics:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
+from r2bspec.check.certainty import with_record
 from r2bspec.check.rule_api import (
     MAX_SUGGESTIONS,
     Context,
@@ -24,6 +26,7 @@ from r2bspec.check.rule_api import (
     value_key,
 )
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
+from r2bspec.wiring.node_interface import InterfaceSource
 
 
 def _find(context: Context) -> Findings:
@@ -41,7 +44,8 @@ def _find(context: Context) -> Findings:
             ):
                 found += 1
                 names = published if found <= MAX_SUGGESTIONS else ()
-                yield _finding(_UnpublishedTopic(context, phase, subscription, names))
+                unpublished = _UnpublishedTopic(context, phase, subscription, names)
+                yield with_record(context, _finding(unpublished), *_sources(unpublished))
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ class _UnpublishedTopic:
 def _finding(unpublished: _UnpublishedTopic) -> Finding:
     phase, subscription = unpublished.phase, unpublished.subscription
     unknown = [node.key for node in phase.possible_publishers]
-    state = f"list the topics of {quoted_list(unknown)} under 'publishes:'" if unknown else ""
+    state = _way_to_state(phase.possible_publishers)
     return Finding(
         message=f"no {'known ' if unknown else ''}publisher on {_topic_text(unpublished)}",
         path=subscription.path,
@@ -106,6 +110,23 @@ def _finding(unpublished: _UnpublishedTopic) -> Finding:
         },
         suppresses=_consequences(unpublished),
     )
+
+
+def _sources(unpublished: _UnpublishedTopic) -> Iterator[tuple[NodeWiring, InterfaceSource]]:
+    """The sources of it: that the node subscribes, and that the others do not publish."""
+    for node in unpublished.phase.nodes:
+        own = node is unpublished.node
+        yield node, node.interface.subscribes_from if own else node.interface.publishes_from
+
+
+def _way_to_state(unknown: tuple[NodeWiring, ...]) -> str:
+    """How the unknown publishers of nodes can be stated; empty if there are no such nodes."""
+    if not unknown:
+        return ""
+    names = quoted_list(node.key for node in unknown)
+    recorded = any(not node.node.kind.by_others for node in unknown)
+    way = ", or record them with 'r2bspec interfaces'" if recorded else ""
+    return f"list the topics of {names} under 'publishes:'{way}"
 
 
 def _topic_text(unpublished: _UnpublishedTopic) -> str:

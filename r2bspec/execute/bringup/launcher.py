@@ -8,18 +8,22 @@ deadline, the error names the endpoints that are not.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from r2bspec.execute.bringup.commands import wait_for_exit
+from r2bspec.execute.bringup.early_diagnosis import EarlyDiagnosis, remapped_topics
 from r2bspec.execute.bringup.spec_mismatches import (
     graph_mismatches,
     require_declared_parameters,
+    unmatched_remapping,
     unmatched_remappings,
 )
 from r2bspec.execute.bringup.start_deadline import StartDeadline
+from r2bspec.execute.diagnosis.certain_faults import RemappedTopic, unmatched
 from r2bspec.execute.diagnosis.find_fault import Fault
+from r2bspec.execute.diagnosis.graph_facts import GraphFacts, topics_of
 from r2bspec.execute.diagnosis.observe_graph import GraphObserver, fault_report, find_faults
 from r2bspec.execute.errors import GraphMismatchError, NotReadyError, RunError
 from r2bspec.execute.host.machine import interpreter
@@ -195,6 +199,20 @@ class Launcher:
             return found.owner in self._created_nodes
         return not self._has_opaque_nodes
 
+    def add_unmatched_remappings(
+        self, remapped: Iterable[RemappedTopic], facts: GraphFacts
+    ) -> None:
+        """Record remappings without effect, which discovery has shown.
+
+        What Python nodes say of themselves is already recorded.
+        """
+        known = {(each.owner, each.name) for each in self.differences}
+        self.differences += [
+            unmatched_remapping(each.node, each.before, each.topic, topics_of(facts, each.node))
+            for each in remapped
+            if (each.node, each.before) not in known
+        ]
+
     def _load_components(self, plans: Iterable[ProcessPlan], deadline: StartDeadline) -> None:
         """Load the components of containers that have been started.
 
@@ -308,9 +326,12 @@ def wait_until_matched(
         deadline: of the start.
 
     Raises:
-        GraphMismatchError: an endpoint is not matched at the deadline, and never will be.
+        GraphMismatchError: an endpoint is not matched, and never will be.
         NotReadyError: an endpoint is not matched at the deadline, for another reason.
     """
+    diagnosis = EarlyDiagnosis(
+        plan, phase, lambda: _observer(supervisor, launcher, plan, phase).look()
+    )
     while True:
         missing: dict[str, tuple[int, int]] = {}
         for child, wanted in expected_matches.items():
@@ -324,9 +345,18 @@ def wait_until_matched(
             }
         if not missing:
             return
-        if deadline.over:
-            raise _not_ready_error(supervisor, launcher, plan, phase, missing)
+        certain = diagnosis.certain(missing)
+        if certain or deadline.over:
+            raise _not_ready_error(supervisor, launcher, plan, phase, missing, certain)
         supervisor.pump(_POLL_S)
+
+
+def _observer(
+    supervisor: ProcessSupervisor, launcher: Launcher, plan: Plan, phase: str
+) -> GraphObserver:
+    return GraphObserver(
+        supervisor, supervisor.observer(), plan, phase, launcher.endpoints_in(plan, phase)
+    )
 
 
 def _not_ready_error(
@@ -335,26 +365,37 @@ def _not_ready_error(
     plan: Plan,
     phase: str,
     missing: dict[str, tuple[int, int]],
+    certain: Collection[str],
 ) -> RunError:
-    """The error that names the first fault on each path."""
-    observer_process = supervisor.observer()
-    facts = GraphObserver(
-        supervisor, observer_process, plan, phase, launcher.endpoints_in(plan, phase)
-    ).observe()
+    """The error that names the first fault on each path.
+
+    Args:
+        supervisor: all processes.
+        launcher: has the endpoints of the nodes.
+        plan: of the run.
+        phase: ``preprocess`` or ``measure``.
+        missing: the topics, with the matches that they have and need.
+        certain: those that will never be matched, if that was found before the deadline.
+    """
+    facts = _observer(supervisor, launcher, plan, phase).observe()
+    remapped = [each for each in remapped_topics(plan, phase) if each.topic in {*missing}]
+    launcher.add_unmatched_remappings(unmatched(facts, remapped), facts)
     inputs = [topic for topic in missing if topic in facts.inputs]
     silent = [topic for topic in missing if topic not in facts.inputs]
     faults = find_faults(facts, silent, inputs)
-    seconds = plan.start_timeout_ns / 1e9
+    state = (
+        "will not be ready" if certain else f"was not ready after {plan.start_timeout_ns / 1e9:g} s"
+    )
     counted = ", ".join(
         f"{topic}: {have} of {want} endpoints matched" for topic, (have, want) in missing.items()
     )
     return graph_error(
         launcher,
         faults,
-        f"the {phase} graph was not ready after {seconds:g} s ({counted}): "
-        f"{fault_report(facts, silent or inputs, faults)}",
+        f"the {phase} graph {state} ({counted}): {fault_report(facts, silent or inputs, faults)}",
         otherwise=NotReadyError,
         hint="Check remappings, message types and QoS of the nodes on these topics.",
+        certain=certain,
     )
 
 
@@ -365,6 +406,7 @@ def graph_error(
     *,
     otherwise: type[RunError],
     hint: str,
+    certain: Collection[str] = (),
 ) -> RunError:
     """The error for a graph whose messages do not arrive.
 
@@ -375,8 +417,13 @@ def graph_error(
         otherwise: the error if the graph does not clearly differ from the spec, so that another
             attempt might succeed.
         hint: for that error.
+        certain: topics whose faults persist in any case.
     """
-    differences = graph_mismatches(faults, launcher.differences, launcher.is_permanent)
+    differences = graph_mismatches(
+        faults,
+        launcher.differences,
+        lambda each: each.topic in certain or launcher.is_permanent(each),
+    )
     if differences:
         return GraphMismatchError(differences, message, differences[0].help or hint)
     return otherwise(message, hint=hint)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import msgspec
 
@@ -22,15 +22,24 @@ def require_declared_parameters(ready: protocol.Ready) -> None:
     Raises:
         GraphMismatchError: a node does not declare one.
     """
-    found = [_undeclared_parameter(ready, node, name) for node, name in ready.undeclared]
+    found = [
+        undeclared_parameter(node, name, sorted(ready.parameters.get(node, ())))
+        for node, name in ready.undeclared
+    ]
     if found:
         raise GraphMismatchError(
             found, "; ".join(each.message for each in found), hint=found[0].help
         )
 
 
-def _undeclared_parameter(ready: protocol.Ready, node: str, name: str) -> Difference:
-    known = sorted(ready.parameters.get(node, ()))
+def undeclared_parameter(node: str, name: str, known: Sequence[str]) -> Difference:
+    """A parameter that a node does not declare.
+
+    Args:
+        node: full name.
+        name: of the parameter.
+        known: the parameters that it declares.
+    """
     close = did_you_mean(name, known)
     return Difference(
         code=_PARAMETER_UNKNOWN,
@@ -48,17 +57,30 @@ def unmatched_remappings(ready: protocol.Ready) -> Iterator[Difference]:
     This need not be an error: a node may create a publisher or a subscription later.
     """
     for node, before, after in ready.unmatched:
-        names = sorted({topic for owner, topic, _, _ in ready.endpoints if owner == node} - {after})
-        yield Difference(
-            code=_REMAPPING_MATCHES_NOTHING,
-            message=f"{node} has no topic '{before}' to remap to {after}",
-            part="remapping",
-            owner=node,
-            name=before,
-            topic=after,
-            help=f"its topics: {', '.join(names)}" if names else "it has no topics",
-            harmless=True,
-        )
+        own = {topic for owner, topic, _, _ in ready.endpoints if owner == node}
+        yield unmatched_remapping(node, before, after, own)
+
+
+def unmatched_remapping(node: str, before: str, after: str, own: Iterable[str]) -> Difference:
+    """A remapping that changed no name.
+
+    Args:
+        node: full name.
+        before: as in the spec.
+        after: full name of the topic.
+        own: the topics of the node.
+    """
+    names = sorted({*own} - {after})
+    return Difference(
+        code=_REMAPPING_MATCHES_NOTHING,
+        message=f"{node} has no topic '{before}' to remap to {after}",
+        part="remapping",
+        owner=node,
+        name=before,
+        topic=after,
+        help=f"its topics: {', '.join(names)}" if names else "it has no topics",
+        harmless=True,
+    )
 
 
 def graph_mismatches(

@@ -78,6 +78,24 @@ class GraphFacts:
         )
 
 
+def topics_of(facts: GraphFacts, node: str) -> tuple[str, ...]:
+    """The topics of a running node; if it is not found, those of nodes that are not in the plan."""
+    planned = {
+        each
+        for topic in facts.topics.values()
+        for each in (*topic.planned_publishers, *topic.planned_subscribers)
+    }
+    by_node: dict[str, list[str]] = {}
+    for name, topic in sorted(facts.topics.items()):
+        for end in (*topic.publishers, *topic.subscriptions):
+            if end.node not in HARNESS:
+                by_node.setdefault(end.node, []).append(name)
+    if node in by_node:
+        return tuple(dict.fromkeys(by_node[node]))
+    found = (name for each, names in by_node.items() if each not in planned for name in names)
+    return tuple(dict.fromkeys(found))
+
+
 def gather_facts(
     plan: Plan,
     phase: str,

@@ -64,6 +64,11 @@ class GraphObserver:
         self._plan = plan
         self._phase = phase
 
+    def look(self) -> GraphFacts:
+        """The endpoints that discovery shows at this moment; there may be more."""
+        found = self._ask(protocol.Survey(), protocol.Surveyed)
+        return self._gather(found, self._discover(found))
+
     def observe(self) -> GraphFacts:
         """The endpoints of every topic; nothing is played."""
         return self._gather(*self._wait_for_discovery())

@@ -79,6 +79,7 @@ def preprocess(
             buffer_only=tuple(sorted(played - sources.keys())),
             retime=plan.timeline is not None and plan.timeline.recorded,
             static=TF_STATIC in transforms,
+            clock=plan.clock,
         ),
     )
     others = [each for each in processes if each.role != "loader"]

@@ -85,7 +85,7 @@ def _playback(root: TreeNode) -> Iterator[Diagnostic]:
             if isinstance(root, MapNode) and key in root.entries:
                 message = f"'{key}' has no effect: a live benchmark plays nothing"
                 yield _at_key(root, (), key, message, f"remove '{key}', or change playback.mode")
-        for key in ("inputs", "buffer", "unpaired"):
+        for key in ("inputs", "buffer", "unpaired", "clock"):
             if key in playback.entries:
                 message = f"'playback.{key}' has no effect: a live benchmark plays nothing"
                 help_text = f"remove '{key}', or change playback.mode"

@@ -12,6 +12,11 @@ from importlib.resources import files
 
 SUFFIX = ".r2b.yaml"
 
+_NODE = re.compile(r"^    my_node:\n      python: (?P<target>\S+)\n", re.MULTILINE)
+_WORD_START = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+_PROCESS_NAMES = frozenset({"loader", "player", "monitor", "harness", "graph", "system"})
+"""Names of processes of a run, which a node of a template should not have."""
+
 _NAME = re.compile(r"^name: .*$", re.MULTILINE)
 
 
@@ -30,6 +35,35 @@ def purpose(text: str) -> str:
     """The purpose of a template: the first sentence of its first comment."""
     lines = [line.removeprefix("#").strip() for line in text.split("\n\n")[0].splitlines()]
     return " ".join(lines).split(". ")[0].removesuffix(".")
+
+
+def node_key(target: str) -> str:
+    """The key of a node, from its class, or from its file if it is a function such as `main`.
+
+    Two specs in a folder then have nodes of one name only if they have the same node.
+    """
+    place, _, name = target.rpartition(":") if ":" in target else target.rpartition(".")
+    if name in {"main", "make", "create"}:
+        name = place.rpartition("/")[2].removesuffix(".py").rpartition(".")[2]
+    words = _WORD_START.sub("_", name.removesuffix("Node") or name).lower()
+    key = re.sub(r"[^a-z0-9_]+", "_", words).strip("_") or "node"
+    return f"{key}_node" if key in _PROCESS_NAMES or key[0].isdigit() else key
+
+
+def has_node(template: str) -> bool:
+    """Whether a template has a Python node under test."""
+    return _NODE.search(template) is not None
+
+
+def with_node(template: str, target: str = "") -> str:
+    """A template whose node under test is `target`, by default its own, under a key of its own."""
+
+    def named(found: re.Match[str]) -> str:
+        written = target or found["target"]
+        quoted = f'"{written}"' if ":" in written else written
+        return f"    {node_key(written)}:\n      python: {quoted}\n"
+
+    return _NODE.sub(named, template, count=1)
 
 
 def filled(template: str, name: str | None, schema: str) -> str:

@@ -18,7 +18,7 @@ from typing import Any
 from unittest import mock
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
@@ -298,7 +298,13 @@ def test_what_is_read_is_what_runs(context: Context, tmp_path: Path) -> None:
     known: Counter[str] = Counter()
     numbers = itertools.count(1)
 
-    @settings(max_examples=300, deadline=None, derandomize=True, database=None)
+    @settings(
+        max_examples=300,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
     @given(source=sources())
     def compare(source: Source) -> None:
         file = tmp_path / f"generated_{next(numbers)}.py"

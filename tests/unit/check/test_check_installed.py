@@ -108,7 +108,10 @@ def test_installed_nodes(target: str, expected: list[str], workspace: Path) -> N
 )
 def test_nodes_in_a_file_beside_the_spec(source: str, expected: list[str], workspace: Path) -> None:
     (workspace / "nodes.py").write_text(source, encoding="utf-8")
-    found = findings(node("python: './nodes.py:Detector'"))
+    # That 'elsewhere' is not installed is another matter.
+    found = [
+        each for each in findings(node("python: './nodes.py:Detector'")) if each.code != "R2B680"
+    ]
     assert [each.code for each in found] == expected
     assert all(each.severity == "error" for each in found)
 

@@ -11,7 +11,7 @@ import pytest
 from r2bspec.api import compile_plan, validate
 from r2bspec.cli.main import main
 from r2bspec.diagnostics import Certainty
-from r2bspec.language.templates import SUFFIX, filled, purpose, templates
+from r2bspec.language.templates import SUFFIX, filled, node_key, purpose, templates
 
 ROOT = Path(__file__).parents[3]
 
@@ -100,3 +100,48 @@ def test_the_templates_in_specs_are_written_from_those_of_the_package() -> None:
         for name, text in wanted.items():
             (folder / name).write_text(text)
     assert {each.name: each.read_text() for each in folder.glob(f"*{SUFFIX}")} == wanted
+
+
+@pytest.mark.parametrize(
+    ("target", "key"),
+    [
+        ("r2bspec.nodes.RelayNode", "relay"),
+        ("./brightness.py:Brightness", "brightness"),
+        ("./nodes/aruco.py:HTTPCameraNode", "http_camera"),
+        ("./brightness.py:main", "brightness"),
+        ("my_package.brightness.main", "brightness"),
+        ("./player.py:Player", "player_node"),
+        ("a.Node", "node"),
+    ],
+)
+def test_a_node_has_the_key_of_its_class(target: str, key: str) -> None:
+    assert node_key(target) == key
+
+
+def test_the_node_under_test_can_be_named() -> None:
+    Path("brightness.py").write_text("class Brightness: ...\n", encoding="utf-8")
+    assert main(["init", "camera", "--node", "./brightness.py:Brightness"]) == 0
+    text = Path("camera.r2b.yaml").read_text(encoding="utf-8")
+    assert '    brightness:\n      python: "./brightness.py:Brightness"\n' in text
+    assert {one.severity for one in validate(Path("camera.r2b.yaml"))} <= {"warning"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--node", "brightness.py"], "a Python node has the form module.Class"),
+        (["--node", "a.B", "--template", "components"], "Use --node with one of these: live, "),
+    ],
+)
+def test_a_node_that_does_not_fit_is_refused(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["init", "camera", *arguments]) == 2
+    assert said in capsys.readouterr().err
+    assert not Path("camera.r2b.yaml").exists()
+
+
+def test_no_spec_has_the_node_of_the_template() -> None:
+    for template in templates():
+        assert main(["init", template, "--template", template]) == 0
+        assert "my_node" not in Path(f"{template}.r2b.yaml").read_text(encoding="utf-8")

@@ -80,6 +80,7 @@ COMMANDS: list[protocol.Command] = [
     protocol.CountMatches(),
     protocol.Discover(topics=("/a", "/b")),
     protocol.Survey(),
+    protocol.ListParameters(exclude=("/r2b/relay",), timeout_ns=1),
     protocol.ListForeign(),
     protocol.Load(max_output_gap_ns=5_000_000_000),
     protocol.Play(rate_hz=29.97, steps=100),
@@ -97,6 +98,7 @@ REPLIES: list[protocol.Reply] = [
     protocol.Matched(counts={"/a": 0, "/b": 2}),
     protocol.Discovered(writers={"/a": (ENDPOINT,)}, readers={"/a": ()}),
     protocol.Surveyed(nodes=("/r2b/relay",), services=()),
+    protocol.ParameterLists(parameters={"/r2b/a": ("gain",)}, lifecycle=("/r2b/a",)),
     protocol.ForeignPublishers(
         publishers=(
             protocol.ForeignPublisher(

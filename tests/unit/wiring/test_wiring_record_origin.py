@@ -1,0 +1,154 @@
+"""A recorded interface is used for the node that it was recorded from, and for no other."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+import yaml
+
+from r2bspec.check import check
+from r2bspec.diagnostics import Diagnostic
+from r2bspec.language import value_codec
+from r2bspec.language.load_spec import load_spec
+from r2bspec.language.spec import Node
+from r2bspec.wiring.record_origin import RecordOrigin, difference, files_digest, node_target
+
+IMAGE, FLOAT = "sensor_msgs/msg/Image", "std_msgs/msg/Float32"
+# Nothing in it is literal: what is known of it is what was recorded.
+NODE = """
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+
+def make(**kwargs):
+    node = Node("any", **kwargs)
+    for name in ("image",):
+        node.create_subscription(Image, name, print, 10)
+    return node
+"""
+SPEC = """
+r2bspec: 1
+name: example
+data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}
+playback: {inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}}
+graph:
+  nodes:
+    my_node: {NODE}
+monitors: {out: {topic: output, format: sensor_msgs/msg/Image}}
+benchmark: {rates: [30 Hz]}
+"""
+
+
+def node(**fields: Any) -> Node:
+    return msgspec.convert(fields, Node, dec_hook=value_codec.decode)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "node.py").write_text(NODE, encoding="utf-8")
+    (tmp_path / "interfaces").mkdir()
+    return tmp_path
+
+
+def record(folder: Path, target: str = "./node.py:make", **row: Any) -> None:
+    digest = hashlib.sha256(hashlib.sha256((folder / "node.py").read_bytes()).digest())
+    recorded = {"target": target, "sha256": digest.hexdigest()}
+    content = {
+        "recorded_from": recorded,
+        "subscribes": {"image": IMAGE},
+        "publishes": {"output": FLOAT},
+        "parameters": {"gain": {"type": "double"}},
+    }
+    text = yaml.safe_dump(content | row)
+    (folder / "interfaces" / "my_node.yaml").write_text(text, encoding="utf-8")
+
+
+def findings(folder: Path, node: str = 'python: "./node.py:make"') -> list[Diagnostic]:
+    file = folder / "spec.r2b.yaml"
+    file.write_text(SPEC.replace("NODE", node), encoding="utf-8")
+    return check(load_spec(file), offline=True)
+
+
+def test_a_finding_names_the_record_that_it_rests_on(folder: Path) -> None:
+    record(folder)
+    for keys, code in (
+        ("", "R2B210"),
+        (", parameters: {gian: 1.0}", "R2B211"),
+        (", parameters: {gain: 1}", "R2B212"),
+        (", remappings: {imgae: image}", "R2B204"),
+    ):
+        found = findings(folder, f'python: "./node.py:make"{keys}')
+        [one] = [each for each in found if each.code == code]
+        assert one.severity == "error"
+        assert one.help.endswith("recorded in interfaces/my_node.yaml)") or (
+            one.help == "recorded in interfaces/my_node.yaml"
+        )
+
+
+def test_a_missing_publisher_names_the_records_that_lack_it(folder: Path) -> None:
+    record(folder, publishes={"other": IMAGE})
+    [found] = [each for each in findings(folder) if each.code == "R2B207"]
+    assert found.severity == "error"
+    assert found.help.endswith("(recorded in interfaces/my_node.yaml)")
+
+
+def test_the_record_of_another_node_is_not_used_and_that_is_said(folder: Path) -> None:
+    record(folder, "./brightness.py:Brightness")
+    found = {each.code: each for each in findings(folder)}
+    assert "R2B210" not in found
+    assert found["R2B223"].message == (
+        "'interfaces/my_node.yaml' is ignored: it was recorded from './brightness.py:Brightness', "
+        "and the node is './node.py:make'"
+    )
+
+
+def test_a_stale_record_is_not_used_and_that_is_said(folder: Path) -> None:
+    record(folder)
+    assert "R2B223" not in {each.code for each in findings(folder)}
+    (folder / "node.py").write_text(f"{NODE}# changed\n", encoding="utf-8")
+    found = {each.code: each for each in findings(folder)}
+    assert "R2B210" not in found
+    assert "'./node.py:make' has changed since it was recorded" in found["R2B223"].message
+
+
+def test_a_record_without_an_origin_is_used(folder: Path) -> None:
+    record(folder, recorded_from=None)
+    assert "R2B210" in {each.code for each in findings(folder)}
+
+
+def test_with_another_version_of_the_package_nothing_is_certain(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    share = folder / "ros/share/detectors"
+    share.mkdir(parents=True)
+    (share / "package.xml").write_text("<package><version>1.3.0</version></package>")
+    index = folder / "ros/share/ament_index/resource_index/packages"
+    index.mkdir(parents=True)
+    (index / "detectors").touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(folder / "ros"))
+    for version, severity in (("1.3.0", "error"), ("1.2.9", "warning")):
+        record(folder, recorded_from={"target": "detectors D", "version": version})
+        found = {each.code: each for each in findings(folder, "package: detectors, plugin: D")}
+        assert found["R2B210"].severity == severity
+        assert ("R2B223" in found) == (version == "1.2.9")
+    assert "1.2.9 of detectors, and 1.3.0 is installed" in found["R2B223"].message
+
+
+def test_unknown_publishers_can_be_recorded(folder: Path) -> None:
+    [found] = [each for each in findings(folder) if each.code == "R2B207"]
+    assert "or record them with 'r2bspec interfaces'" in found.help
+
+
+def test_a_target_is_what_the_spec_names(folder: Path) -> None:
+    assert node_target(node(python="a.B")) == "a.B"
+    assert node_target(node(package="p", plugin="p::N")) == "p p::N"
+    assert node_target(node(package="p", executable="n")) == "p n"
+    command = node(command=["python3", "./node.py", "--fast run"])
+    assert node_target(command) == "python3 ./node.py '--fast run'"
+    assert files_digest(command, folder) == files_digest(node(python="./node.py:make"), folder)
+    assert files_digest(node(python="a.B"), folder) == ""
+    assert difference(RecordOrigin(target="a.B"), node(python="a.B"), folder) == ""
