@@ -30,12 +30,13 @@ def test_extending_a_run_until_it_passes_does_not() -> None:
     assert found.passed > 0.05
 
 
-@pytest.mark.parametrize(("truth", "passes"), [(0.03, True), (0.2, False)])
+@pytest.mark.parametrize(("truth", "passes"), [(0.05, True), (0.2, False)])
 def test_what_is_clear_is_decided_at_the_first_look(truth: float, passes: bool) -> None:
     flags = stationary(np.random.default_rng(4), (300, 40, 75), truth)
     found, played = looked_gate(flags, 0.1, LOOKS)
     assert (found.passed if passes else found.failed) >= 0.99
-    assert played < 11
+    # A few runs in a hundred look correlated by chance, and take another look.
+    assert played < 13.5
 
 
 def test_looks_find_nearly_what_the_longest_run_finds() -> None:

@@ -192,9 +192,11 @@ def percentile_interval(
     half = levels.half if levels is not None else 0.0
     lower = -math.inf if failing is None else float(ordered[n - failing])
     upper = math.inf if passing is None or passing >= n else float(ordered[n - 1 - passing])
+    # No time is shorter than nothing, however much levels differ.
+    least = 0.0 if n and ordered[0] >= 0 else -math.inf
     return PercentileInterval(
         estimate=estimate,
-        lower=min(lower, estimate - half),
+        lower=min(lower, max(estimate - half, least)),
         upper=max(upper, estimate + half),
         levels=levels,
     )

@@ -1,0 +1,244 @@
+"""Starts as the highest level of a run, and what a verdict says it cannot know."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from scipy import stats
+
+from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.statistics.effective_sample_size import (
+    BadFlags,
+    SampleDesign,
+    effective_sample,
+)
+from r2bspec.judge.statistics.hierarchical_interval import hierarchical_interval
+from r2bspec.judge.statistics.level_interval import level_margin
+from r2bspec.judge.statistics.prediction_interval import predicted_ratio
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
+from run_simulation import Played, Simulation, objective
+
+STARTS = (1, 1, 2, 2, 3, 3, 4, 4, 5, 5)
+NAN = float("nan")
+
+
+def run(path: Path, *segments: Played, starts: tuple[int, ...] = ()) -> RunSamples:
+    samples = read_samples(Simulation(segments=segments).write(path))
+    numbers = starts or (1,) * len(segments)
+    return replace(
+        samples,
+        iterations={
+            rate: tuple(
+                replace(one, segment=msgspec.structs.replace(one.segment, start=start))
+                for one, start in zip(found, numbers, strict=True)
+            )
+            for rate, found in samples.iterations.items()
+        },
+    )
+
+
+def verdict(samples: RunSamples, requirement: str) -> Verdict:
+    return judge({"slo": objective(requirement)}, samples)
+
+
+def one(samples: RunSamples, requirement: str) -> RequirementVerdict:
+    return verdict(samples, requirement).requirements[0]
+
+
+def flags(*bad: int, n: int = 100) -> list[BadFlags]:
+    """Iterations with so many bad messages each, far apart."""
+    found = []
+    for number in bad:
+        piece = np.zeros(n, dtype=bool)
+        piece[np.linspace(0, n - 1, number).astype(int) if number else []] = True
+        found.append(piece)
+    return found
+
+
+class TestShares:
+    BAD = (2, 2, 9, 9, 2, 2, 9, 9, 2, 2)
+
+    def test_what_starts_share_counts_once(self) -> None:
+        alone = effective_sample(flags(*self.BAD), SampleDesign(serial=False))
+        found = effective_sample(flags(*self.BAD), SampleDesign(STARTS, serial=False))
+        assert found.cause == "starts"
+        assert found.inflation > 1.5 * alone.inflation
+
+    def test_starts_that_agree_leave_the_iterations(self) -> None:
+        found = effective_sample(
+            flags(1, 9, 9, 1, 1, 9, 9, 1, 1, 9), SampleDesign(STARTS, serial=False)
+        )
+        assert found.cause == "iterations"
+
+    def test_two_pieces_pay_by_their_t_quantile(self) -> None:
+        found = effective_sample(flags(2, 10), SampleDesign(serial=False))
+        p = 12 / 200
+        scatter = (100 * (0.02 - p) ** 2 + 100 * (0.1 - p) ** 2) / (p * (1 - p))
+        factor = (stats.t.ppf(0.95, 1) / stats.norm.ppf(0.95)) ** 2
+        assert found.inflation == pytest.approx(scatter * factor, rel=1e-5)
+
+    def test_a_higher_confidence_asks_more_of_few(self) -> None:
+        at = [
+            effective_sample(flags(2, 10), SampleDesign(confidence=c)).inflation
+            for c in (0.9, 0.95, 0.9875)
+        ]
+        assert at == sorted(at)
+        assert at[2] > 2 * at[1]
+
+    def test_a_run_of_the_better_ones_does_not_look_uniform(self) -> None:
+        seen = effective_sample(flags(0, 0, 6, 0, 0), SampleDesign(serial=False))
+        asked = effective_sample(flags(0, 0, 6, 0, 0), SampleDesign(allowed=0.1, serial=False))
+        worse = effective_sample(flags(0, 0, 6, 0, 0), SampleDesign(allowed=0.001, serial=False))
+        assert asked.inflation > 2 * seen.inflation
+        assert worse.inflation == seen.inflation
+
+    def test_iterations_that_resemble_each_other(self) -> None:
+        shuffled = effective_sample(flags(2, 9, 3, 8, 2, 9, 3, 8, 2, 9))
+        climbing = effective_sample(flags(2, 2, 2, 3, 3, 8, 8, 9, 9, 9))
+        assert climbing.inflation > 3 * shuffled.inflation
+
+
+class TestMeans:
+    def test_it_is_t_over_the_starts(self) -> None:
+        values = [1.0, 1.1, 5.0, 5.1, 2.0, 2.1, 4.0, 4.1, 3.0, 3.1]
+        found = hierarchical_interval(values, STARTS, 0.95)
+        means = np.reshape(values, (5, 2)).mean(axis=1)
+        assert (found.pieces, found.number) == ("starts", 5)
+        plain = stats.t.ppf(0.95, 4) * means.std(ddof=1) / math.sqrt(5)
+        assert found.interval.upper - found.interval.mean >= plain - 1e-9
+
+    def test_starts_that_agree_by_chance_do_not_help(self) -> None:
+        values = [1.0, 3.0] * 5
+        found = hierarchical_interval(values, STARTS, 0.95)
+        assert (found.pieces, found.number) == ("iterations", 10)
+        assert found.interval.upper > 2.5
+
+    def test_the_reason_counts_starts(self, tmp_path: Path) -> None:
+        segments = [
+            Played(30, np.full(60, 0.02 + 0.001 * start + 0.0001 * (at % 2)))
+            for at, start in enumerate(STARTS)
+        ]
+        samples = run(tmp_path, *segments, starts=STARTS)
+        assert "10 iterations in 5 starts" in one(samples, "latency.mean < 50 ms").reason
+
+
+class TestLevels:
+    def test_what_moves_the_whole_iteration_leaves_its_percentile_open(self) -> None:
+        random = np.random.default_rng(1)
+        same = [random.normal(1, 0.1, 300) for _ in range(10)]
+        moved = [piece + 0.1 * (number % 3) for number, piece in enumerate(same)]
+        narrow, wide = (level_margin(one, (), 0.99, 0.95) for one in (same, moved))
+        assert narrow is not None
+        assert wide is not None
+        assert narrow.half < 0.02
+        assert wide.half > 0.04
+        assert wide.deviation == pytest.approx(np.std([0, 0.1, 0.2] * 3 + [0], ddof=1), rel=0.1)
+
+    def test_starts_are_fewer_than_iterations(self) -> None:
+        random = np.random.default_rng(2)
+        levels = np.repeat([0.0, 0.3, 0.1, 0.4, 0.2], 2)
+        values = [random.normal(1 + level, 0.1, 300) for level in levels]
+        found = level_margin(values, STARTS, 0.5, 0.95)
+        assert found is not None
+        assert (found.pieces, found.number) == ("starts", 5)
+
+    def test_without_levels_there_is_no_margin(self) -> None:
+        assert level_margin([np.ones(10)], (), 0.5, 0.95) is None
+        assert level_margin([], (), 0.5, 0.95) is None
+        lost = [np.full(10, np.inf), np.ones(10)]
+        assert level_margin(lost, (), 0.5, 0.95) is None
+
+    def test_the_verdict_says_what_leaves_it_open(self, tmp_path: Path) -> None:
+        # Each start is uniform, and no message of any is over the limit; but they differ.
+        segments = [Played(30, np.full(300, 0.01 + 0.008 * start)) for start in STARTS]
+        found = one(run(tmp_path, *segments, starts=STARTS), "latency.p99 < 52 ms")
+        assert (found.outcome, found.over) == ("inconclusive", 0)
+        assert "the 5 starts differ by 12.6 ms" in found.reason
+        assert "starts would decide it" in found.settle or "too close" in found.settle
+        assert one(
+            run(tmp_path / "far", *segments, starts=STARTS), "latency.p99 < 1 s"
+        ).outcome == ("pass")
+
+
+class TestWhatItSays:
+    def test_of_how_many_starts(self, tmp_path: Path) -> None:
+        segments = [Played(30, np.full(60, 0.02)) for _ in STARTS]
+        several = verdict(run(tmp_path / "5", *segments, starts=STARTS), "latency.p50 < 50 ms")
+        single = verdict(run(tmp_path / "1", *segments), "latency.p50 < 50 ms")
+        assert (several.starts, single.starts) == (5, 1)
+        assert several.unseen_starts == pytest.approx(1 - 0.05 ** (1 / 5))
+        assert single.unseen_starts == pytest.approx(0.95)
+
+    def test_the_rate_with_the_fewest_starts_counts(self, tmp_path: Path) -> None:
+        samples = run(tmp_path, *(Played(30, np.full(60, 0.02)) for _ in STARTS), starts=STARTS)
+        more = {**samples.iterations, 60.0: samples.iterations[30.0][:4]}
+        assert replace(samples, iterations=more).starts == 2
+        assert replace(samples, iterations={}).starts == 1
+
+    def test_bursts_it_may_have_missed(self, tmp_path: Path) -> None:
+        clean = [Played(30, np.full(1500, 0.02)) for _ in range(2)]
+        found = one(run(tmp_path / "clean", *clean), "latency.p99 < 60 ms")
+        assert found.outcome == "pass"
+        (note,) = found.notes
+        assert "met no burst" in note
+        assert "up to 5.5" in note
+        longer = [Played(30, np.full(6000, 0.02)) for _ in range(2)]
+        assert not one(run(tmp_path / "longer", *longer), "latency.p99 < 60 ms").notes
+
+    def test_one_iteration_is_no_sample_of_iterations(self, tmp_path: Path) -> None:
+        found = one(run(tmp_path, Played(30, np.full(600, 0.02))), "latency.p50 < 60 ms")
+        assert found.notes == ("One iteration does not show by how much iterations differ.",)
+
+    def test_iterations_that_climb_are_too_few_to_be_sure(self, tmp_path: Path) -> None:
+        segments = [Played(30, np.full(300, 0.02 + 0.001 * at)) for at in range(10)]
+        found = one(run(tmp_path, *segments), "latency.p50 < 60 ms")
+        assert found.outcome == "pass"
+        assert any("resemble each other" in note for note in found.notes)
+
+    def test_zero_of_one_message_is_settled_by_299(self, tmp_path: Path) -> None:
+        found = one(run(tmp_path, Played(30, np.array([0.02]))), "latency.p99 < 60 ms")
+        assert found.outcome == "inconclusive"
+        assert "would decide it" in found.settle
+        assert "too close" not in found.settle
+
+
+class TestLostOutputsAndMeans:
+    @staticmethod
+    def samples(path: Path, lost: int) -> RunSamples:
+        values = 0.02 + np.linspace(0, 0.001, 300)
+        values[np.linspace(5, 295, lost).astype(int)] = NAN
+        return run(path, *(Played(30, values) for _ in range(6)))
+
+    def test_a_node_that_drops_half_does_not_pass_on_the_rest(self, tmp_path: Path) -> None:
+        found = one(self.samples(tmp_path, 150), "latency.mean < 50 ms")
+        assert found.outcome == "inconclusive"
+        assert "900 of 1,800 outputs (50 %)" in found.reason
+        assert "drop_rate" in found.settle
+
+    def test_a_few_are_told(self, tmp_path: Path) -> None:
+        found = one(self.samples(tmp_path, 2), "latency.mean < 50 ms")
+        assert found.outcome == "pass"
+        assert any("leaves out 12 of 1,800 outputs" in note for note in found.notes)
+
+    def test_a_failure_stays_one(self, tmp_path: Path) -> None:
+        found = one(self.samples(tmp_path, 150), "latency.mean < 5 ms")
+        assert found.outcome == "fail"
+        assert any("900 of 1,800" in note for note in found.notes)
+
+    def test_without_losses_there_is_nothing_to_say(self, tmp_path: Path) -> None:
+        assert not one(self.samples(tmp_path, 0), "latency.mean < 50 ms").notes
+
+
+class TestHistory:
+    def test_one_more_step_of_a_drift_is_not_worse(self) -> None:
+        history = [100 * math.exp(-0.01 * at) for at in range(10)]
+        found = predicted_ratio(history, 100 * math.exp(-0.1), 0.95)
+        assert found.upper > 1
+        assert predicted_ratio(history, 80.0, 0.95).upper < 1
