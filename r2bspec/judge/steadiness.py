@@ -81,7 +81,9 @@ def find_start(plays: Sequence[Departures], precision: float) -> Unsteady | None
         if first is None or rest is None:
             continue
         log_ratio = math.log(rest.mean_s / first.mean_s)
-        reach = math.hypot(first.reach, rest.reach)
+        # A few messages may agree by chance.
+        scatter = rest.variation / math.sqrt(first.outputs) * _normal_quantile()
+        reach = math.hypot(max(first.reach, scatter), rest.reach)
         if abs(log_ratio) <= max(reach, precision):
             continue
         ratio = math.exp(abs(log_ratio))
@@ -151,11 +153,19 @@ def _wander_limit(size: int) -> float:
     return max(_WANDER_RATIO, float(chdtri(size - 1, _ERROR)) / (size - 1))
 
 
+def _normal_quantile() -> float:
+    from scipy.special import ndtri
+
+    return float(ndtri(1 - _ERROR))
+
+
 @dataclass(frozen=True)
 class _Pace:
     mean_s: float
     relative_error: float
     number: int
+    variation: float
+    outputs: int
 
     @property
     def reach(self) -> float:
@@ -168,6 +178,7 @@ class _Pace:
 def _pace(plays: Sequence[Departures], from_s: float, until_s: float) -> _Pace | None:
     """Seconds a message in one part of all plays, and its standard error by short batches."""
     parts: list[NDArray[np.float64]] = []
+    intervals: list[NDArray[np.float64]] = []
     for play in plays:
         # The first outputs fill the queues of the graph.
         kept = play.times_s[(play.times_s >= from_s) & (play.times_s < until_s)]
@@ -176,13 +187,16 @@ def _pace(plays: Sequence[Departures], from_s: float, until_s: float) -> _Pace |
             edges = kept[np.linspace(0, kept.size - 1, number + 1).astype(int)]
             counts = np.diff(np.linspace(0, kept.size - 1, number + 1).astype(int))
             parts.append(np.diff(edges) / counts)
+            intervals.append(np.diff(kept))
     if not parts:
         return None
     values = np.concatenate(parts)
     if values.size < 2 or values.mean() <= 0:
         return None
     error = float(values.std(ddof=1)) / math.sqrt(values.size) / float(values.mean())
-    return _Pace(float(values.mean()), error, values.size)
+    single = np.concatenate(intervals)
+    variation = float(single.std() / single.mean())
+    return _Pace(float(values.mean()), error, values.size, variation, single.size)
 
 
 def find_unsteadiness(

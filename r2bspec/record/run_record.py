@@ -115,8 +115,8 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
     """One probe: the offered rate, the delivered rate, and whether the rate is sustained (`holds`).
 
     `holds` is None if undecided. `confidence` is one-sided; 0 in records of versions that did not
-    state it. `purpose` is why it was played: to test a rate, to measure an overloaded graph, to
-    check a rate above the capacity, or to confirm the lower end of the bracket. `keeps_up` tells
+    state it. `purpose` is why it was played: to test a rate, to measure an overloaded graph, or
+    to confirm the lower end of the bracket. `keeps_up` tells
     whether the backlog does not grow, whatever is lost: a rate that keeps up is undecided if too
     few messages were played to show that few enough are lost (`lost_at_most`). `played_s` is 0 in
     records of versions that did not state it.
@@ -128,7 +128,7 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
     holds: bool | None
     reason: str
     confidence: float = 0.0
-    purpose: Literal["probe", "saturation", "check", "confirmation"] = "probe"
+    purpose: Literal["probe", "saturation", "confirmation"] = "probe"
     keeps_up: bool | None = None
     lost_at_most: float | None = None
     played_s: float = 0.0

@@ -82,7 +82,7 @@ def probe_mark(probe: Probe) -> str:
     return KEPT_UP_MARK if probe.keeps_up and probe.holds is None else PROBE_MARKS[probe.holds]
 
 
-PROBE_PURPOSES = {"saturation": "overload", "check": "check", "confirmation": "played whole"}
+PROBE_PURPOSES = {"saturation": "overload", "confirmation": "played whole"}
 """Why a rate was played, where it was not only to test it."""
 
 

@@ -2,9 +2,9 @@
 
 MLRsearch (draft-ietf-bmwg-mlrsearch) is the library of its authors, which is no dependency of
 r2bspec: `pip install MLRsearch`. A message that has not arrived half a second after the last input
-counts as lost. Probabilistic bisection (Horstein 1963; Waeber, Frazier, Henderson 2013) asks at the
-median of its belief whether the latency climbs by more than a quarter of the precision, for 3 s, and takes an answer to be right in 70 % of
-cases.
+counts as lost. Probabilistic bisection (Horstein 1963; Waeber, Frazier, Henderson 2013) plays the
+median of its belief for 3 s, asks whether the latency climbs by more than a quarter of the
+precision, and takes the answer to be right in 70 % of cases.
 """
 
 from __future__ import annotations

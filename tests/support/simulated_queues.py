@@ -135,7 +135,7 @@ class Answering(Protocol):
 class Play:
     """How a rate is played; see `r2bspec.execute.measurement.rate_probe`."""
 
-    purpose: Literal["probe", "saturation", "check", "confirmation"] = "probe"
+    purpose: Literal["probe", "saturation", "confirmation"] = "probe"
     ends_on: frozenset[bool] = frozenset({True, False})
     whole: bool = False
     enough: bool = False
@@ -258,7 +258,6 @@ class Searching:
             play = Play("confirmation", never, whole=True, enough=True, proven_hz=proven_hz)
             return self.play(rate_hz, self.confirm_s, play)
 
-        check = Play("check", frozenset({False}), whole=True)
         return PeakSearch(
             minimum_hz,
             maximum_hz,
@@ -268,7 +267,6 @@ class Searching:
                 overload=lambda rate_hz: self.play(
                     rate_hz, self.seconds, Play("saturation", never)
                 ),
-                check=lambda rate_hz: self.play(rate_hz, self.seconds, check),
                 confirm=confirm if self.confirm_s else None,
                 budget_s=OVERLOAD_PROBES * self.seconds,
                 stages=self.stages,

@@ -66,7 +66,8 @@ class Overload:
             guess_hz: what came out of a first overload, in steps per second.
 
         Returns:
-            None if the graph could not be overloaded, or too few outputs came.
+            None if the graph could not be overloaded, too few outputs came, or the graph is slower
+            the more it is overloaded.
         """
         rate_hz, unsaturated = min(guess_hz * _FACTORS[0], self.max_hz), 0
         while self.played_s < self.budget_s:
@@ -74,6 +75,10 @@ class Overload:
             if found is None:
                 return None
             if not found.saturated:
+                if self.capacity is not None and rate_hz > self.capacity.upper_hz:
+                    # With less overload it is faster than with more: that bounds nothing.
+                    self.plays, self.capacity = [], None
+                    return None
                 unsaturated += 1
                 if unsaturated >= _MAX_UNSATURATED or rate_hz >= self.max_hz:
                     return None
@@ -82,7 +87,7 @@ class Overload:
             self.add(found)
             self._leave_out_drowned()
             if self.capacity is not None:
-                if self.capacity.relative_width <= self.precision:
+                if self.factors_compared and self.capacity.relative_width <= self.precision:
                     break
                 factor = _FACTORS[len(self.plays) % len(_FACTORS)]
                 rate_hz = min(self.capacity.hz * factor, self.max_hz)

@@ -6,8 +6,8 @@ The search is independent of processes: it calls functions that play, and evalua
    that it can sustain.
 2. The graph is overloaded by a third, some seconds at a time, until its capacity is known to the
    precision (`r2bspec.judge.capacity_estimate`). That bounds the peak from above, and says where
-   to look for it. A check just above the bound must not keep up: a graph may be slower when it is
-   overloaded.
+   to look for it. Every second play overloads it by a tenth only: a graph may be slower the more
+   it is overloaded.
 3. Where conditions or large tolerated losses decide, or no overload was possible, the bracket is
    narrowed by short probes: near the output rate of the overload first, then in growing strides,
    then by halves of the ratio of its ends.
@@ -47,9 +47,6 @@ _MAX_OPEN_PROBES = 8
 _MAX_CONFIRMATIONS = 3
 """So many rates are played whole; if none of them is confirmed, the search ends without a proof."""
 
-_CHECK_STEP = 0.5
-"""The check is this share of the precision above the upper end."""
-
 
 @dataclass(frozen=True)
 class ProbeOutcome:
@@ -88,7 +85,6 @@ class LongPlays:
 
     Attributes:
         overload: plays a rate that is too high, for some seconds.
-        check: plays a rate as long as a probe may last, unless it is not sustained.
         confirm: plays the lower end whole; the second argument is the rate up to which the
             capacity is proven. None if the lower end is not confirmed.
         budget_s: for overloaded plays, in all.
@@ -99,7 +95,6 @@ class LongPlays:
     """
 
     overload: ProbeFunction
-    check: ProbeFunction
     confirm: Callable[[float, float], ProbeOutcome] | None
     budget_s: float
     stages: int = 1
@@ -211,17 +206,12 @@ class PeakSearch:
         """
         if self._fails_hz is None or self._fails_by_player or self._guess_hz <= 0:
             return False
+        if self._fails_hz <= self._minimum_hz:
+            return False
         self._overload.run(self._guess_hz)
         upper_hz, lower_hz = self._overload.upper_hz, self._overload.lower_hz
         if upper_hz is None or lower_hz is None or lower_hz <= self._minimum_hz:
             return False
-        if upper_hz < self._maximum_hz and not self._overload.factors_compared:
-            checked = plays.check(upper_hz * (1 + _CHECK_STEP * self._precision))
-            self._probes.append(checked.probe)
-            if checked.sustained or checked.limited_by_player:
-                # Overloaded, the graph is slower than it can be: that bounds nothing.
-                self._overload.capacity = None
-                return False
         self._fails_hz = min(upper_hz, self._fails_hz)
         if plays.confirm is None or plays.needs_probes(self._precision):
             return self._try(lower_hz) is True

@@ -33,7 +33,6 @@ _DEFAULT_PRECISION = 0.02
 _TITLES = {
     "probe": "probing",
     "saturation": "overloading with",
-    "check": "checking",
     "confirmation": "confirming",
 }
 
@@ -55,7 +54,7 @@ class _Play:
 
     kind: Literal["probe", "sustained"]
     name: str
-    purpose: Literal["probe", "saturation", "check", "confirmation"]
+    purpose: Literal["probe", "saturation", "confirmation"]
     limit_s: float
     ends_on: frozenset[bool] = frozenset()
     whole: bool = False
@@ -109,10 +108,6 @@ class RateProber:
         def overload(rate_hz: float) -> ProbeOutcome:
             return self._play(_Play("probe", "probe", "saturation", self._limit_s), rate_hz)
 
-        def check(rate_hz: float) -> ProbeOutcome:
-            play = _Play("probe", "probe", "check", self._limit_s, frozenset({False}), whole=True)
-            return self._play(play, rate_hz)
-
         def confirm(rate_hz: float, proven_hz: float) -> ProbeOutcome:
             play = _Play(
                 "probe", "probe", "confirmation", confirm_s, whole=True, enough=True,
@@ -122,7 +117,6 @@ class RateProber:
 
         return LongPlays(
             overload=overload,
-            check=check,
             confirm=confirm if confirm_s else None,
             budget_s=OVERLOAD_PROBES * self._limit_s,
             stages=_stages(self._plan),
