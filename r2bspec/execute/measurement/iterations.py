@@ -13,8 +13,8 @@ whether a failure counts (`r2bspec.judge.affected_iterations`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.measurement.time_budget import TimeBudget
@@ -32,6 +32,8 @@ class IterationRunner:
         judge_so_far: the verdict on everything that has been played.
         note: receives notes on the decisions.
         budget: limits everything that is played in addition to the declared iterations.
+        lost_rates: with ``--abort-on-fail``, the rates whose requirements can no longer be met,
+            each with a sentence; None plays everything.
     """
 
     plan: Plan
@@ -39,6 +41,8 @@ class IterationRunner:
     judge_so_far: Callable[[], Verdict]
     note: Callable[[str], None]
     budget: TimeBudget
+    lost_rates: Callable[[], Mapping[float, str]] | None = None
+    _ended: dict[float, str] = field(default_factory=dict)
 
     def play(self) -> tuple[Verdict, int]:
         """Play the iterations up to the look that decides.
@@ -58,6 +62,9 @@ class IterationRunner:
             self._play_range(played, end)
             played = end
             verdict = self._judge()
+            if self._all_ended:
+                played = self._most_iterations()
+                break
             if number == len(looks) or not _needs_more(verdict, looks, number):
                 break
             each_s = (self.budget.spent_s() - began_s) / played
@@ -79,7 +86,32 @@ class IterationRunner:
     def _play_range(self, played: int, end: int) -> None:
         for index in range(played + 1, end + 1):
             for play in self.plan.play:
-                self._play_once(play, index, f"iteration {index} of {end}")
+                if play.rate_hz not in self._ended:
+                    self._play_once(play, index, f"iteration {index} of {end}")
+            if self.lost_rates is not None and index < end:
+                self._end_lost_rates(index, end)
+            if self._all_ended:
+                return
+
+    @property
+    def _all_ended(self) -> bool:
+        return all(each.rate_hz in self._ended for each in self.plan.play)
+
+    def _most_iterations(self) -> int:
+        """The largest number of iterations that a rate has; those of a confirmation run."""
+        return max(each.index for each in self.segment_player.segments if each.kind == "iteration")
+
+    def _end_lost_rates(self, index: int, end: int) -> None:
+        """End the rates at which the rest could not change a failure."""
+        assert self.lost_rates is not None  # noqa: S101 - see the caller
+        for rate_hz, why in self.lost_rates().items():
+            if rate_hz in self._ended or rate_hz not in {each.rate_hz for each in self.plan.play}:
+                continue
+            at = f"{rate_hz:g} Hz" if rate_hz else "the recording"
+            sentence = f"{at} was ended after {index} of {end} iterations: {why}"
+            self._ended[rate_hz] = sentence
+            self.note(sentence)
+            self.budget.left_out.append(f"{sentence[:1].upper()}{sentence[1:]}.")
 
     def _judge(self) -> Verdict:
         """The verdict, after the affected iterations on which it depends were repeated."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import msgspec
 
@@ -28,6 +28,7 @@ class Measurement:
         reporter: RunReporter,
         judge_so_far: Callable[[], Verdict],
         budget: TimeBudget,
+        lost_rates: Callable[[], Mapping[float, str]] | None = None,
     ) -> None:
         """Create the measurement; nothing is played yet.
 
@@ -37,6 +38,7 @@ class Measurement:
             reporter: receives phases and notes.
             judge_so_far: the verdict on everything that was played in the session.
             budget: of the whole run.
+            lost_rates: see `IterationRunner`.
         """
         self._plan = plan
         self._segment_player = segment_player
@@ -44,6 +46,7 @@ class Measurement:
         self._prober = RateProber(plan, segment_player, reporter.note)
         self._judge_so_far = judge_so_far
         self._budget = budget
+        self._lost_rates = lost_rates
         self._search: PeakSearch | None = None
         self._sustained: list[Probe] = []
 
@@ -110,7 +113,12 @@ class Measurement:
 
     def _iteration_runner(self, plan: Plan) -> IterationRunner:
         return IterationRunner(
-            plan, self._segment_player, self._judge_so_far, self._reporter.note, self._budget
+            plan,
+            self._segment_player,
+            self._judge_so_far,
+            self._reporter.note,
+            self._budget,
+            self._lost_rates,
         )
 
     def _plan_with_peak(self, peak_hz: float | None) -> Plan:

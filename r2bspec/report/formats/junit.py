@@ -77,7 +77,11 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     verdict = report_input.result.verdict
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
-        case.result = [Error(printable_lines(verdict.reason), verdict.outcome)]
+        reason = printable_lines(verdict.reason)
+        error = Error(reason, verdict.outcome)
+        # In the text as well: readers of XML turn the line breaks of an attribute into spaces.
+        error.text = reason
+        case.result = [error]
     texts = [
         printable_lines(note)
         for note in (*comparison(report_input.result), *notes(report_input.result))

@@ -72,7 +72,7 @@ def test_an_arrow_goes_around_what_is_in_its_way() -> None:
 
 
 def test_a_label_at_an_edge_is_written_towards_the_inside() -> None:
-    sides = []
+    sides: list[tuple[str, str]] = []
 
     def paint(sketch: object) -> None:
         axes = sketch.figure.subplots()  # type: ignore[attr-defined]
