@@ -271,6 +271,7 @@ def run(
     *,
     history: Path | None = None,
     baseline: BaselineRecord | None = None,
+    abort_on_fail: bool = False,
 ) -> Result:
     """Run a benchmark on real ROS 2, and judge it.
 
@@ -281,6 +282,7 @@ def run(
         history: a file of earlier runs by which requirements of the baseline are judged, and to
             which the run is added.
         baseline: a stored run to compare with, advisory; see `stored_baseline`.
+        abort_on_fail: end a rate as soon as the rest of its iterations could not change a failure.
 
     Raises:
         GraphMismatchError: the graph differs from the spec, which was compiled just now.
@@ -298,11 +300,13 @@ def run(
         RunFolder.create(output or default_run_folder(prepared.plan.name)) as folder,
     ):
         if history is None and baseline is None:
-            return _run_in_folder(folder, prepared, listener)
+            return _run_in_folder(folder, prepared, listener, abort_on_fail=abort_on_fail)
         from r2bspec.compare.gated_run import run_with_baseline
 
         return run_with_baseline(
-            lambda target, plan: _run_in_folder(target, replace(prepared, plan=plan), listener),
+            lambda target, plan: _run_in_folder(
+                target, replace(prepared, plan=plan), listener, abort_on_fail=abort_on_fail
+            ),
             prepared.plan,
             folder,
             history=history,
@@ -310,7 +314,13 @@ def run(
         )
 
 
-def _run_in_folder(folder: RunFolder, prepared: PreparedBenchmark, progress: Progress) -> Result:
+def _run_in_folder(
+    folder: RunFolder,
+    prepared: PreparedBenchmark,
+    progress: Progress,
+    *,
+    abort_on_fail: bool = False,
+) -> Result:
     from r2bspec.check.runtime_mismatches import differences_to_diagnostics
     from r2bspec.execute.controller import run_plan
     from r2bspec.execute.errors import GraphMismatchError as Differs
@@ -323,6 +333,7 @@ def _run_in_folder(folder: RunFolder, prepared: PreparedBenchmark, progress: Pro
             run_id=secrets.token_hex(8),
             spec_text=prepared.spec_text,
             progress=progress,
+            abort_on_fail=abort_on_fail,
         )
     except R2bspecError as error:
         # Write a result of what was measured, marked as incomplete; if that fails, too, the first

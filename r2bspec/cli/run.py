@@ -55,6 +55,11 @@ if TYPE_CHECKING:
     "--resume", is_flag=True, help="Run only what the folder of --output does not have yet."
 )
 @click.option("--fail-fast", is_flag=True, help="End after the first run that does not pass.")
+@click.option(
+    "--abort-on-fail",
+    is_flag=True,
+    help="End a rate as soon as the rest of its iterations could not change a failure.",
+)
 @click.option("--no-wait", is_flag=True, help="Refuse to run while this host runs a benchmark.")
 @click.option("--no-lock", is_flag=True, help="Run even while this host runs a benchmark.")
 @click.option(

@@ -32,6 +32,7 @@ class RunOptions:
     smoke: bool = False
     resume: bool = False
     fail_fast: bool = False
+    abort_on_fail: bool = False
     no_wait: bool = False
     no_lock: bool = False
     output_format: str = "text"
@@ -73,6 +74,8 @@ class RunOptions:
             raise click.UsageError(
                 f"--smoke cannot be combined with {used_options[0]}: it judges nothing"
             )
+        if self.abort_on_fail and self.compares:
+            raise click.UsageError("--abort-on-fail cannot be combined with --against or --control")
         if self.force and not (self.against or self.baseline is not None):
             raise click.UsageError("--force needs --against or --baseline")
 

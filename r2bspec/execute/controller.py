@@ -49,6 +49,7 @@ from r2bspec.execute.start_sequence import StartSequence
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.clocks import ClockOffsetTracker
 from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
+from r2bspec.judge.curtailment import lost_requirements
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Verdict
@@ -71,6 +72,7 @@ def run_plan(
     run_id: str,
     spec_text: str,
     progress: Progress,
+    abort_on_fail: bool = False,
 ) -> RunRecord:
     """Execute a plan; the run folder is written completely when this returns or raises.
 
@@ -81,6 +83,7 @@ def run_plan(
         run_id: names the run; also marks its processes.
         spec_text: the resolved spec, for the record.
         progress: receives phases, notes and progress.
+        abort_on_fail: end a rate as soon as a requirement can no longer be met.
 
     Raises:
         RunError: the run failed; its record is marked as incomplete and gives the reason.
@@ -94,13 +97,17 @@ def run_plan(
         Interrupts() as interrupts,
         tempfile.TemporaryDirectory(prefix=".scratch-", dir=folder.path) as scratch,
     ):
-        return _Controller(
+        controller = _Controller(
             plan, base_dir, folder, run_id, Path(scratch), progress, interrupts
-        ).run()
+        )
+        controller.abort_on_fail = abort_on_fail
+        return controller.run()
 
 
 class _Controller:
     """The state of one run."""
+
+    abort_on_fail = False
 
     def __init__(
         self,
@@ -356,6 +363,8 @@ class _Controller:
             judge_so_far,
             self._budget,
             partial(starts.begin, confirms=confirms),
+            # A confirmation run plays as many iterations as the run that it confirms.
+            self._lost_rates if self.abort_on_fail and not confirms else None,
         )
         self._measurements.append(measurement)
         return measurement
@@ -363,6 +372,20 @@ class _Controller:
     def _judge_so_far(self) -> Verdict:
         """The verdict on the run if it ended now, without a confirmation."""
         return judge(self._plan.objectives, self._samples_so_far(), decision_policy(self._plan))
+
+    def _lost_rates(self) -> dict[float, str]:
+        """The rates with a requirement that can no longer be met, and which one that is."""
+        declared = {
+            each.rate_hz: max(each.iterations, each.max_iterations) for each in self._plan.play
+        }
+        lost = lost_requirements(
+            self._plan.objectives, self._samples_so_far(), decision_policy(self._plan), declared
+        )
+        return {
+            one.at_hz: f"'{one.text.strip()}' can no longer be met"
+            for one in lost
+            if one.at_hz is not None
+        }
 
     def _judge_confirmation(self, first: Verdict) -> Verdict:
         """The verdict on the confirmation run if it ended now, given that on the run."""

@@ -60,6 +60,7 @@ FORMATS: Final[dict[str, Format]] = {
         f"{_FORMATS_PACKAGE}.junit_lenient", "the same, with inconclusive as skipped"
     ),
     "csv": Format(f"{_FORMATS_PACKAGE}.csv", "every metric of every iteration, one per line"),
+    "samples": Format(f"{_FORMATS_PACKAGE}.samples_csv", "every single message as a line of CSV"),
     "openmetrics": Format(f"{_FORMATS_PACKAGE}.openmetrics", "OpenMetrics text for Prometheus"),
     "hdrhistogram": Format(
         f"{_FORMATS_PACKAGE}.hdrhistogram", "percentile distribution of the latency", single=True

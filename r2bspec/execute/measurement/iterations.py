@@ -14,7 +14,7 @@ record says which one that is.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
@@ -36,6 +36,8 @@ class IterationRunner:
         note: receives notes on the decisions.
         budget: limits everything that is played in addition to the declared iterations.
         next_start: starts all processes afresh; what it returns plays from then on.
+        lost_rates: with ``--abort-on-fail``, the rates whose requirements can no longer be met,
+            each with a sentence; None plays everything.
     """
 
     plan: Plan
@@ -44,6 +46,8 @@ class IterationRunner:
     note: Callable[[str], None]
     budget: TimeBudget
     next_start: Callable[[], SegmentPlayer]
+    lost_rates: Callable[[], Mapping[float, str]] | None = None
+    _ended: dict[float, str] = field(default_factory=dict)
     _starts: list[SegmentPlayer] = field(default_factory=list)
     """Those in which iterations were played."""
 
@@ -61,9 +65,13 @@ class IterationRunner:
         groups = iterations_by_look(looks.iterations, self.plan.starts)
         for number, end in enumerate(looks.iterations, start=1):
             for iterations in groups[number - 1]:
-                self._play_start(iterations, end)
+                if not self._all_ended:
+                    self._play_start(iterations, end)
             played = end
             verdict = self._judge()
+            if self._all_ended:
+                played = self._most_iterations()
+                break
             if number == len(looks) or not _needs_more(verdict, looks, number):
                 break
             each_s = (self.budget.spent_s() - began_s) / played
@@ -82,10 +90,11 @@ class IterationRunner:
         Raises:
             RunError: from `SegmentPlayer.play`.
         """
-        looks = self._looks().iterations
-        for look, group in zip(looks, iterations_by_look(looks, self.plan.starts), strict=True):
-            for iterations in group if look <= number else ():
-                self._play_start(iterations, number)
+        groups = iterations_by_look(self._looks().iterations, self.plan.starts)
+        for iterations in (each for group in groups for each in group):
+            wanted = [index for index in iterations if index <= number]
+            if wanted:
+                self._play_start(wanted, number)
         return self._judge()
 
     def _looks(self) -> InterimLooks:
@@ -99,7 +108,32 @@ class IterationRunner:
         self._starts.append(self.segment_player)
         for index in iterations:
             for play in self.plan.play:
-                self._play_once(play, index, f"iteration {index} of {end}")
+                if play.rate_hz not in self._ended:
+                    self._play_once(play, index, f"iteration {index} of {end}")
+            if self.lost_rates is not None and index < end:
+                self._end_lost_rates(index, end)
+            if self._all_ended:
+                return
+
+    @property
+    def _all_ended(self) -> bool:
+        return all(each.rate_hz in self._ended for each in self.plan.play)
+
+    def _most_iterations(self) -> int:
+        """The largest number of iterations that a rate has; those of a confirmation run."""
+        return max(each.index for each in self.segment_player.segments if each.kind == "iteration")
+
+    def _end_lost_rates(self, index: int, end: int) -> None:
+        """End the rates at which the rest could not change a failure."""
+        assert self.lost_rates is not None  # noqa: S101 - see the caller
+        for rate_hz, why in self.lost_rates().items():
+            if rate_hz in self._ended or rate_hz not in {each.rate_hz for each in self.plan.play}:
+                continue
+            at = f"{rate_hz:g} Hz" if rate_hz else "the recording"
+            sentence = f"{at} was ended after {index} of {end} iterations: {why}"
+            self._ended[rate_hz] = sentence
+            self.note(sentence)
+            self.budget.left_out.append(f"{sentence[:1].upper()}{sentence[1:]}.")
 
     def _judge(self) -> Verdict:
         """The verdict, after the affected iterations on which it depends were repeated."""

@@ -6,7 +6,7 @@ the peak among them, are spread over all starts.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import msgspec
 
@@ -33,6 +33,7 @@ class Measurement:
         judge_so_far: Callable[[], Verdict],
         budget: TimeBudget,
         next_start: Callable[[], SegmentPlayer],
+        lost_rates: Callable[[], Mapping[float, str]] | None = None,
     ) -> None:
         """Create the measurement; nothing is played yet.
 
@@ -43,6 +44,7 @@ class Measurement:
             judge_so_far: the verdict on everything that was measured.
             budget: of the whole run.
             next_start: starts all processes afresh; what it returns plays from then on.
+            lost_rates: see `IterationRunner`.
         """
         self._plan = plan
         self._segment_player = segment_player
@@ -51,6 +53,7 @@ class Measurement:
         self._judge_so_far = judge_so_far
         self._budget = budget
         self._next_start = next_start
+        self._lost_rates = lost_rates
         self._search: PeakSearch | None = None
         self._sustained: list[Probe] = []
 
@@ -128,6 +131,7 @@ class Measurement:
             self._reporter.note,
             self._budget,
             next_start,
+            self._lost_rates,
         )
 
     def _plan_with_peak(self, peak_hz: float | None) -> Plan:

@@ -143,7 +143,8 @@ PLAYBACK: Schema = record(
             examples=[{"slop": "10 ms"}],
         ),
         "clock": boolean(
-            "Whether the system time is published on /clock, 100 times per second, for nodes with 'use_sim_time'. The stamps of played messages are of the same clock.",
+            "Whether the system time is published on /clock, 100 times per second, for nodes with "
+            "'use_sim_time'. The stamps of played messages are of the same clock.",
             default=False,
         ),
     },

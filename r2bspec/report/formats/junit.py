@@ -77,7 +77,11 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     verdict = report_input.result.verdict
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
-        case.result = [Error(printable_lines(verdict.reason), verdict.outcome)]
+        reason = printable_lines(verdict.reason)
+        error = Error(reason, verdict.outcome)
+        # In the text as well: readers of XML turn the line breaks of an attribute into spaces.
+        error.text = reason
+        case.result = [error]
     # The verdict of requirements does not say of how many starts it is.
     texts = [] if case.result or not verdict.requirements else [verdict.reason]
     texts += [*comparison(report_input.result), *notes(report_input.result)]

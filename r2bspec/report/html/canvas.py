@@ -160,6 +160,32 @@ def _scale(axes: Axes, height_in: float, x_unit: str, y_unit: str) -> dict[str, 
     }
 
 
+_EDGE: Final = 0.16
+"""The share of the axes next to an edge in which a label would not fit on the side of the edge."""
+
+
+def inside_label(
+    axes: Axes, x: float, y: float, text: str, ink: str, *, above: bool = True
+) -> None:
+    """Write a label next to a point, on a side on which it is inside the axes.
+
+    The limits of the axes must be final. `above` is the side where both are possible.
+    """
+    across, up = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))
+    above = up < _EDGE or (above and up < 1 - _EDGE)
+    side = "left" if across < 2 * _EDGE else "right" if across > 1 - 2 * _EDGE else "center"
+    axes.annotate(
+        text,
+        (x, y),
+        xytext=(0, 3 if above else -4),
+        textcoords="offset points",
+        ha=side,
+        va="bottom" if above else "top",
+        fontsize=8,
+        color=ink,
+    )
+
+
 OUTCOME_COLOURS: Final = {"pass": "good", "fail": "bad", "inconclusive": "unsure"}
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from r2bspec.diagnostics.quote import clip
 from r2bspec.plan.figure import Arrow, Box, BoxKind, figure
 from r2bspec.plan.plan import Plan
+from r2bspec.report.html.edge_routes import Rectangle, route
 
 _CHARACTER_WIDTH = 7.4
 """Width of a character at the font size of the boxes."""
@@ -22,6 +23,9 @@ _PADDING = 8
 _COLUMN_GAP = 34
 _ROW_GAP = 14
 _TITLE_HEIGHT = 26
+
+TITLE_X = 28
+"""Where the title of a frame begins: to the right of arrows that come from another frame."""
 
 
 @dataclass(frozen=True)
@@ -95,16 +99,29 @@ def lay_out(plan: Plan, annotations: Mapping[str, Sequence[str]]) -> Drawing:
         if not boxes:
             continue
         top = y + (_TITLE_HEIGHT if title else 0)
-        found = _layers(boxes, sketch.arrows, annotations, _PADDING, top)
+        # Room on the left for arrows that come from another frame.
+        found = _layers(boxes, sketch.arrows, annotations, _COLUMN_GAP / 2 + _PADDING, top)
         placed |= found
-        right = max(one.x + one.width for one in found.values()) + _PADDING
+        right = max(one.x + one.width for one in found.values()) + _COLUMN_GAP / 2 + _PADDING
         bottom = max(one.y + one.height for one in found.values()) + _PADDING
         if title:
             frames.append(PhaseFrame(title, 0, y, right, bottom - y))
         widest = max(widest, right)
         y = bottom + _ROW_GAP
+    rectangles = {name: _rectangle(box) for name, box in placed.items()}
+    obstacles = [*rectangles.values(), *map(_title_rectangle, frames)]
     edges = tuple(
-        _route_edge(placed[each.tail], placed[each.head], each.stored) for each in sketch.arrows
+        Edge(
+            route(
+                rectangles[each.tail],
+                rectangles[each.head],
+                obstacles,
+                _COLUMN_GAP,
+                _ROW_GAP,
+            ),
+            each.stored,
+        )
+        for each in sketch.arrows
     )
     return Drawing(
         width=widest + 2,
@@ -192,29 +209,13 @@ def _place_box(box: Box, lines: list[str], x: float, y: float, width: float) -> 
     )
 
 
-def _route_edge(tail: PlacedBox, head: PlacedBox, stored: bool) -> Edge:
-    """From the right side to the left one; if that is behind, down and around."""
-    x0, y0 = tail.x + tail.width, tail.y + tail.height / 2
-    x1, y1 = head.x, head.y + head.height / 2
-    if x1 > x0:
-        bend = (x1 - x0) / 2
-        path = (
-            f"M{x0:.0f} {y0:.0f}C{x0 + bend:.0f} {y0:.0f} {x1 - bend:.0f} {y1:.0f} "
-            f"{x1:.0f} {y1:.0f}"
-        )
-    else:
-        x0, y0 = tail.x + tail.width / 2, tail.y + tail.height
-        x1, y1 = head.x + head.width / 2, head.y
-        if y1 <= y0:  # back within a frame
-            y1 = head.y + head.height
-            low = max(y0, y1) + 2 * _ROW_GAP
-            path = f"M{x0:.0f} {y0:.0f}C{x0:.0f} {low:.0f} {x1:.0f} {low:.0f} {x1:.0f} {y1:.0f}"
-        else:
-            middle = (y0 + y1) / 2
-            path = (
-                f"M{x0:.0f} {y0:.0f}C{x0:.0f} {middle:.0f} {x1:.0f} {middle:.0f} {x1:.0f} {y1:.0f}"
-            )
-    return Edge(path, stored)
+def _rectangle(box: PlacedBox) -> Rectangle:
+    return Rectangle(box.x, box.y, box.width, box.height)
+
+
+def _title_rectangle(frame: PhaseFrame) -> Rectangle:
+    """The place of a frame's title, from the top of the frame."""
+    return Rectangle(TITLE_X, frame.y + 4, len(frame.title) * _CHARACTER_WIDTH, _TITLE_HEIGHT - 10)
 
 
 def _description(arrows: Sequence[Arrow], placed: Mapping[str, PlacedBox]) -> str:

@@ -52,10 +52,22 @@ def loads_chart(name: str, run: Run) -> Chart | None:
         upper, lower = panels[:2]
         most = 1
         names = [(number, each.name) for number, each in enumerate(run.record.processes)]
-        for place, (index, process) in enumerate([*names, (MACHINE_INDEX, "whole machine")]):
+        # A confirmation run starts processes of the same names: they keep their colours.
+        places = {
+            process: place for place, process in enumerate(dict.fromkeys(n for _, n in names))
+        }
+        places["whole machine"] = len(places)
+        shown: set[str] = set()
+        for index, process in [*names, (MACHINE_INDEX, "whole machine")]:
             of_one = rows[rows["process"] == index]
             if of_one.size > 2:
-                most = max(most, _process(sketch, (upper, lower), place, process, of_one, start_ns))
+                again = process in shown
+                shown.add(process)
+                group = _process(
+                    *(sketch, (upper, lower), places[process], process, of_one, start_ns),
+                    again=again,
+                )
+                most = max(most, group)
         _phases(run, panels, start_ns, int(rows["time_ns"].max()))
         upper.set_ylim(bottom=0)
         lower.set_ylim(bottom=0)
@@ -84,8 +96,13 @@ def _process(
     name: str,
     rows: Rows,
     start_ns: int,
+    *,
+    again: bool = False,
 ) -> int:
-    """Draw one process; returns how many samples make one point."""
+    """Draw one process; returns how many samples make one point.
+
+    `again` leaves it out of the legend, which has another process of its name.
+    """
     rows = rows[np.argsort(rows["time_ns"], kind="stable")]
     rows = rows[spaced_indices(rows["time_ns"])]
     group = max(1, -(-rows.size // _MAX_POINTS))
@@ -102,7 +119,9 @@ def _process(
         "linestyle": "-" if machine else line_style(number),
         "linewidth": 0.8 if machine else 1.3,
     }
-    (line,) = panels[0].plot((times[1:] + times[:-1]) / 2, cpu, label=printable(name), **style)
+    (line,) = panels[0].plot(
+        (times[1:] + times[:-1]) / 2, cpu, label="" if again else printable(name), **style
+    )
     sketch.series(line, f"{name}: CPU")
     if not machine:  # all memory in use would flatten every process
         memory = _means(rows["memory_bytes"] / _MIB, ends)

@@ -18,6 +18,7 @@ from r2bspec.report.html.canvas import (
     ChartBuilder,
     colour,
     draw,
+    inside_label,
     marker,
     plain_numbers,
 )
@@ -61,7 +62,6 @@ def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: V
         _probes(sketch, upper, metrics)
         if run is not None:
             _probe_drops(sketch, lower, metrics, run)
-        _limits(upper, lower, verdict)
         upper.set_xlim(*ends)
         if wide:
             upper.set_xscale("log")
@@ -73,6 +73,7 @@ def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: V
         else:
             upper.set_ylim(bottom=0)
         lower.set_ylim(-3, 103)
+        _limits(upper, lower, verdict)
         upper.set_ylabel("throughput, Hz")
         lower.set_ylabel("dropped, %")
         lower.set_xlabel("offered rate, Hz")
@@ -209,12 +210,4 @@ def _limits(upper: Axes, lower: Axes, verdict: Verdict) -> None:
         else:
             continue
         axes.hlines(y, one.at_hz * 0.88, one.at_hz * 1.14, color=ink, linewidth=2.4, zorder=5)
-        axes.annotate(
-            f"limit {show(one.limit, one.unit)}",
-            (one.at_hz * 1.14, y),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8,
-            color=ink,
-        )
+        inside_label(axes, one.at_hz, y, f"limit {show(one.limit, one.unit)}", ink)

@@ -19,6 +19,7 @@ from r2bspec.report.html.canvas import (
     ChartBuilder,
     colour,
     draw,
+    inside_label,
     line_style,
     plain_numbers,
 )
@@ -52,15 +53,21 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
                 median.append(float(np.median(values)))
                 label = show_rate(rate, pace_of(samples.mode))
                 _curve(sketch, axes, number, label, values, lost)
-        for one in verdict.requirements:
-            if one.monitor == monitor and one.at_hz in rates:
-                _limit(axes, one, rates.index(one.at_hz))
+        limits = [
+            one
+            for one in verdict.requirements
+            if one.monitor == monitor and one.at_hz in rates and _is_drawn(one)
+        ]
+        for one in limits:
+            _bar(axes, one, rates.index(one.at_hz or 0.0))
         _axes(axes, total)
         if median and largest > _MIN_LOG_RATIO * min(median):
             axes.set_yscale("log")
             plain_numbers(axes.yaxis)
         else:
             axes.set_ylim(bottom=0)
+        for one in limits:
+            _label(axes, one)
         if sketch.labels:
             sketch.figure.legend(loc="outside upper left", ncols=6)
         sketch.register_axes(axes, "percentile", "ms")
@@ -115,31 +122,39 @@ def _ranks(n: int) -> NDArray[np.int64]:
     return (n + 1 - from_end)[::-1]
 
 
-def _limit(axes: Axes, one: RequirementVerdict, number: int) -> None:
-    """The limit as a bar at its percentile, with the bounds of the estimate."""
+def _is_drawn(one: RequirementVerdict) -> bool:
+    """Whether it is a limit of a percentile of the latency."""
     family, _, part = one.metric.rpartition(".")
-    q = quantile(part)
-    if not family.endswith("latency") or q is None or one.limit is None:
-        return
-    x = 1 / (1 - q)
-    ink = PALETTE[OUTCOME_COLOURS[one.outcome]]
-    above = not one.lost and one.estimate is not None and one.limit > one.estimate
-    axes.hlines(one.limit * 1e3, x / 1.6, x * 1.6, color=ink, linewidth=2.4)
-    axes.annotate(
-        printable(f"{part} limit {show(one.limit, one.unit)} {at_rate(one.at_hz or 0.0)}"),
-        (x, one.limit * 1e3),
-        # On the side of the bar without the curve.
-        xytext=(0, 3 if above else -4),
-        textcoords="offset points",
-        ha="center",
-        va="bottom" if above else "top",
-        fontsize=8,
-        color=ink,
-    )
+    return family.endswith("latency") and quantile(part) is not None and one.limit is not None
+
+
+def _place(one: RequirementVerdict) -> tuple[float, float]:
+    """Where the limit is on the axes: its percentile, and the limit in ms."""
+    q = quantile(one.metric.rpartition(".")[2])
+    return 1 / (1 - (q or 0.0)), (one.limit or 0.0) * 1e3
+
+
+def _ink(one: RequirementVerdict) -> str:
+    return PALETTE[OUTCOME_COLOURS[one.outcome]]
+
+
+def _bar(axes: Axes, one: RequirementVerdict, number: int) -> None:
+    """The limit as a bar at its percentile, with the bounds of the estimate."""
+    x, y = _place(one)
+    axes.hlines(y, x / 1.6, x * 1.6, color=_ink(one), linewidth=2.4)
     if one.lower is not None and one.upper is not None and np.isfinite(one.upper):
         axes.vlines(
             x, one.lower * 1e3, one.upper * 1e3, color=colour(number), linewidth=5, alpha=0.45
         )
+
+
+def _label(axes: Axes, one: RequirementVerdict) -> None:
+    """The text of a limit, on the side of the bar without the curve."""
+    x, y = _place(one)
+    part = one.metric.rpartition(".")[2]
+    above = not one.lost and one.estimate is not None and y / 1e3 > one.estimate
+    text = printable(f"{part} limit {show(one.limit, one.unit)} {at_rate(one.at_hz or 0.0)}")
+    inside_label(axes, x, y, text, _ink(one), above=above)
 
 
 def _axes(axes: Axes, total: int) -> None:

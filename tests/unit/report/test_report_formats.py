@@ -57,7 +57,7 @@ def test_formats_that_need_samples_say_so(tmp_path: Path, name: str) -> None:
 
 def test_the_others_are_made_from_a_result_alone(tmp_path: Path) -> None:
     source = ReportInput(result=reported(USUAL, tmp_path).result)
-    for name in set(FORMATS) - {"trace", "mcap", "ros2_benchmark", "hdrhistogram"}:
+    for name in set(FORMATS) - {"trace", "mcap", "ros2_benchmark", "hdrhistogram", "samples"}:
         assert renderer(name)(source)
 
 
@@ -314,3 +314,35 @@ def test_the_head_of_a_report_says_which_middleware_ran(
         assert result.title in head
         assert ("rmw_cyclonedds_cpp" in head) == shown, name
         assert "default" not in head
+
+
+def test_samples_are_every_expected_output(tmp_path: Path) -> None:
+    source = reported(USUAL, tmp_path)
+    rows = list(csv.DictReader(io.StringIO(renderer("samples")(source).decode())))
+    for rate in source.result.metrics.rates:
+        for monitor, seen in rate.pooled.monitors.items():
+            of_rate = [
+                row
+                for row in rows
+                if float(row["offered_hz"]) == rate.offered_hz
+                and (row["monitor"], row["kind"]) == (monitor, "iteration")
+            ]
+            known = [int(row["latency_ns"]) for row in of_rate if row["latency_ns"]]
+            assert (len(of_rate), len(of_rate) - len(known)) == (seen.expected, seen.missed)
+            assert seen.latency.max == pytest.approx(max(known) / 1e9)
+            assert all(
+                int(row["received_ns"]) - int(row["published_ns"]) == int(row["latency_ns"])
+                for row in of_rate
+                if row["latency_ns"]
+            )
+
+
+def test_line_breaks_of_a_reason_stay_in_junit(tmp_path: Path) -> None:
+    written = HOSTILE_RUN.write(tmp_path / "run")
+    result = result_of(written)
+    assert "\n" in result.verdict.reason
+    xml = renderer("junit")(ReportInput(result=result, run=written))
+    error = ET.fromstring(xml).find(".//error")  # noqa: S314 - written a moment ago
+    assert error is not None
+    assert (error.text or "").count("\n") == result.verdict.reason.count("\n")
+    assert "\ufffd" not in ET.tostring(error, encoding="unicode")

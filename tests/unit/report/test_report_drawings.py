@@ -1,0 +1,102 @@
+"""Drawings of the HTML report: arrows around boxes, labels inside axes, legends without doubles."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from r2bspec import api
+from r2bspec.record.run_folder import RunFolder, open_run
+from r2bspec.report.html.canvas import draw, inside_label
+from r2bspec.report.html.edge_routes import Rectangle, route
+from r2bspec.report.html.graph_drawing import PlacedBox, lay_out
+from r2bspec.report.html.load_chart import loads_chart
+from report_runs import USUAL
+
+SPECS = sorted((Path(__file__).parents[3] / "specs").rglob("*.r2b.yaml"))
+
+
+def points(path: str) -> Iterator[tuple[float, float]]:
+    """Points along an SVG path of M, L and C."""
+    at = (0.0, 0.0)
+    for command, text in re.findall(r"([MLC])([^MLC]*)", path):
+        numbers = [float(each) for each in text.split()]
+        pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
+        if command != "M":
+            corners = [at, *pairs]
+            for number in range(101):
+                t = number / 100
+                line = corners
+                while len(line) > 1:  # de Casteljau
+                    line = [
+                        (x0 + (x1 - x0) * t, y0 + (y1 - y0) * t)
+                        for (x0, y0), (x1, y1) in itertools.pairwise(line)
+                    ]
+                yield line[0]
+        at = pairs[-1]
+
+
+def is_inside(box: PlacedBox | Rectangle, x: float, y: float) -> bool:
+    """Whether a point is inside a box, and not on its border."""
+    return box.x + 1 < x < box.x + box.width - 1 and box.y + 1 < y < box.y + box.height - 1
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: f"{spec.parent.name}-{spec.name}")
+def test_no_arrow_passes_through_a_box(spec: Path) -> None:
+    drawing = lay_out(api.compile_plan(spec), {})
+    assert drawing.edges
+    for edge in drawing.edges:
+        crossed = {
+            box.title for box in drawing.boxes for at in points(edge.path) if is_inside(box, *at)
+        }
+        assert crossed == set(), edge.path
+        assert all(
+            0 <= x <= drawing.width and 0 <= y <= drawing.height for x, y in points(edge.path)
+        )
+
+
+def test_an_arrow_goes_around_what_is_in_its_way() -> None:
+    tail, middle, head = (Rectangle(x, 50, 60, 30) for x in (0, 94, 188))
+    free = route(tail, head, [tail, head], 34, 14)
+    assert "C" in free
+    around = route(tail, head, [tail, middle, head], 34, 14)
+    assert not any(is_inside(middle, *at) for at in points(around))
+    back = route(head, tail, [tail, middle, head], 34, 14)
+    assert not any(is_inside(box, *at) for at in points(back) for box in (tail, middle, head))
+
+
+def test_a_label_at_an_edge_is_written_towards_the_inside() -> None:
+    sides: list[tuple[str, str]] = []
+
+    def paint(sketch: object) -> None:
+        axes = sketch.figure.subplots()  # type: ignore[attr-defined]
+        axes.set_xlim(0, 1)
+        axes.set_ylim(0, 1)
+        for x, y in ((0.01, 0.01), (0.5, 0.5), (0.99, 0.99)):
+            inside_label(axes, x, y, "limit", "#000000")
+        sides.extend((text.get_ha(), text.get_va()) for text in axes.texts)
+
+    draw("a", "a title", "a description", 2.0, paint)
+    assert sides == [("left", "bottom"), ("center", "bottom"), ("right", "top")]
+
+
+def test_processes_of_a_confirmation_run_are_in_the_legend_once(tmp_path: Path) -> None:
+    run = USUAL.write(tmp_path / "run")
+    rows = run.resources()
+    count = len(run.record.processes)
+    again = rows[rows["process"] >= 0].copy()
+    again["process"] += count
+    again["time_ns"] += int(np.ptp(rows["time_ns"])) + 1
+    folder = RunFolder(run.folder)
+    folder.write_resources(np.concatenate([rows, again]))
+    folder.write_record(msgspec.structs.replace(run.record, processes=run.record.processes * 2))
+    chart = loads_chart("load", open_run(run.folder))
+    assert chart is not None
+    for process in run.record.processes:
+        assert chart.svg.count(f">{process.name}<") == 1
