@@ -14,7 +14,12 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.units import at_rate
-from r2bspec.report.report_wording import requirement_text, sentences, several_monitors
+from r2bspec.report.report_wording import (
+    outcome_title,
+    requirement_text,
+    sentences,
+    several_monitors,
+)
 from r2bspec.report.requirement_locations import RequirementLocations, read_requirement_locations
 
 MAX_ANNOTATIONS = 9
@@ -39,7 +44,7 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     locations = read_requirement_locations(spec_file)
     file = str(spec_file) if spec_file is not None else ""
     kind = {"pass": "notice", "inconclusive": "warning"}.get(verdict.outcome, "error")
-    title = f"{report_input.result.name}: {verdict.outcome}"
+    title = f"{report_input.result.name}: {outcome_title(verdict)}"
     yield command(kind, title, verdict.reason, {"file": file} if file else {})
     several = several_monitors(verdict)
     annotated = [
