@@ -12,7 +12,7 @@ all processes import ROS at the same time.
 
 Nothing of the next start is prepared while iterations play. A process that imports ROS takes a core
 for half a second, and discovery by new participants wakes every process of the graph; both would
-be in the measured latencies. Ending the old processes takes some 30 ms, and is finished before the
+be in the measured latencies. Ending the old processes takes 30 to 60 ms, and is finished before the
 new ones are started, so that these meet none of the old ones in their domain.
 """
 

@@ -160,6 +160,20 @@ def loaded_rmw(result: Result) -> str:
     return "" if rmw == "default" else rmw
 
 
+def outcome_heading(verdict: Verdict) -> str:
+    """The outcome as the heading of a report; one that is about a single start says so."""
+    return f"{OUTCOME_WORDS[verdict.outcome]}{_of_one_start(verdict)}"
+
+
+def outcome_title(verdict: Verdict) -> str:
+    """The outcome in lower case, for the title of a message; see `outcome_heading`."""
+    return f"{verdict.outcome}{_of_one_start(verdict)}"
+
+
+def _of_one_start(verdict: Verdict) -> str:
+    return " of this start" if verdict.starts == 1 else ""
+
+
 def starts_text(starts: Sequence[StartRecord]) -> str:
     """How often all processes were started, and what that took each time; empty if unknown.
 

@@ -15,6 +15,7 @@ from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.units import at_rate
 from r2bspec.report.report_wording import (
+    outcome_title,
     requirement_text,
     sentences,
     several_monitors,
@@ -44,7 +45,7 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     locations = read_requirement_locations(spec_file)
     file = str(spec_file) if spec_file is not None else ""
     kind = {"pass": "notice", "inconclusive": "warning"}.get(verdict.outcome, "error")
-    title = f"{report_input.result.name}: {verdict.outcome}"
+    title = f"{report_input.result.name}: {outcome_title(verdict)}"
     yield command(kind, title, verdict.reason, {"file": file} if file else {})
     for one_input, text in zip(
         report_input.result.unplayed, unplayed_notes(report_input.result), strict=True

@@ -21,12 +21,12 @@ from r2bspec.measure.distribution_parts import (
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.report_wording import (
-    OUTCOME_WORDS,
     bounds_text,
     comparison,
     estimate_text,
     loaded_rmw,
     notes,
+    outcome_heading,
     own_pace,
     peak_text,
     requirement_text,
@@ -52,7 +52,7 @@ def render(report_input: ReportInput) -> bytes:
 def _lines(report_input: ReportInput) -> Iterator[str]:
     result = report_input.result
     verdict = result.verdict
-    yield f"### {OUTCOME_WORDS[verdict.outcome]} – {escaped(result.title or result.name)}"
+    yield f"### {outcome_heading(verdict)} – {escaped(result.title or result.name)}"
     yield ""
     yield escaped(verdict.reason)
     yield ""

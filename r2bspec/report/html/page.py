@@ -33,6 +33,7 @@ from r2bspec.report.report_wording import (
     estimate_text,
     loaded_rmw,
     notes,
+    outcome_heading,
     own_pace,
     peak_text,
     requirement_text,
@@ -135,6 +136,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "facts": {key: _plain(value) for key, value in result.machine.items()},
         "rmw": loaded_rmw(result),
         "starts": starts_text(result.starts),
+        "outcome": outcome_heading(result.verdict),
         "dataset": {key: _plain(value) for key, value in result.dataset.items()},
         "palette": PALETTE,
         "style": Markup(files.joinpath("style.css").read_text("utf-8")),  # noqa: S704 - our file

@@ -66,6 +66,7 @@ COMMANDS: list[protocol.Command] = [
     ),
     protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
+    protocol.Prepare(),
     protocol.ConfigureCaller(
         service="/r2b/start", type="std_srvs/srv/SetBool", request={"data": True}, timeout_ns=1
     ),

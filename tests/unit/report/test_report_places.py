@@ -37,7 +37,7 @@ def test_the_line_and_the_columns_of_the_requirement(
     monkeypatch.chdir(tmp_path)
     Path("a.r2b.yaml").write_text(SPEC)
     found = annotated(tmp_path, Path("a.r2b.yaml"))
-    assert found[0].startswith("::error file=a.r2b.yaml,title=simulated%3A fail::")
+    assert found[0].startswith("::error file=a.r2b.yaml,title=simulated%3A fail of this start::")
     (drops,) = (each for each in found if "title=camera%3A drop_rate <= 1 %25" in each)
     assert "file=a.r2b.yaml,line=9,endLine=9,col=9,endColumn=25," in drops
 

@@ -67,6 +67,18 @@ def test_every_report_says_of_how_many_starts_the_verdict_is(
     assert not [name for name, text in found.items() if other in text]
 
 
+def test_the_first_line_of_a_report_says_that_it_is_about_one_start(tmp_path: Path) -> None:
+    for starts in (1, 3):
+        found = reports(run_of(tmp_path / f"{starts}", starts))
+        headings = {
+            "markdown": found["markdown"].splitlines()[0],
+            "github": found["github"].splitlines()[0].partition("::")[2],
+            "html": found["html"].partition("<title>")[2].partition("</title>")[0],
+        }
+        for name, heading in headings.items():
+            assert ("of this start" in heading) == (starts == 1), name
+
+
 def test_the_cost_of_a_start_is_shown(tmp_path: Path) -> None:
     found = reports(run_of(tmp_path / "run", 3))
     for name in ("markdown", "html", "text"):
