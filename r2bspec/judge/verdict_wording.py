@@ -20,6 +20,8 @@ _COUNTED_NOUNS = {
 
 _MIN_EFFECTIVE_SHARE = 0.95
 _MIN_WHOLE_COUNT = 10
+_CLEAR_SCATTER = 0.5
+"""Where the effective sample is a smaller share than this, iterations differ, and not by chance."""
 
 
 def counted_noun(question: Question) -> str:
@@ -65,8 +67,11 @@ def _effective_size_text(test: ShareTest) -> str:
     """The effective sample size, where messages over the limit come in bursts."""
     if test.effective_n > _MIN_EFFECTIVE_SHARE * test.n:
         return ""
+    by_scatter = test.clustering in {"iterations", "starts"}
+    chance = by_scatter and test.effective_n > _CLEAR_SCATTER * test.n
+    how = f"judged by the scatter of the {test.clustering}" if chance else clustering(test)
     return (
-        f", {clustering(test)} (effective sample size {_count_text(test.effective_n)} "
+        f", {how} (effective sample size {_count_text(test.effective_n)} "
         f"of {show(test.n, 'count')})"
     )
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from r2bspec.judge.statistics import effective_sample_size
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
+from r2bspec.judge.statistics.order_statistics import RankedMessages
 from r2bspec.measure.percentiles import rank
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.run_folder import open_run
@@ -139,6 +140,24 @@ ESTIMATORS: dict[str, Callable[[Drawn], float]] = {
 }
 
 
+JUDGED = "as judged"
+
+
+def judged(run: Drawn, limit: float, truth: float) -> tuple[bool, bool]:
+    """Whether a run passes, and whether it fails, by counts and levels, as verdicts do it."""
+    design = effective_sample_size.SampleDesign(allowed=truth, confidence=_CONFIDENCE)
+    ranked = RankedMessages(list(run.latency), design)
+    sample = ranked.effective_sample(int(run.over.sum()))
+    levels = ranked.level_margin(1 - truth, _CONFIDENCE)
+    margin = levels.half if levels is not None else 0.0
+    estimate = float(ranked.ordered[rank(1 - truth, ranked.n) - 1])
+    counts = sample.bad_messages, sample.messages, _CONFIDENCE
+    return (
+        upper_bound(*counts) <= truth and estimate + margin <= limit,
+        lower_bound(*counts) > truth and estimate - margin > limit,
+    )
+
+
 def recorded(path: Path) -> Iterator[tuple[str, Latencies]]:
     """What a recording holds: a name, and latencies, for each rate and monitor."""
     if path.suffix == ".npy":
@@ -177,7 +196,8 @@ def wrong(
     if not truth:
         return {}
     random = np.random.default_rng(1)
-    counts = {name: [0, 0] for name in ESTIMATORS}
+    limit = float(ordered[rank(quantile, ordered.size) - 1])
+    counts = {name: [0, 0] for name in (*ESTIMATORS, JUDGED)}
     for _ in range(runs):
         rows = random.integers(0, over.shape[0], pieces)
         starts = random.integers(0, over.shape[1] - messages + 1, pieces)
@@ -188,6 +208,9 @@ def wrong(
             f = min(estimator(run), float(n))
             counts[name][0] += upper_bound(bad / f, n / f, _CONFIDENCE) <= truth
             counts[name][1] += lower_bound(bad / f, n / f, _CONFIDENCE) > truth
+        passes, fails = judged(run, limit, truth)
+        counts[JUDGED][0] += passes
+        counts[JUDGED][1] += fails
     return {name: (passed / runs, failed / runs) for name, (passed, failed) in counts.items()}
 
 
@@ -197,8 +220,8 @@ CASES = ((0.5, 10, 30), (0.9, 10, 100), (0.99, 10, 300))
 
 def table(paths: Sequence[Path]) -> Iterator[str]:
     """A Markdown table: wrong passes / wrong fails, in % of runs."""
-    yield f"| recording | asked | {' | '.join(ESTIMATORS)} |"
-    yield f"|{' --- |' * (2 + len(ESTIMATORS))}"
+    yield f"| recording | asked | {' | '.join((*ESTIMATORS, JUDGED))} |"
+    yield f"|{' --- |' * (3 + len(ESTIMATORS))}"
     for path in paths:
         for name, latency in recorded(path):
             for quantile, pieces, messages in CASES:

@@ -6,10 +6,13 @@ import math
 import sys
 from collections.abc import Iterable, Sequence
 
+import numpy as np
 from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors
+from simulated_gates import mean_gate
 from simulated_starts import QUANTITIES, WORLDS, Errors, Shape, errors
 
 from r2bspec.judge.interim_looks import InterimLooks
+from r2bspec.judge.statistics.t_interval import mean_interval
 
 RUNS = 1000
 
@@ -117,4 +120,24 @@ def comparisons() -> None:
     )
 
 
-START_TABLES = (starts, shapes, looked_starts, comparisons)
+def care() -> None:
+    """What it costs where iterations are independent that they might not be."""
+    random = np.random.default_rng(1)
+
+    def found(m: int, errors_off: float) -> str:
+        values = random.normal(1, 0.02, (2 * RUNS, m)) + errors_off * 0.02 / math.sqrt(m)
+        alone = np.mean([mean_interval(run, 0.95).lower >= 1 for run in values.tolist()])
+        judged = mean_gate(values, 1.0).failed
+        return f"{100 * alone:.0f} / {100 * judged:.0f}"
+
+    show(
+        "Independent iterations: means that fail by t alone / as judged, in %",
+        ["the mean is over the limit by", "3 iterations", "5", "10", "20"],
+        (
+            [f"{off} standard errors", *(found(m, off) for m in (3, 5, 10, 20))]
+            for off in (3, 6, 12)
+        ),
+    )
+
+
+START_TABLES = (starts, shapes, looked_starts, comparisons, care)
