@@ -130,7 +130,7 @@ class _Controller:
         self._memory_limits = {
             each.name: each.memory_limit_bytes for each in plan.processes if each.memory_limit_bytes
         }
-        self._resources = ResourceSampler()
+        self._resources = ResourceSampler(run_id)
         self._supervisor = ProcessSupervisor(
             run_id,
             scratch,

@@ -31,6 +31,10 @@ MACHINE_INDEX = -1
 CONTROLLER_INDEX = -2
 """The process index of the controller itself, which is not a process of the run's plan."""
 
+ORPHANS_INDEX = -3
+"""The process index of processes of the run that lost their parent, and of which it is unknown from
+which process of the plan they come."""
+
 
 MIN_SPACING_NS = 100_000_000
 """Processor time is counted in ticks of 10 ms: a rate needs several of them."""

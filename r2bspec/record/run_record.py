@@ -50,9 +50,10 @@ RESOURCE_FIELDS = (
     ("memory_bytes", "<i8"),
 )
 """One row per process and sampling time: `process` indexes `RunRecord.processes`, with -1 for the
-whole machine and -2 for the controller; `cpu_s` is the cumulative CPU time in seconds, summed over
-all cores and the descendants of the process (for -2: without them); `memory_bytes` is the resident
-set (for -1: memory in use)."""
+whole machine, -2 for the controller, and -3 for processes of the run that lost their parent, where
+it is unknown to which of its processes they belong; `cpu_s` is the cumulative CPU time in seconds,
+summed over all cores and the descendants of the process (for -2: without them); `memory_bytes` is
+the resident set (for -1: memory in use)."""
 
 INTERFERENCE_FIELDS = (
     ("time_ns", "<i8"),

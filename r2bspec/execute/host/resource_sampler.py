@@ -12,13 +12,15 @@ import heapq
 import struct
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import psutil
 
 from r2bspec.execute.host.interference_counters import InterferenceReader, busy_seconds
-from r2bspec.measure.resource_usage import CONTROLLER_INDEX, MACHINE_INDEX
+from r2bspec.execute.host.orphans import OrphanTracker
+from r2bspec.measure.resource_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
 
 if TYPE_CHECKING:
     from r2bspec.record.sample_arrays import Rows
@@ -39,7 +41,9 @@ class ResourceSampler:
     `RunRecord.processes`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, run_id: str = "") -> None:
+        """Create a sampler; with a `run_id`, orphans of the run count, too."""
+        self._orphans = OrphanTracker(run_id)
         self._processes: list[psutil.Process | None] = []
         # Packed in the format of the file: a day of samples takes some ten megabytes.
         self._rows = bytearray()
@@ -143,20 +147,29 @@ class ResourceSampler:
         ours = self._self.cpu_times()
         resident = self._self.memory_info().rss
         self._append_row(CONTROLLER_INDEX, time.monotonic_ns(), ours.user + ours.system, resident)
+        uses: dict[int, tuple[psutil.Process, int, float, int]] = {}
+        families: dict[int, set[int]] = {}
         for number, process in processes:
             if process is None:
                 continue
             try:
                 now_ns = time.monotonic_ns()
-                cpu_s, resident = _with_descendants(process)
+                family = (process, *_descendants(process))
+                uses[number] = (process, now_ns, *_use_of(family))
+                families[number] = {each.pid for each in family}
             except psutil.Error:
                 with self._lock:
                     self._processes[number] = None
                 self._cores.pop(process.pid, None)
-                continue
-            self._resident[process.pid] = resident
-            self._update_cores(process.pid, now_ns, cpu_s)
-            self._append_row(number, now_ns, cpu_s, resident)
+        roots = {process.pid: number for number, (process, *_) in uses.items()}
+        orphans = self._orphans.use(families, roots, ORPHANS_INDEX)
+        for number, (process, now_ns, own_s, own) in uses.items():
+            more_s, more = orphans.get(number, (0.0, 0))
+            self._resident[process.pid] = own + more
+            self._update_cores(process.pid, now_ns, own_s + more_s)
+            self._append_row(number, now_ns, own_s + more_s, own + more)
+        if ORPHANS_INDEX in orphans:
+            self._append_row(ORPHANS_INDEX, time.monotonic_ns(), *orphans[ORPHANS_INDEX])
 
     def _append_row(self, process: int, time_ns: int, cpu_s: float, memory_bytes: int) -> None:
         self._rows += _RESOURCES.pack(time_ns, process, cpu_s, memory_bytes)
@@ -197,19 +210,19 @@ def _descendants(process: psutil.Process) -> list[psutil.Process]:
     return found
 
 
-def _with_descendants(process: psutil.Process) -> tuple[float, int]:
-    """CPU time in seconds and resident bytes of a process and all its running descendants.
+def _use_of(family: Sequence[psutil.Process]) -> tuple[float, int]:
+    """CPU time in seconds and resident bytes of a process, the first, and its descendants.
 
     The time of descendants that have exited is in the `children_*` fields of their parents.
     """
     cpu_s, resident = 0.0, 0
-    for each in (process, *_descendants(process)):
+    for each in family:
         try:
             with each.oneshot():
                 times = each.cpu_times()
                 cpu_s += times.user + times.system + times.children_user + times.children_system
                 resident += each.memory_info().rss
         except psutil.NoSuchProcess:
-            if each is process:
+            if each is family[0]:
                 raise
     return cpu_s, resident
