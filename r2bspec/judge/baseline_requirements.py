@@ -14,7 +14,7 @@ import msgspec
 
 from r2bspec.judge.baseline_ratio import BaselineComparison
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.judge_requirement import iterations_at
+from r2bspec.judge.judge_requirement import iterations_at, latency_unknown_by_order
 from r2bspec.judge.methods.mean_bound import resolution
 from r2bspec.judge.outcome import outcome_of
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
@@ -103,6 +103,10 @@ def _judge_requirement(
     if info.scope != "search" and one.at_hz is None:
         reason = f"The objective does not state the rate of {info.name}."
         return msgspec.structs.replace(one, reason=reason, settle="Add 'at' to the objective.")
+    iterations = iterations_at(samples.iterations, one.at_hz)
+    if unknown := latency_unknown_by_order(info, one.monitor, iterations):
+        reason, settle = unknown
+        return msgspec.structs.replace(one, reason=reason, settle=settle)
     own = objectives[one.objective].confidence
     found = answer(
         BaselineQuestion(

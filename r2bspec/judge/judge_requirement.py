@@ -221,13 +221,8 @@ def _no_output(question: Question) -> Answer | None:
 
 def _unknown_latency(question: Question, seen: Sequence[MonitorSamples]) -> Answer | None:
     """The answer for a latency that is unknown in some iteration; else None."""
-    if question.info.family in LOSS_SENSITIVE_FAMILIES and any(one.unknown_latency for one in seen):
-        unknown = pool_monitor(seen).unknown_latency
-        return _inconclusive(
-            f"The latency at monitor '{question.monitor}' is unknown: {unknown}. Every later one "
-            "may then answer another input.",
-            "Match by stamp: use an output whose header keeps the stamp of its input.",
-        )
+    if unpaired := latency_unknown_by_order(question.info, question.monitor, question.iterations):
+        return _inconclusive(*unpaired)
     wanted = question.info.family == "latency" and seen[0].live
     if wanted and any(one.received and not one.times["latency"].size for one in seen):
         return _inconclusive(
@@ -235,6 +230,22 @@ def _unknown_latency(question: Question, seen: Sequence[MonitorSamples]) -> Answ
             "Stamp the messages of the source with the system time.",
         )
     return None
+
+
+def latency_unknown_by_order(
+    info: MetricInfo, monitor: str | None, iterations: Sequence[SegmentSamples]
+) -> tuple[str, str] | None:
+    """Why a latency is unknown where outputs are matched by order, and what to do; else None."""
+    if monitor is None or info.family not in LOSS_SENSITIVE_FAMILIES:
+        return None
+    seen = [one.monitors[monitor] for one in iterations]
+    if not any(one.unknown_latency for one in seen):
+        return None
+    reason = (
+        f"The latency at monitor '{monitor}' is unknown: {pool_monitor(seen).unknown_latency}. "
+        "Every later one may then answer another input."
+    )
+    return reason, "Match by stamp: use an output whose header keeps the stamp of its input."
 
 
 def _inconclusive(reason: str, settle: str = "") -> Answer:

@@ -13,7 +13,7 @@ from r2bspec.measure.hop_latency import hop_samples
 from r2bspec.measure.interference import Surroundings, harness_slowdown, host_interference
 from r2bspec.measure.matched_monitor import MatchedMonitor, match_monitor
 from r2bspec.measure.matching import NO_MATCH
-from r2bspec.measure.resource_usage import MACHINE_INDEX, resource_use
+from r2bspec.measure.resource_usage import MACHINE_INDEX, ORPHANS_INDEX, resource_use
 from r2bspec.measure.samples import (
     MonitorSamples,
     RunSamples,
@@ -176,7 +176,7 @@ def with_host_samples(
         surroundings=host_interference(
             host.surroundings,
             resources,
-            frozenset(range(len(record.processes))),
+            frozenset({ORPHANS_INDEX, *range(len(record.processes))}),
             record.machine.get("cores"),
             began,
             ended,

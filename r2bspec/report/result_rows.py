@@ -12,7 +12,7 @@ from r2bspec.measure.metrics import MonitorMetrics, SegmentMetrics, UseMetrics
 
 _COUNTS = (
     *("sent", "answered", "received", "missed", "duplicates", "reordered", "unmatched"),
-    *("late", "early", "overdue"),
+    *("late", "early", "overdue", "surplus", "untimed"),
 )
 
 

@@ -12,11 +12,13 @@ import pytest
 from numpy.typing import NDArray
 
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.baseline_requirements import BaselineQuestion, judge_baseline_requirements
+from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.playback_validity import lateness_limit_s
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import Verdict
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.measure.compute_metrics import summarise
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.plan import Plan
@@ -163,6 +165,24 @@ def test_by_order_one_lost_message_makes_the_latency_unknown(tmp_path: Path, met
 def test_nor_do_other_methods_judge_an_unknown_latency(tmp_path: Path, required: str) -> None:
     run = by_order(required, latency=lossy(1)).write(tmp_path / "run")
     assert [one.outcome for one in verdict_of(run).requirements] == ["inconclusive"]
+
+
+def test_nor_is_it_compared_with_a_baseline(tmp_path: Path) -> None:
+    run = by_order("latency.p50 <= 105 % of baseline", latency=lossy(1)).write(tmp_path / "run")
+    samples = read_samples(run)
+    found = judge_baseline_requirements(
+        judge(run.plan.objectives, samples),
+        run.plan.objectives,
+        samples,
+        decision_policy(run.plan),
+        _never_asked,
+    )
+    assert [one.outcome for one in found.requirements] == ["inconclusive"]
+    assert "matched by order, and 3 of 900 are missing" in found.requirements[0].reason
+
+
+def _never_asked(question: BaselineQuestion) -> RequirementVerdict:
+    raise AssertionError(question)
 
 
 def test_by_order_without_losses_the_latency_is_known(tmp_path: Path) -> None:
