@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import errno
 import os
 import shutil
 import tempfile
@@ -22,11 +23,13 @@ from r2bspec.execute.bringup.commands import run_setup_step
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import (
     GraphMismatchError,
+    InterruptedRunError,
     MemoryLimitError,
     RunError,
     UnsupportedError,
     UnwritableRunError,
 )
+from r2bspec.execute.host.full_disk import unwritable_log
 from r2bspec.execute.host.machine import describe_machine, describe_versions
 from r2bspec.execute.host.resource_sampler import ResourceSampler
 from r2bspec.execute.inputs.buffer_bags import buffer_bags
@@ -159,6 +162,13 @@ class _Controller:
             self._execute()
         except (OSError, RecordError) as error:
             failure = _unwritable(error, self._folder.path)
+            raise failure from error
+        except RunError as error:
+            failure = error
+            full = None if isinstance(error, _NOT_BY_DISK) else unwritable_log(self._folder.path)
+            if full is None:
+                raise
+            failure = _without_room(full, error)
             raise failure from error
         except BaseException as error:
             failure = error
@@ -477,6 +487,18 @@ class _Controller:
             starts=tuple(self._starts.records) if self._starts else (),
             unplayed=sessions[0].unplayed if sessions else (),
         )
+
+
+_NOT_BY_DISK = (GraphMismatchError, InterruptedRunError, UnsupportedError, UnwritableRunError)
+"""Errors that a full disk does not lead to, or that name it."""
+
+
+def _without_room(log: Path, error: RunError) -> UnwritableRunError:
+    """The error of a run that failed because a node could not write its log."""
+    return UnwritableRunError(
+        f"{log} cannot be written: {os.strerror(errno.ENOSPC)}",
+        hint=f"Free space on this disk, or let the nodes print less. What failed first: {error}",
+    )
 
 
 def _unwritable(error: OSError | RecordError, folder: Path) -> RunError:

@@ -6,9 +6,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Span
+from r2bspec.diagnostics.quote import clip
 from r2bspec.language.load_spec import LoadedSpec
 
 _MAX_NAMED_CASES = 5
+_MAX_NAME_LENGTH = 200
 
 
 def merge_case_findings(
@@ -41,7 +43,7 @@ def _merge_group(group: list[tuple[str, Diagnostic]], cases: Sequence[LoadedSpec
     if matrix_case is None:
         return first
     more = f" and {len(names) - _MAX_NAMED_CASES} more" if len(names) > _MAX_NAMED_CASES else ""
-    listed = ", ".join(names[:_MAX_NAMED_CASES]) + more
+    listed = ", ".join(clip(each, _MAX_NAME_LENGTH) for each in names[:_MAX_NAMED_CASES]) + more
     noun = "case" if len(names) == 1 else "cases"
     related = Related(f"in the {noun} {listed}", matrix_case.span)
     return replace(first, related=(*first.related, related))

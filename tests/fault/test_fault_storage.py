@@ -32,6 +32,22 @@ class Talkative(Node):
         if self.count > 60:
             print("word " * 20_000, file=sys.stderr, flush=True)
         self.out.publish(message)
+
+
+class TalkativeFromTheStart(Talkative):
+    def answer(self, message):
+        print("word " * 20_000, file=sys.stderr, flush=True)
+        self.out.publish(message)
+
+
+class SilentWithoutRoom(Talkative):
+    def answer(self, message):
+        try:
+            print("word " * 20_000, file=sys.stderr, flush=True)
+        except OSError:
+            return
+        if self.count < 0:
+            self.out.publish(message)
 """
 
 
@@ -115,6 +131,21 @@ def test_a_disk_that_fills_up_in_mid_run(bench: Bench, small_disk: Callable[[int
     assert judged.status == 4
     assert done.run().record.status == "incomplete"
     assert [each.name for each in done.folder.iterdir() if each.name.startswith(".")] == []
+
+
+@pytest.mark.parametrize(
+    ("node", "kibibytes"), [("TalkativeFromTheStart", 1024), ("SilentWithoutRoom", 1280)]
+)
+def test_a_disk_that_a_node_fills_in_the_warm_up(
+    bench: Bench, small_disk: Callable[[int], Path], node: str, kibibytes: int
+) -> None:
+    # Whether the node then raises or publishes nothing, the full disk is what is reported.
+    spec = relay_spec(graph={"nodes": {"relay": {"python": f"./nodes.py:{node}"}}})
+    spec["benchmark"] |= {"iterations": 50, "start_timeout": "20 s"}
+    done = bench.run(spec, output=small_disk(kibibytes) / "run")
+    assert_names_the_file(done)
+    assert done.run().record.reason.startswith("R2B651: ")
+    assert bench.judge(done.folder).status == 4
 
 
 def test_a_file_system_that_is_read_only(bench: Bench, small_disk: Callable[[int], Path]) -> None:

@@ -131,8 +131,14 @@ type_description_hash FROM n, topics WHERE id = 1
         (MANY_TOPICS, "10,002 topics"),
         ("UPDATE topics SET name = '/' || hex(zeroblob(1000000))", "a name of 2,000,001 "),
         ("UPDATE topics SET type = hex(zeroblob(1000000))", "a name of 2,000,000 characters"),
+        ("UPDATE topics SET name = zeroblob(9)", "a name or a type that is no text"),
+        ("UPDATE topics SET type = zeroblob(9)", "a name or a type that is no text"),
+        (
+            "UPDATE topics SET offered_qos_profiles = hex(zeroblob(1000000))",
+            "QoS profiles of 2,000,000 characters",
+        ),
     ],
-    ids=["topics", "name", "type"],
+    ids=["topics", "name", "type", "blob", "number", "profiles"],
 )
 def test_topics_in_a_database_have_limits(change: str, reason: str, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", MESSAGES)

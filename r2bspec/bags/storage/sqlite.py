@@ -15,10 +15,13 @@ from r2bspec.bags.metadata import normalise_type
 from r2bspec.bags.recording import Message
 from r2bspec.bags.storage.storage import StoredTopic, check_topics
 from r2bspec.untrusted.decompression_budget import DecompressionBudget
+from r2bspec.untrusted.errors import RefusedDataError
 from r2bspec.untrusted.safe_file import is_regular, open_regular
 from r2bspec.untrusted.safe_sqlite import MAX_VALUE_BYTES, STEPS_BETWEEN_CALLS, open_read_only
 
 _TABLES = ("messages", "topics", "schema", "metadata", "message_definitions")
+_MAX_QOS_LENGTH = 200_000
+"""Profiles of hundreds of publishers; `rosbags` parses them as YAML."""
 _MAGIC = b"SQLite format 3\x00"
 _HEADER_BYTES = 100
 # Journals in the folder of a database, with changes that are not in the file itself.
@@ -113,14 +116,28 @@ def _check_topics(path: Path) -> None:
     """Compare the topics with the limits before `rosbags` reads them.
 
     Raises:
-        RefusedDataError: they exceed one.
+        RefusedDataError: they exceed one, or have other values than texts.
         sqlite3.Error: the database is damaged.
     """
     with open_read_only(path, tables=_TABLES) as database:
         ((number, *lengths),) = database.execute(
             "SELECT count(*), max(length(name)), max(length(type)) FROM topics"
         )
-    check_topics(number, max(each or 0 for each in lengths))
+        check_topics(number, max(each or 0 for each in lengths))
+        # SQLite keeps a value of any type in any column.
+        ((others,),) = database.execute(
+            "SELECT count(*) FROM topics WHERE typeof(name) <> 'text' OR typeof(type) <> 'text'"
+            " OR typeof(serialization_format) <> 'text'"
+        )
+        if others:
+            raise RefusedDataError("a topic has a name or a type that is no text")
+        columns = {
+            name for (name,) in database.execute("SELECT name FROM pragma_table_info('topics')")
+        }
+        if "offered_qos_profiles" in columns:
+            ((longest,),) = database.execute("SELECT max(length(offered_qos_profiles)) FROM topics")
+            if isinstance(longest, int) and longest > _MAX_QOS_LENGTH:
+                raise RefusedDataError(f"a topic has QoS profiles of {longest:,} characters")
 
 
 def _has_index(path: Path) -> bool:

@@ -1,0 +1,438 @@
+"""Hostile inputs of every family, made from a seed: the same seed makes the same inputs."""
+
+from __future__ import annotations
+
+import copy
+import json
+import os
+import random
+import shutil
+import sqlite3
+import struct
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from data_bags import text, write_bag, write_mcap, write_ros1
+from run_simulation import Played, Simulation, objective
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+SECRET_NAME = "FUZZ_API_TOKEN"
+SECRET = "hunter2-9f1c7be4d0-do-not-show"
+
+SPEC = """\
+r2bspec: 1
+name: hostile
+data_loader: {bag: ./bag, topics: {/a: a}}
+playback: {inputs: {image: {from: a, format: std_msgs/msg/String}}}
+graph:
+  nodes:
+    n:
+      command: [x]
+      subscribes: {a: std_msgs/msg/String}
+      publishes: {output: std_msgs/msg/String}
+monitors: {output: {topic: output, format: std_msgs/msg/String, match: order}}
+benchmark: {rates: [30 Hz]}
+slos: {fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}
+"""
+PLACES = {
+    "name": "name: hostile",
+    "bag": "bag: ./bag",
+    "from": "from: a",
+    "command": "command: [x]",
+    "rates": "rates: [30 Hz]",
+    "at": "at: 30 Hz",
+    "match": "match: order",
+    "topic": "topic: output",
+    "r2bspec": "r2bspec: 1",
+    "require": "require: [latency.p90 < 50 ms]",
+}
+VALUES = (
+    *(
+        "''",
+        "~",
+        "[]",
+        "{}",
+        "-0",
+        "1e308",
+        "1e-308 Hz",
+        "0x7fffffffffffffffffff",
+        ".inf Hz",
+        "NaN",
+    ),
+    *('"\\0"', '"\\ud800"', '"\\e]0;x\\a"', '"\\u202e"', "'::error::x'", "'##[group]x'", "!!str x"),
+    *("*a", "&a x", "$(", "$(var x", "$(var a.b)", "$(eval 1)", "2026-01-01", "1:2:3", "(a+)+$"),
+    *("/dev/zero", "/proc/self/environ", "../../../../etc/shadow", "file:///etc/passwd", "~root/x"),
+    *("[1, [2, [3, [4]]]]", "{a: {b: {c: d}}}", f"'{'x' * 50_000}'", f"'{'a/' * 3_000}'", "true"),
+    *(
+        f"'{'é' * 5_000}'",
+        f"[{'x, ' * 5_000}x]",
+        f"{'9' * 900}",
+        f"'{'$(var a)' * 2_000}'",
+        "/**/**",
+    ),
+)
+KEYS = (
+    *("extends: ./h.r2b.yaml", "extends: [[]]", "extends: '.'", "matrix: {axes: {}}", "? [a]\n: b"),
+    *(
+        "variables: {a: $(var b), b: $(var a)}",
+        "environment: [PATH, 'A=B', '']",
+        "'': x",
+        "<<: [1]",
+    ),
+    *("ready: {r: {log: {process: n, pattern: 'a{1000}{1000}'}}}", "setup: {s: {command: []}}"),
+    *("ready: {r: {log: {process: n, pattern: '(a|b|ab)*c'}}}", "containers: {c: {}}", "labels: 5"),
+    "variables: {a: x}\nmatrix: {axes: {a: [" + ", ".join(map(str, range(90))) + "]}}",
+    f"labels: {{{', '.join(f'k{i}: v' for i in range(3_000))}}}",
+)
+PARAMETERS = (
+    *(
+        "\t" * 9_000,
+        "~",
+        "5",
+        "[]",
+        "---\na: 1\n" * 100,
+        "a: &a {<<: *a}",
+        "'': {ros__parameters: {'': 1}}",
+    ),
+    *("/**: {ros__parameters: !!set {a, b}}", "/**: {ros__parameters: {a: !!binary aGVsbG8=}}"),
+    *("/**: {ros__parameters: {a: 2026-99-99}}", "/**: {ros__parameters: {a: 1e99999, b: .nan}}"),
+    "/" + "**/" * 2_000 + "x: {ros__parameters: {a: 1}}",
+    "'" + "*a" * 2_000 + "': {ros__parameters: {a: 1}}",
+    "/**: {ros__parameters: {a: " + ":".join(["59"] * 300) + "}}",
+    "/**: {ros__parameters: {a: [" + "1, " * 20_000 + "1]}}",
+    '/**: {ros__parameters: {"\\e]0;x\\a": "::error::x"}}',
+    "publishes: {a: {b: c}}",
+    "publishes: {'~/~/a': x}\nqos: {a: {depth: -1}}",
+    "parameters: {a: {type: nope, default: {}}}",
+)
+STATEMENTS = (
+    *("UPDATE topics SET name = zeroblob(9)", "UPDATE topics SET type = 5", "DROP TABLE schema"),
+    *(
+        "UPDATE messages SET timestamp = 'x'",
+        "UPDATE messages SET data = 'x'",
+        "DROP TABLE messages",
+    ),
+    *("UPDATE messages SET timestamp = 9223372036854775807", "UPDATE messages SET topic_id = 99"),
+    *("UPDATE messages SET timestamp = -9223372036854775808", "DROP INDEX timestamp_idx"),
+    *(
+        "CREATE VIEW v AS SELECT 1",
+        "CREATE INDEX i ON messages(hex(zeroblob(length(data) * 99999)))",
+    ),
+    *("UPDATE schema SET schema_version = 999", "UPDATE topics SET name = char(27) || ']0;x'"),
+    "UPDATE topics SET offered_qos_profiles = hex(zeroblob(3000000))",
+    "CREATE TABLE z(a DEFAULT (hex(randomblob(1000000000))))",
+    "CREATE TRIGGER t AFTER INSERT ON topics BEGIN SELECT 1; END",
+)
+METADATA = (
+    *(("sqlite3", "../../x"), ("sqlite3", "mcap"), ("bag.db3", "/dev/zero"), ("bag.db3", "''")),
+    *(("bag.db3", "../x.db3"), ("bag.db3", '"\\0"'), ("message_count: 5", "message_count: -5")),
+    *(
+        ("message_count: 5", f"message_count: {'9' * 29}"),
+        ("message_count: 5", "message_count: []"),
+    ),
+    *(
+        ("/a", '"\\e]0;x"'),
+        ("std_msgs/msg/String", "a/b/c/d/e"),
+        ("nanoseconds: ", "nanoseconds: -"),
+    ),
+    *(("cdr", "''"), ("rosbag2_bagfile_information", "x"), ("/a", "x" * 2_000)),
+)
+REPLACEMENTS: tuple[Any, ...] = (
+    *(None, -1, 2**63 - 1, 2**64, 1e300, -1e300, 1e-320, 0, True, "", [], {}, [[]], "\0"),
+    *(
+        "\x1b]0;x\x07\n::error::x",
+        "x" * 100_000,
+        "../../../etc/passwd",
+        "9" * 5_000,
+        {"a": {"b": 1}},
+    ),
+)
+DOCUMENTS = (
+    *("{}", "[]", "NaN", "-Infinity", '"x"', '{"a":' * 20_000, "[" * 20_000, "\ufeff{}", "{}{}"),
+    *('{"a": ' + "9" * 50_000 + "}", '{"a": "\\ud800"}', '{"10.0": {"BASIC": {"x": "y"}}}'),
+    *('{"config": {"x": "\\u001b[31m"}}', '{"r2bspec_result": 1e400}', '{"r2bspec_plan": 1}'),
+)
+
+
+@dataclass(frozen=True)
+class HostileInput:
+    """One input: its name, and the calls of r2bspec that read it.
+
+    Attributes:
+        calls: arguments of r2bspec.
+    """
+
+    name: str
+    calls: tuple[tuple[str, ...], ...]
+
+
+Family = Callable[[random.Random, Path], HostileInput]
+"""Makes one input in an empty folder."""
+
+
+class Prototypes:
+    """Good bags and a good run, which families damage."""
+
+    def __init__(self, folder: Path) -> None:
+        messages = [("/a", number, text("x" * number)) for number in range(5)]
+        self.bag = write_bag(folder / "bag", messages)
+        self.packed = write_bag(folder / "packed", messages, compression="message")
+        self.files = (
+            write_mcap(folder / "a.mcap", messages),
+            write_ros1(folder / "a.bag", messages, compression="lz4"),
+            write_ros1(folder / "b.bag", messages, compression="bz2"),
+            self.bag / "bag.db3",
+            self.packed / "packed.db3",
+        )
+        self.run = folder / "run"
+        Simulation(
+            segments=[Played(10, [0.01, 0.02])],
+            objectives={"fast": objective("latency.p99 < 60 ms", at="10 Hz")},
+        ).write(self.run)
+        from r2bspec.compare.history.store import open_history
+        from r2bspec.judge.judge_run import result_of, to_json
+        from r2bspec.record.run_folder import open_run
+
+        (self.run / "result.json").write_bytes(to_json(result_of(open_run(self.run))))
+        self.history = folder / "history.sqlite"
+        with open_history(self.history, create=True):
+            pass
+
+
+def families(made: Prototypes) -> dict[str, Family]:
+    """Every family by name."""
+
+    def of_spec(folder: Path, name: str, content: str | bytes) -> HostileInput:
+        data = content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass")
+        (folder / "h.r2b.yaml").write_bytes(data)
+        shutil.copytree(made.bag, folder / "bag")
+        calls = [
+            ("validate", "h.r2b.yaml"),
+            ("plan", "h.r2b.yaml"),
+            ("validate", "--diff", "h.r2b.yaml"),
+        ]
+        return HostileInput(name, tuple(calls))
+
+    def values(rng: random.Random, folder: Path) -> HostileInput:
+        place, value = rng.choice(list(PLACES)), rng.choice(VALUES)
+        good = PLACES[place]
+        bad = f"{good.partition(':')[0]}: {value}"
+        return of_spec(folder, f"{place}: {value[:30]}", SPEC.replace(good, bad, 1))
+
+    def keys(rng: random.Random, folder: Path) -> HostileInput:
+        key = rng.choice(KEYS)
+        return of_spec(folder, key[:30], f"{SPEC}{key}\n")
+
+    def text_bytes(rng: random.Random, folder: Path) -> HostileInput:
+        return of_spec(
+            folder, "bytes of a spec", damaged(rng, SPEC.encode(), b"{}[]:,&*!|>'\"%@`\n\t$(#")
+        )
+
+    def parameters(rng: random.Random, folder: Path) -> HostileInput:
+        content = rng.choice(PARAMETERS)
+        (folder / "interfaces").mkdir()
+        (folder / "interfaces/n.yaml").write_text(content, encoding="utf-8")
+        (folder / "p.yaml").write_text(content, encoding="utf-8")
+        spec = SPEC.replace(
+            "      command: [x]\n", "      command: [x]\n      parameters: ./p.yaml\n"
+        )
+        return of_spec(folder, content[:30], spec)
+
+    def secrets(rng: random.Random, folder: Path) -> HostileInput:
+        place = rng.choice(list(PLACES))
+        word = rng.choice(
+            ["$(env @)", "'a $(env @) b'", "[$(env @)]", "$(env @)/x", "{a: $(env @)}"]
+        )
+        bad = f"{PLACES[place].partition(':')[0]}: {word.replace('@', SECRET_NAME)}"
+        spec = f"environment: [{SECRET_NAME}]\n" + SPEC.replace(PLACES[place], bad, 1)
+        found = of_spec(folder, f"{place}: {word}", spec)
+        more = [
+            ("validate", "--format", form, "h.r2b.yaml") for form in ("json", "github", "sarif")
+        ]
+        resolved = ("validate", "--resolved", "--offline", "h.r2b.yaml")
+        return HostileInput(found.name, (*found.calls, *more, resolved))
+
+    def of_bag(folder: Path, name: str, bag: str) -> HostileInput:
+        (folder / "h.r2b.yaml").write_text(SPEC.replace("./bag", f"./{bag}"), encoding="utf-8")
+        calls = [("validate", "h.r2b.yaml"), ("data", "info", bag), ("data", "verify", bag)]
+        return HostileInput(name, tuple(calls))
+
+    def storage(rng: random.Random, folder: Path) -> HostileInput:
+        file = rng.choice(made.files)
+        (folder / f"x{file.suffix}").write_bytes(damaged(rng, file.read_bytes()))
+        return of_bag(folder, f"bytes of {file.name}", f"x{file.suffix}")
+
+    def metadata(rng: random.Random, folder: Path) -> HostileInput:
+        old, new = rng.choice(METADATA)
+        shutil.copytree(made.bag, folder / "bag")
+        file = folder / "bag" / "metadata.yaml"
+        file.write_text(file.read_text().replace(old, new), encoding="utf-8")
+        return of_bag(folder, f"{old} -> {new[:30]}", "bag")
+
+    def database(rng: random.Random, folder: Path) -> HostileInput:
+        statement = rng.choice(STATEMENTS)
+        shutil.copytree(made.bag, folder / "bag")
+        execute(folder / "bag" / "bag.db3", statement)
+        if rng.random() < 0.5:
+            (folder / "bag" / "bag.db3").rename(folder / "x.db3")
+            return of_bag(folder, f"lone: {statement[:30]}", "x.db3")
+        return of_bag(folder, statement[:30], "bag")
+
+    def bombs(rng: random.Random, folder: Path) -> HostileInput:
+        shutil.copytree(made.packed, folder / "packed")
+        frame = zeros(rng.choice([70, 300])) * rng.choice([1, 4])
+        with sqlite3.connect(folder / "packed" / "packed.db3") as database:
+            database.execute("UPDATE messages SET data = ?", (frame,))
+        database.close()
+        return of_bag(folder, f"a bomb of {len(frame)} bytes", "packed")
+
+    def run_calls(rng: random.Random) -> tuple[tuple[str, ...], ...]:
+        known = (
+            *(("judge", "run"), ("judge", "run", "--format", "json"), ("compare", "run", "run")),
+            ("report", "run", "--report", "junit=o.xml", "--report", "markdown=-"),
+            ("report", "run", "--report", "csv=o_{monitor}.csv", "--report", "text=-"),
+        )
+        return tuple(rng.sample(known, 2))
+
+    def documents(rng: random.Random, folder: Path) -> HostileInput:
+        shutil.copytree(made.run, folder / "run")
+        name = rng.choice(["record.json", "plan.json", "result.json"])
+        content = json.loads((made.run / name).read_text())
+        path = rng.choice(list(paths(content))[1:])
+        replace(content, path, rng.choice(REPLACEMENTS))
+        (folder / "run" / name).write_text(json.dumps(content))
+        if name == "result.json":
+            calls = (
+                ("report", "run/result.json", "--report", "markdown=-", "--report", "junit=o.xml"),
+            )
+            return HostileInput(f"{name}: {path}", (*calls, ("compare", *["run/result.json"] * 2)))
+        return HostileInput(f"{name}: {path}", run_calls(rng))
+
+    def arrays(rng: random.Random, folder: Path) -> HostileInput:
+        shutil.copytree(made.run, folder / "run")
+        files = sorted(each for each in made.run.rglob("*.npy"))
+        file = folder / "run" / rng.choice(files).relative_to(made.run)
+        file.write_bytes(damaged(rng, file.read_bytes()))
+        return HostileInput(f"bytes of {file.name}", run_calls(rng))
+
+    def imports(rng: random.Random, folder: Path) -> HostileInput:
+        content = rng.choice(DOCUMENTS)
+        (folder / "x.json").write_text(content, encoding="utf-8")
+        (folder / "h.r2b.yaml").write_text(SPEC, encoding="utf-8")
+        calls = (
+            *(("import", "x.json"), ("compare", "x.json", "x.json"), ("report", "x.json")),
+            *(("judge", "x.json", "--spec", "h.r2b.yaml"), ("plan", "x.json")),
+        )
+        return HostileInput(content[:30], calls)
+
+    def histories(rng: random.Random, folder: Path) -> HostileInput:
+        file = folder / "history.sqlite"
+        shutil.copy(made.history, file)
+        if rng.random() < 0.5:
+            file.write_bytes(damaged(rng, file.read_bytes()))
+        else:
+            names = rng.choice(["\x1b]0;x\x07::error::", "x" * 100_000, "a\0b"])
+            execute(file, "INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, 1)", [names] * 9)
+        calls = [
+            ("history", "list", "--file", str(file), "--format", form) for form in ("text", "json")
+        ]
+        return HostileInput("a history", tuple(calls))
+
+    def special_files(rng: random.Random, folder: Path) -> HostileInput:
+        kind = rng.choice(["pipe", "zeros", "itself", "folder", "terabyte", "environment"])
+        make_special(folder / "x", kind)
+        calls = (
+            *(("validate", "x"), ("plan", "x"), ("judge", "x"), ("report", "x"), ("import", "x")),
+            *(("data", "info", "x"), ("compare", "x", "x"), ("history", "list", "--file", "x")),
+        )
+        return HostileInput(kind, tuple(rng.sample(calls, 4)))
+
+    return {
+        "values of a spec": values,
+        "keys of a spec": keys,
+        "bytes of a spec": text_bytes,
+        "parameters and interfaces": parameters,
+        "secrets": secrets,
+        "storage files": storage,
+        "metadata": metadata,
+        "databases": database,
+        "bombs": bombs,
+        "documents of a run": documents,
+        "arrays of a run": arrays,
+        "imports": imports,
+        "histories": histories,
+        "special files": special_files,
+    }
+
+
+def damaged(rng: random.Random, data: bytes, alphabet: bytes = b"\x00\xff\x7f\x80") -> bytes:
+    """The data with some bits, pieces and numbers changed."""
+    changed = bytearray(data)
+    for _ in range(rng.randrange(1, 8)):
+        at = rng.randrange(max(len(changed), 1))
+        match rng.randrange(4):
+            case 0 if changed:
+                changed[at % len(changed)] ^= 1 << rng.randrange(8)
+            case 1:
+                del changed[at : at + rng.randrange(1, 40)]
+            case 2:
+                changed[at : at + 4] = struct.pack("<I", rng.choice([0, 1, 2**31, 2**32 - 1]))
+            case _:
+                changed[at:at] = bytes(rng.choices(alphabet, k=rng.randrange(1, 8)))
+    return bytes(changed)
+
+
+def execute(file: Path, statement: str, values: list[str] | None = None) -> None:
+    """Execute a statement in a database."""
+    connection = sqlite3.connect(file)
+    with connection:
+        connection.execute(statement, values or [])
+    connection.close()
+
+
+def zeros(mebibytes: int) -> bytes:
+    """A frame of zstd that unpacks to zeros."""
+    packer = zstd.ZstdCompressor()
+    packer.set_pledged_input_size(mebibytes << 20)
+    return b"".join([*(packer.compress(bytes(1 << 20)) for _ in range(mebibytes)), packer.flush()])
+
+
+def paths(value: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The way to each value of a document, the document itself first."""
+    yield above
+    if isinstance(value, dict | list):
+        pairs = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, each in pairs:
+            yield from paths(each, (*above, key))
+
+
+def replace(document: Any, path: tuple[Any, ...], value: Any) -> None:
+    """Put a value in a place of a document."""
+    for key in path[:-1]:
+        document = document[key]
+    document[path[-1]] = copy.deepcopy(value)
+
+
+def make_special(path: Path, kind: str) -> None:
+    """Make what is no regular file, or no usual one."""
+    match kind:
+        case "pipe":
+            os.mkfifo(path)
+        case "zeros":
+            path.symlink_to("/dev/zero")
+        case "itself":
+            path.symlink_to(path.name)
+        case "folder":
+            path.mkdir()
+        case "environment":
+            path.symlink_to("/proc/self/environ")
+        case _:
+            with path.open("wb") as stream:
+                stream.truncate(10**12)
