@@ -97,8 +97,10 @@ class OutputRecorder:
     def _write_bag(
         self, watches: Sequence[MonitorPlan], segment: Segment, playback: Rows
     ) -> dict[str, int]:
-        offset_ns = 0
+        offset_ns = began_ns = 0
         if playback.size:
+            # Publishers that keep messages for late subscriptions send those of earlier segments.
+            began_ns = int(playback["published_ns"][0])
             offset_ns = int(np.median(playback["stamp_ns"] - playback["published_ns"]))
         monitors = {each.topic: each for each in self.plan.monitors}
         types: dict[str, str] = {}
@@ -117,7 +119,11 @@ class OutputRecorder:
                 latencies = _latencies(self.plan, monitor, segment, playback, rows)
             content = self.rows_dir / f"{watch.name}.messages"
             streams.append(
-                _messages(watch.topic, latency_topic, rows, latencies, content, offset_ns)
+                _messages(
+                    *(watch.topic, latency_topic, rows, latencies, content),
+                    began_ns=began_ns,
+                    offset_ns=offset_ns,
+                )
             )
         merged = heapq.merge(*streams, key=lambda each: each.time_ns)
         return write_output_bag(self.folder.path / OUTPUT_BAG, types, merged)
@@ -146,13 +152,22 @@ def _latencies(
 
 
 def _messages(
-    topic: str, latency_topic: str, rows: Rows, latencies: Rows, content: Path, offset_ns: int
+    topic: str,
+    latency_topic: str,
+    rows: Rows,
+    latencies: Rows,
+    content: Path,
+    *,
+    began_ns: int,
+    offset_ns: int,
 ) -> Iterator[OutputMessage]:
-    """The messages of a topic, each followed by its latency."""
-    received = (rows["received_ns"] + offset_ns).tolist()
-    for time_ns, latency_ns, data in zip(
-        received, latencies.tolist(), read_messages(content), strict=False
+    """The messages of a topic from `began_ns` on, each followed by its latency."""
+    for received_ns, latency_ns, data in zip(
+        rows["received_ns"].tolist(), latencies.tolist(), read_messages(content), strict=False
     ):
+        if received_ns < began_ns:
+            continue
+        time_ns = received_ns + offset_ns
         yield OutputMessage(topic, time_ns, data)
         if latency_topic and latency_ns != NO_MATCH:
             yield OutputMessage(latency_topic, time_ns, latency_message(latency_ns))
