@@ -272,6 +272,7 @@ def run(
     history: Path | None = None,
     baseline: BaselineRecord | None = None,
     abort_on_fail: bool = False,
+    record_outputs: bool = False,
 ) -> Result:
     """Run a benchmark on real ROS 2, and judge it.
 
@@ -283,6 +284,7 @@ def run(
             which the run is added.
         baseline: a stored run to compare with, advisory; see `stored_baseline`.
         abort_on_fail: end a rate as soon as the rest of its iterations could not change a failure.
+        record_outputs: record the messages of one more iteration in the folder ``outputs``.
 
     Raises:
         GraphMismatchError: the graph differs from the spec, which was compiled just now.
@@ -295,17 +297,18 @@ def run(
     from r2bspec.record.run_folder import RunFolder
 
     listener = progress or NullProgress()
+    extras = {"abort_on_fail": abort_on_fail, "record_outputs": record_outputs}
     with (
         private_files(),
         RunFolder.create(output or default_run_folder(prepared.plan.name)) as folder,
     ):
         if history is None and baseline is None:
-            return _run_in_folder(folder, prepared, listener, abort_on_fail=abort_on_fail)
+            return _run_in_folder(folder, prepared, listener, extras)
         from r2bspec.compare.gated_run import run_with_baseline
 
         return run_with_baseline(
             lambda target, plan: _run_in_folder(
-                target, replace(prepared, plan=plan), listener, abort_on_fail=abort_on_fail
+                target, replace(prepared, plan=plan), listener, extras
             ),
             prepared.plan,
             folder,
@@ -315,11 +318,7 @@ def run(
 
 
 def _run_in_folder(
-    folder: RunFolder,
-    prepared: PreparedBenchmark,
-    progress: Progress,
-    *,
-    abort_on_fail: bool = False,
+    folder: RunFolder, prepared: PreparedBenchmark, progress: Progress, extras: Mapping[str, bool]
 ) -> Result:
     from r2bspec.check.runtime_mismatches import differences_to_diagnostics
     from r2bspec.execute.controller import run_plan
@@ -333,7 +332,7 @@ def _run_in_folder(
             run_id=secrets.token_hex(8),
             spec_text=prepared.spec_text,
             progress=progress,
-            abort_on_fail=abort_on_fail,
+            **extras,
         )
     except R2bspecError as error:
         # Write a result of what was measured, marked as incomplete; if that fails, too, the first

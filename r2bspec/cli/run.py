@@ -60,6 +60,11 @@ if TYPE_CHECKING:
     is_flag=True,
     help="End a rate as soon as the rest of its iterations could not change a failure.",
 )
+@click.option(
+    "--record-outputs",
+    is_flag=True,
+    help="Record inputs and outputs of one more iteration, with latencies, as MCAP in 'outputs/'.",
+)
 @click.option("--no-wait", is_flag=True, help="Refuse to run while this host runs a benchmark.")
 @click.option("--no-lock", is_flag=True, help="Run even while this host runs a benchmark.")
 @click.option(

@@ -33,6 +33,7 @@ class RunOptions:
     resume: bool = False
     fail_fast: bool = False
     abort_on_fail: bool = False
+    record_outputs: bool = False
     no_wait: bool = False
     no_lock: bool = False
     output_format: str = "text"
@@ -76,6 +77,10 @@ class RunOptions:
             )
         if self.abort_on_fail and self.compares:
             raise click.UsageError("--abort-on-fail cannot be combined with --against or --control")
+        if self.record_outputs and self.compares:
+            raise click.UsageError(
+                "--record-outputs cannot be combined with --against or --control"
+            )
         if self.force and not (self.against or self.baseline is not None):
             raise click.UsageError("--force needs --against or --baseline")
 

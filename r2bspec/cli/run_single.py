@@ -147,7 +147,12 @@ def _ways(prepared: PreparedBenchmark, options: RunOptions) -> dict[str, Any]:
     stored = None
     if options.baseline is not None:
         stored = api.stored_baseline(options.baseline, prepared, force=options.force)
-    return {"history": history, "baseline": stored, "abort_on_fail": options.abort_on_fail}
+    return {
+        "history": history,
+        "baseline": stored,
+        "abort_on_fail": options.abort_on_fail,
+        "record_outputs": options.record_outputs,
+    }
 
 
 def show_differences(result: Result, prepared: PreparedBenchmark) -> None:

@@ -76,6 +76,7 @@ def run_plan(
     spec_text: str,
     progress: Progress,
     abort_on_fail: bool = False,
+    record_outputs: bool = False,
 ) -> RunRecord:
     """Execute a plan; the run folder is written completely when this returns or raises.
 
@@ -87,6 +88,7 @@ def run_plan(
         spec_text: the resolved spec, for the record.
         progress: receives phases, notes and progress.
         abort_on_fail: end a rate as soon as a requirement can no longer be met.
+        record_outputs: record the messages of one more iteration in the run folder.
 
     Raises:
         RunError: the run failed; its record is marked as incomplete and gives the reason.
@@ -104,6 +106,7 @@ def run_plan(
             plan, base_dir, folder, run_id, Path(scratch), progress, interrupts
         )
         controller.abort_on_fail = abort_on_fail
+        controller.record_outputs = record_outputs
         return controller.run()
 
 
@@ -111,6 +114,7 @@ class _Controller:
     """The state of one run."""
 
     abort_on_fail = False
+    record_outputs = False
 
     def __init__(
         self,
@@ -339,6 +343,10 @@ class _Controller:
         began_s = time.monotonic()
         measurement = self._begin(starts, reporter, self._judge_so_far)
         verdict, iterations = measurement.measure()
+        if self.record_outputs:
+            self._phase("record", "recording the messages of one more iteration")
+            for topic, count in self._sessions()[-1].record_outputs().items():
+                self._note(f"recorded {count} messages of {topic}")
         if starts.find_foreign_publishers():
             # Others took part in what was measured: a fresh batch would confirm nothing.
             return

@@ -158,6 +158,25 @@ class Session:
             return ()
         return foreign_publishers(self._supervisor, self._monitor)
 
+    def record_outputs(self) -> dict[str, int]:
+        """Play one more iteration and record its messages; see `output_recording`.
+
+        Raises:
+            RunError: a process does not respond, or exited.
+        """
+        if self._monitor is None or self._segment_player is None or not self._plan.play:
+            return {}
+        from r2bspec.execute.measurement.output_recording import OutputRecorder
+
+        return OutputRecorder(
+            self._plan,
+            self._supervisor,
+            self._monitor,
+            self._segment_player,
+            self._rows_dir,
+            self._folder,
+        ).record()
+
     def bring_up(self) -> SegmentPlayer:
         """Start all processes and warm them up.
 

@@ -24,6 +24,7 @@ from r2bspec.harness.publisher_guard import PublisherGuard
 from r2bspec.ipc import protocol
 from r2bspec.ipc.clocks import ClockOffsetTracker
 from r2bspec.ipc.header_stamps import read_stamp
+from r2bspec.ipc.message_log import MessageLogWriter
 from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.ipc.stall_log import StallLogWriter
 from r2bspec.plan.plan import MonitorPlan
@@ -36,9 +37,14 @@ class _WatchedTopic:
     """One watched topic: its subscription and its rows."""
 
     def __init__(
-        self, plan: MonitorPlan, rows: RowWriter, subscription: rclpy_tools.RawSubscription
+        self,
+        plan: MonitorPlan,
+        rows: RowWriter,
+        subscription: rclpy_tools.RawSubscription,
+        content: MessageLogWriter | None = None,
     ) -> None:
         self.plan = plan
+        self._content = content
         self._rows = rows
         self.subscription = subscription
         self._stamped = rclpy_tools.begins_with_header(plan.type)
@@ -50,14 +56,28 @@ class _WatchedTopic:
         """Unsubscribe; the rows stay in their file."""
         self.subscription.destroy()
         self._rows.close()
+        if self._content is not None:
+            self._content.close()
 
     def drain(self, clocks: ClockOffsetTracker) -> None:
         """Record every message that has arrived."""
+        if self._content is not None:
+            self._drain_content(self._content, clocks)
+            return
         while (taken := self.subscription.take_head()) is not None:
             head, size, received_system_ns = taken
             received_ns, taken_ns = clocks.arrival(received_system_ns)
             stamp_ns = read_stamp(head) if self._stamped else 0
             self._rows.append(stamp_ns, received_ns, taken_ns, size)
+
+    def _drain_content(self, content: MessageLogWriter, clocks: ClockOffsetTracker) -> None:
+        """The same with the whole message, before its row: each row has a message."""
+        while (taken := self.subscription.take()) is not None:
+            data, received_system_ns = taken
+            received_ns, taken_ns = clocks.arrival(received_system_ns)
+            stamp_ns = read_stamp(data) if self._stamped else 0
+            content.append(data)
+            self._rows.append(stamp_ns, received_ns, taken_ns, len(data))
 
 
 class Monitor:
@@ -109,8 +129,8 @@ class Monitor:
                             subscribing = True
                             self._subscribe()
                             self._channel.send(protocol.Matched(counts=self._matches()))
-                        case protocol.Watch(monitors=plans):
-                            self._watch(plans)
+                        case protocol.Watch(monitors=plans, with_content=with_content):
+                            self._watch(plans, with_content=with_content)
                             self._channel.send(protocol.Matched(counts=self._matches()))
                         case protocol.Unwatch():
                             self._unwatch()
@@ -156,12 +176,18 @@ class Monitor:
             self._add(plan, self._rows[plan.name], qos)
         self._waiting = still_waiting
 
-    def _add(self, plan: MonitorPlan, rows: RowWriter, qos: QoSProfile) -> None:
+    def _add(
+        self,
+        plan: MonitorPlan,
+        rows: RowWriter,
+        qos: QoSProfile,
+        content: MessageLogWriter | None = None,
+    ) -> None:
         subscription = rclpy_tools.RawSubscription(self._node, plan.topic, plan.type, qos)
-        self._watched_topics.append(_WatchedTopic(plan, rows, subscription))
+        self._watched_topics.append(_WatchedTopic(plan, rows, subscription, content))
         self._loop.add(subscription)
 
-    def _watch(self, plans: tuple[MonitorPlan, ...]) -> None:
+    def _watch(self, plans: tuple[MonitorPlan, ...], *, with_content: bool) -> None:
         """Subscribe temporarily to topics without a monitor."""
         for plan in plans:
             with contextlib.suppress(rclpy_tools.TypeNotFoundError):
@@ -173,7 +199,8 @@ class Monitor:
                 )
                 if qos is not None:
                     rows = RowWriter(self._rows_dir / f"{plan.name}.rows", width=4)
-                    self._add(plan, rows, qos)
+                    path = self._rows_dir / f"{plan.name}.messages"
+                    self._add(plan, rows, qos, MessageLogWriter(path) if with_content else None)
                     self._temporary_topics.append(self._watched_topics[-1])
 
     def _unwatch(self) -> None:

@@ -133,10 +133,12 @@ class Watch(_Message, frozen=True, kw_only=True, tag=True):
     """Also record these topics until `Unwatch`. The reply is `Matched`.
 
     A topic without a QoS uses that of its publisher. A topic that currently has no publisher, or
-    whose type is not installed, is not recorded.
+    whose type is not installed, is not recorded. With `with_content`, whole messages are written to
+    ``ROWS_DIR/NAME.messages`` (`r2bspec.ipc.message_log`).
     """
 
     monitors: tuple[MonitorPlan, ...]
+    with_content: bool = False
 
 
 class Unwatch(_Message, frozen=True, kw_only=True, tag=True):

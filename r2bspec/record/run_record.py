@@ -72,8 +72,9 @@ taken by other virtual machines; the time in which some task waited for a CPU (P
 time in which the control group had used up its quota, or a core was throttled for heat."""
 
 
-SegmentKind = Literal["warm_up", "probe", "sustained", "iteration", "confirmation"]
-"""The purpose of a segment; those of the confirmation run after a failure are ``confirmation``."""
+SegmentKind = Literal["warm_up", "probe", "sustained", "iteration", "confirmation", "recorded"]
+"""The purpose of a segment; those of the confirmation run after a failure are ``confirmation``, and
+the messages of ``recorded`` are in a bag of the run folder."""
 
 
 class Segment(msgspec.Struct, frozen=True, kw_only=True):

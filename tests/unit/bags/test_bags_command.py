@@ -105,3 +105,17 @@ def test_verifies_by_exit_code(tmp_path: Path) -> None:
     assert len(json.loads(bad.stdout)["problems"]) == 1
     with pytest.raises(DataError):
         run("verify", str(tmp_path / "nothing"))
+
+
+def test_verifies_a_dataset_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_bag(tmp_path / "sets" / "my_drive", chatter())
+    monkeypatch.setenv("R2B_DATASETS", str(tmp_path / "sets"))
+    monkeypatch.chdir(tmp_path)
+    good = run("verify", "my_drive")
+    assert (good.exit_code, good.stdout) == (
+        0,
+        f"{tmp_path / 'sets' / 'my_drive'} is consistent\n",
+    )
+    with pytest.raises(DataError) as caught:
+        run("verify", "my_dive")
+    assert "my_drive" in f"{caught.value} {caught.value.hint}"

@@ -218,3 +218,18 @@ def test_a_document_without_mistakes_needs_no_jsonschema() -> None:
         [sys.executable, "-c", code, file], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_strict_fails_on_warnings_and_quiet_prints_findings_only(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = Path("good.r2b.yaml").read_text()
+    Path("warned.r2b.yaml").write_text(f"{text}variables: {{unused: 1}}\n")
+    assert run("warned.r2b.yaml") == 0
+    assert "0 errors, 1 warning" in capsys.readouterr().out
+    assert run("warned.r2b.yaml", "--strict", "--quiet") == 1
+    said = capsys.readouterr().out
+    assert "warning[" in said
+    assert "1 warning" not in said
+    assert run("good.r2b.yaml", "-q", "--strict") == 0
+    assert capsys.readouterr().out == ""

@@ -1,0 +1,133 @@
+"""Several runs, smoke runs, ended rates and recorded outputs on real ROS 2."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from r2bspec.execute.host.host_lock import DISABLED_BY
+from ros_runs import Bench, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+NO_CONFIRMATION = {"gate": {"confirm": False}}
+
+
+def short(**changes: object) -> dict[str, object]:
+    """The benchmark of the relay's spec, changed."""
+    benchmark = relay_spec()["benchmark"]
+    return {**benchmark, **NO_CONFIRMATION, **changes}
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    return Bench(tmp_path / "bench")
+
+
+def test_a_folder_of_specs_is_run_with_one_summary(bench: Bench) -> None:
+    slos = {"received": {"at": "20 Hz", "require": ["received > 0"]}}
+    impossible = {"never": {"at": "20 Hz", "require": ["latency.max < 1 us"]}}
+    bench.write(relay_spec(name="good", slos=slos, benchmark=short()), "good")
+    bench.write(relay_spec(name="late", slos=impossible, benchmark=short()), "late")
+    done = bench.run(bench.folder, "--format", "json")
+    summary = json.loads(done.stdout)
+    assert summary == json.loads((done.folder / "suite.json").read_text())
+    runs = {run["name"]: run for run in summary["runs"]}
+    assert list(runs) == ["good", "late"]
+    outcomes = {name: run["outcome"] for name, run in runs.items()}
+    if "invalid" not in outcomes.values():  # a playback that was late is no fault of this test
+        assert (done.status, outcomes) == (1, {"good": "pass", "late": "fail"})
+    for run in runs.values():
+        assert (Path(run["folder"]) / "record.json").is_file()
+        assert [row["offered_hz"] for row in run["rows"]] == [20]
+    assert f"run folder: {done.folder}" in done.stderr
+
+
+def test_a_smoke_run_plays_one_short_iteration(bench: Bench) -> None:
+    slos = {"never": {"at": "20 Hz", "require": ["latency.p99 < 1 us", "peak.rate > 999 Hz"]}}
+    benchmark = short(
+        duration="10 s", iterations=50, search={"min": "5 Hz", "max": "1000 Hz"}, warm_up="5 s"
+    )
+    done = bench.run(relay_spec(slos=slos, benchmark=benchmark), "--smoke")
+    done.assert_complete()
+    record = done.run().record
+    assert [each.kind for each in record.segments if each.kind != "warm_up"] == ["iteration"]
+    (iteration,) = (each for each in record.segments if each.kind == "iteration")
+    assert iteration.steps <= 41
+    assert record.search is None
+    assert done.result()["verdict"]["requirements"] == []
+
+
+def test_a_rate_whose_failure_nothing_can_change_ends(bench: Bench) -> None:
+    slos = {
+        "never": {"at": "20 Hz", "require": ["latency.p90 < 1 us"]},
+        "easy": {"at": "10 Hz", "require": ["received > 0"]},
+    }
+    benchmark = short(iterations=5, rates=["10 Hz", "20 Hz"])
+    done = bench.run(relay_spec(slos=slos, benchmark=benchmark), "--abort-on-fail")
+    played = [each.rate_hz for each in done.run().record.segments if each.kind == "iteration"]
+    assert played.count(10) == 5
+    assert 1 <= played.count(20) < 5
+    (sentence,) = done.run().record.left_out
+    assert "20 Hz was ended" in sentence
+    assert "'latency.p90 < 1 us' can no longer be met" in sentence
+    if done.outcome != "invalid":
+        assert (done.status, done.outcome) == (1, "fail")
+
+
+def test_recorded_outputs_are_a_bag_with_a_latency_for_each_output(bench: Bench) -> None:
+    done = bench.run(relay_spec(benchmark=short(rates=["10 Hz", "20 Hz"])), "--record-outputs")
+    done.assert_complete()
+    (segment,) = (each for each in done.run().record.segments if each.kind == "recorded")
+    # It counts for nothing.
+    assert segment.rate_hz == 20
+    assert [len(rate["iterations"]) for rate in done.result()["metrics"]["rates"]] == [1, 1]
+    store = get_typestore(Stores.ROS2_JAZZY)
+    stamps: dict[str, list[int]] = {}
+    latencies_ms: list[float] = []
+    assert [each.name for each in (done.folder / "outputs").glob("*.mcap")] == ["outputs.mcap"]
+    with Reader(done.folder / "outputs") as reader:
+        for connection, _, data in reader.messages():
+            message: Any = store.deserialize_cdr(data, connection.msgtype)
+            if connection.topic == "/r2bspec/out/latency":
+                latencies_ms.append(message.data)
+                continue
+            stamp = message.header.stamp
+            stamps.setdefault(connection.topic, []).append(stamp.sec * 10**9 + stamp.nanosec)
+    played = done.run().playback(segment)["stamp_ns"].tolist()
+    assert sorted(stamps["/r2b/input"]) == sorted(played)
+    assert set(stamps["/r2b/output"]) <= set(played)
+    assert len(latencies_ms) == len(stamps["/r2b/output"]) > 0
+    # The relay works for a millisecond on each image.
+    assert np.min(latencies_ms) > 1
+
+
+def test_a_second_run_waits_for_the_first_or_refuses(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = tmp_path / "tmp"
+    own.mkdir()
+    monkeypatch.setenv("TMPDIR", str(own))
+    monkeypatch.delenv(DISABLED_BY)
+    spec = relay_spec(name="first", benchmark=short(duration="2 s", iterations=3))
+    with bench.start(spec) as first:
+        first.wait_for("starting player and monitor")
+        refused = bench.run(relay_spec(name="refused"), "--no-wait")
+        assert refused.status == 4
+        assert "R2B697" in refused.error
+        assert f"first (process {first.process.pid})" in refused.error
+        with bench.start(relay_spec(name="second", benchmark=short())) as second:
+            second.wait_for(rf"waiting for first \(process {first.process.pid}\)")
+            assert first.finish().run().record.status == "complete"
+            waited = second.finish()
+    waited.assert_complete()
+    ended = first.finish().run().record.ended_at
+    assert waited.run().record.started_at >= ended
