@@ -337,19 +337,19 @@ def _method_cell(right: str, widths: Sequence[float], times_s: Sequence[float]) 
 def peak_losses() -> None:
     def cell(loses: float, rate_hz: float) -> str:
         holds = {"probe": 0, "sustained": 0}
-        for seed in range(100):
+        for seed in range(200):
             server = Server(1000.0, loses=loses, seed=seed)
             criterion = Criterion(precision=0.02)
             short = probed(server, rate_hz, criterion=criterion)
             whole = probed(server, rate_hz, criterion=criterion, play=SUSTAINED)
             holds["probe"] += bool(short.judgement.holds)
             holds["sustained"] += bool(whole.judgement.holds)
-        return f"{holds['probe']} / {holds['sustained']}"
+        return f"{holds['probe'] / 2:.1f} / {holds['sustained'] / 2:.1f}"
 
     rates = (10.0, 20.0, 30.0, 60.0, 120.0)
     show(
         "peak losses: probes of the search / of objectives that find a rate sustained at which a "
-        "graph loses messages, where none may be lost, in % of 100",
+        "graph loses messages, where none may be lost, in % of 200",
         ["lost", *(f"{each:g} Hz" for each in rates)],
         (
             [f"{loses:.1%}", *(cell(loses, each) for each in rates)]
@@ -361,17 +361,17 @@ def peak_losses() -> None:
 def peak_edges() -> None:
     def cell(variation: float, load: float) -> str:
         holds = 0
-        for seed in range(200):
+        for seed in range(400):
             graph = Graph(World(variation=variation), 100.0, np.random.default_rng(seed))
             criterion = Criterion(precision=0.02)
             judged = probed(graph, 100 * load, criterion=criterion, play=SUSTAINED).judgement
             holds += bool(judged.holds)
-        return f"{holds / 2:.1f}"
+        return f"{holds / 4:.1f}"
 
     loads = (1.005, 1.01, 1.02, 1.03, 1.04, 1.06)
     show(
         "peak edges: objectives that find a rate sustained at this multiple of the capacity, "
-        "precision 2 %, in % of 200",
+        "precision 2 %, in % of 400",
         ["service times", *(f"{each:g}" for each in loads)],
         ([f"log-normal, cv {cv:g}", *(cell(cv, each) for each in loads)] for cv in (0.1, 0.3, 0.6)),
     )

@@ -59,7 +59,7 @@ def test_two_standard_errors_and_the_precision_above_the_capacity_rarely_pass(
     variation: float,
 ) -> None:
     load = 1 + PRECISION + 2 * variation / math.sqrt(1000)
-    probes = 160
+    probes = 80
     passes = 0
     for seed in range(probes):
         graph = Graph(World(variation=variation), 100.0, np.random.default_rng(seed))
@@ -68,9 +68,8 @@ def test_two_standard_errors_and_the_precision_above_the_capacity_rarely_pass(
     assert passes <= probes * 0.0125 + 4 * math.sqrt(probes * 0.0125)
 
 
-@pytest.mark.parametrize("rate_hz", [20.0, 60.0, 120.0])
-@pytest.mark.parametrize("loses", [0.02, 0.05, 0.1])
-def test_a_rate_at_which_messages_are_lost_rarely_passes(loses: float, rate_hz: float) -> None:
+@pytest.mark.parametrize(("rate_hz", "loses"), [(30.0, 0.02), (60.0, 0.05), (120.0, 0.02)])
+def test_a_rate_at_which_messages_are_lost_rarely_passes(rate_hz: float, loses: float) -> None:
     passes = 0
     for seed in range(_PROBES):
         server = Server(1000.0, loses=loses, seed=seed)
