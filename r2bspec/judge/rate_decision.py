@@ -26,8 +26,9 @@ completes less than a third of what is offered. It may also start fast; a rate t
 be sustained is played whole (`r2bspec.language.probe_length`).
 
 A growth below a tenth of the precision cannot be told from none. Just above the capacity a short
-probe cannot tell either: the error of a probe is as stated from one precision above the capacity
-on.
+probe cannot tell either, because the messages that it played may have been quick ones by chance:
+the error of a probe is as stated from the precision and two standard errors of the mean service
+time above the capacity on.
 
 If neither test succeeds, the rate is undecided: a graph whose service times vary by as much as
 their mean needs ten seconds and more to show at 100 Hz that it keeps up with 90 % of its capacity.

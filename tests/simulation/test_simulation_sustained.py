@@ -9,9 +9,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 
+import numpy as np
 import pytest
 
-from simulated_peaks import Kind, outcome
+from r2bspec.judge.rate_decision import Criterion
+from simulated_peaks import PRECISION, Kind, outcome
+from simulated_queues import SUSTAINED, Server, probe
+from simulated_speeds import Graph, World
 
 pytestmark = pytest.mark.simulation
 
@@ -48,3 +52,37 @@ def test_a_rate_above_the_capacity_rarely_passes(kind: Kind, load: float) -> Non
 def test_ten_seconds_show_that_random_times_are_kept_up_with() -> None:
     assert outcomes("D/M/1", 0.7, 10, 30)["pass"] >= 27
     assert outcomes("D/M/1", 1.3, 10, 30)["fail"] >= 27
+
+
+@pytest.mark.parametrize("variation", [0.1, 0.3, 0.6])
+def test_two_standard_errors_and_the_precision_above_the_capacity_rarely_pass(
+    variation: float,
+) -> None:
+    load = 1 + PRECISION + 2 * variation / math.sqrt(1000)
+    probes = 80
+    passes = 0
+    for seed in range(probes):
+        graph = Graph(World(variation=variation), 100.0, np.random.default_rng(seed))
+        found = probe(graph, 100.0 * load, criterion=Criterion(PRECISION), play=SUSTAINED)
+        passes += found.judgement.holds is True
+    assert passes <= probes * 0.0125 + 4 * math.sqrt(probes * 0.0125)
+
+
+@pytest.mark.parametrize(("rate_hz", "loses"), [(30.0, 0.02), (60.0, 0.05), (120.0, 0.02)])
+def test_a_rate_at_which_messages_are_lost_rarely_passes(rate_hz: float, loses: float) -> None:
+    passes = 0
+    for seed in range(_PROBES):
+        server = Server(1000.0, loses=loses, seed=seed)
+        for play in (None, SUSTAINED):
+            found = probe(server, rate_hz, criterion=Criterion(PRECISION), play=play)
+            passes += found.judgement.holds is True
+    assert passes <= _MOST_WRONG
+
+
+def test_a_loss_within_the_tolerance_rarely_fails() -> None:
+    fails = 0
+    for seed in range(_PROBES):
+        server = Server(1000.0, loses=0.005, seed=seed)
+        found = probe(server, 100.0, criterion=Criterion(PRECISION), play=SUSTAINED)
+        fails += found.judgement.holds is False
+    assert fails <= _MOST_WRONG

@@ -136,7 +136,7 @@ def probabilistic_bisection(name: str, seed: int) -> Bracket:
     logs = np.linspace(math.log(10.0), math.log(500.0), _GRID)
     belief = np.full(_GRID, 1.0 / _GRID)
     low, high = logs[0], logs[-1]
-    for _ in range(_MOST_QUESTIONS):
+    for number in range(_MOST_QUESTIONS):
         total = np.cumsum(belief)
         low, high = (logs[np.searchsorted(total, each)] for each in (0.025, 0.975))
         if math.expm1(high - low) <= PRECISION:
@@ -144,7 +144,8 @@ def probabilistic_bisection(name: str, seed: int) -> Bracket:
         middle = int(np.searchsorted(total, 0.5))
         sent_s, left_s, _ = clock.play(math.exp(logs[middle]), _PROBE_S)
         climbs = sent_s.size < 3 or float(np.polyfit(sent_s, left_s - sent_s, 1)[0]) > PRECISION / 4
-        below = np.arange(_GRID) <= middle
+        # The cell of the median counts for either side in turn: it would keep all the mass.
+        below = np.arange(_GRID) < middle + number % 2
         belief = belief * np.where(below == climbs, _RIGHT, 1 - _RIGHT)
         belief /= belief.sum()
     return Bracket(math.exp(low), math.exp(high), clock.played_s, clock.graph.truth_hz)

@@ -37,7 +37,8 @@ def outcome(kind: Kind, load: float, *, seconds: float, seed: int) -> Outcome | 
     """
     rate_hz = load * 100.0
     random = np.random.default_rng(seed)
-    steps = round(seconds * rate_hz)
+    # Random arrivals are drawn for as long as the rate is played.
+    steps = max(round(seconds * rate_hz), Criterion(precision=PRECISION).messages_without_loss)
     found = probe(
         Server(100.0, spread=1.0 if kind[2] == "M" else 0.0, seed=seed),
         rate_hz,

@@ -1,0 +1,158 @@
+"""What a bracket decides that was not confirmed, is not steady, or is refuted by iterations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.methods.peak_bracket import peak_doubts
+from r2bspec.judge.peak_refutation import with_refuted_peak
+from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
+from r2bspec.record.run_record import SearchRecord
+from r2bspec.report.report_wording import peak_text, probe_mark
+from run_simulation import Played, Simulation, objective, probe
+
+CONFIRMED = SearchRecord(
+    probes=(probe(5, holds=True), probe(200, holds=False), probe(100, holds=True)),
+    holds_hz=100.0,
+    fails_hz=102.0,
+    limited_by="graph",
+    precision=0.02,
+    confidence=0.95,
+    proof="confirmed",
+    proof_s=30.0,
+    max_lost=0.01,
+)
+
+
+def changed(**changes: object) -> SearchRecord:
+    return msgspec.structs.replace(CONFIRMED, **changes)
+
+
+def samples_of(folder: Path, search: SearchRecord, *segments: Played) -> RunSamples:
+    return read_samples(Simulation(segments=segments, search=search).write(folder))
+
+
+def ask(samples: RunSamples, requirement: str) -> RequirementVerdict:
+    (found,) = judge({"one": objective(requirement, at="")}, samples).requirements
+    return found
+
+
+@pytest.mark.parametrize(
+    ("requirement", "search", "outcome"),
+    [
+        ("peak.rate >= 100 Hz", CONFIRMED, "pass"),
+        ("peak.rate >= 100 Hz", changed(proof="probes", proof_s=1.0), "pass"),
+        ("peak.rate >= 10 Hz", changed(proof="open"), "inconclusive"),
+        ("peak.rate >= 102 Hz", changed(proof="open"), "fail"),
+        ("peak.rate >= 10 Hz", changed(refuted="it is"), "inconclusive"),
+        ("peak.rate >= 102 Hz", changed(refuted="it is"), "fail"),
+        (
+            "peak.rate >= 90 Hz",
+            changed(unsteady=("it drifts",), unsteady_ratio=1.2),
+            "inconclusive",
+        ),
+        ("peak.rate >= 80 Hz", changed(unsteady=("it drifts",), unsteady_ratio=1.2), "pass"),
+        (
+            "peak.rate >= 110 Hz",
+            changed(unsteady=("it drifts",), unsteady_ratio=1.2),
+            "inconclusive",
+        ),
+        ("peak.rate >= 130 Hz", changed(unsteady=("it drifts",), unsteady_ratio=1.2), "fail"),
+    ],
+)
+def test_what_is_doubted_decides_less(
+    tmp_path: Path, requirement: str, search: SearchRecord, outcome: str
+) -> None:
+    found = ask(samples_of(tmp_path, search), requirement)
+    assert found.outcome == outcome
+    assert bool(found.settle) == (outcome == "inconclusive")
+
+
+@pytest.mark.parametrize(
+    ("search", "words"),
+    [
+        (changed(proof="open"), "no rate was confirmed when it was played whole"),
+        (
+            changed(proof="probes", proof_s=1.5, lost_at_most=0.077),
+            "only in probes of 1.5 s, at most 7.7 % lost",
+        ),
+        (changed(unsteady=("stops for 0.5 s about every 5 s",)), "not steady: stops for 0.5 s"),
+        (changed(refuted="the iteration refutes it"), "the iteration refutes it"),
+    ],
+)
+def test_reports_and_verdicts_say_what_is_missing_instead_of_a_confidence(
+    tmp_path: Path, search: SearchRecord, words: str
+) -> None:
+    assert words in peak_text(search)
+    assert "confidence" not in peak_text(search)
+    reason = ask(samples_of(tmp_path, search), "peak.rate >= 10 Hz").reason
+    assert words in reason.lower()
+
+
+def test_a_bracket_without_doubts_has_its_confidence() -> None:
+    assert peak_doubts(CONFIRMED) == ()
+    assert "95 % confidence" in peak_text(CONFIRMED)
+    assert "95 % confidence" in peak_text(changed(proof=""))
+
+
+def test_a_rate_with_which_the_graph_kept_up_has_a_mark_of_its_own() -> None:
+    kept = msgspec.structs.replace(probe(5, holds=True), holds=None, keeps_up=True)
+    assert probe_mark(kept) == "~"
+    assert changed(probes=(kept,), holds_hz=None).open_hz == ()
+
+
+def played(climb: float, *, lost: int = 0, seed: int = 0) -> Played:
+    """An iteration at the peak, whose latency climbs by so many seconds per second."""
+    random = np.random.default_rng(seed)
+    latency = 0.02 + climb * np.arange(300) / 100 + random.normal(0, 0.001, 300)
+    latency[random.choice(300, lost, replace=False)] = np.nan
+    return Played(100, latency)
+
+
+def test_iterations_that_are_sustained_refute_nothing(tmp_path: Path) -> None:
+    samples = samples_of(tmp_path, CONFIRMED, *(played(0.0, seed=seed) for seed in range(5)))
+    assert with_refuted_peak(samples) is samples
+    assert ask(samples, "peak.rate >= 100 Hz").outcome == "pass"
+
+
+@pytest.mark.parametrize("number", [1, 5])
+def test_a_backlog_that_grows_at_the_peak_refutes_it(tmp_path: Path, number: int) -> None:
+    iterations = (played(0.05, seed=seed) for seed in range(number))
+    samples = samples_of(tmp_path, CONFIRMED, *iterations)
+    search = with_refuted_peak(samples).record.search
+    assert search is not None
+    assert not search.shown
+    assert search.refuted.endswith("the backlog grows by 4.76 messages/s") or number == 1
+    assert "refute it: the backlog grows by" in search.refuted
+    found = ask(samples, "peak.rate >= 100 Hz")
+    assert found.outcome == "inconclusive"
+    assert "refute it" in found.reason
+
+
+def test_losses_at_the_peak_refute_it(tmp_path: Path) -> None:
+    lossy = (played(0.0, lost=12, seed=seed) for seed in range(5))
+    search = with_refuted_peak(samples_of(tmp_path / "a", CONFIRMED, *lossy)).record.search
+    assert search is not None
+    assert search.refuted.endswith("60 of 1500 messages were lost")
+    few = (played(0.0, lost=3, seed=seed) for seed in range(5))
+    search = with_refuted_peak(samples_of(tmp_path / "b", CONFIRMED, *few)).record.search
+    assert search is not None
+    assert search.refuted == ""
+
+
+def test_iterations_at_other_rates_refute_nothing(tmp_path: Path) -> None:
+    climbing = played(0.05)
+    samples = samples_of(tmp_path, changed(holds_hz=80.0), climbing)
+    assert with_refuted_peak(samples) is samples
+
+
+def test_records_of_earlier_versions_are_left_as_they_are(tmp_path: Path) -> None:
+    samples = samples_of(tmp_path, changed(proof=""), played(0.05))
+    assert with_refuted_peak(samples) is samples
