@@ -116,13 +116,13 @@ class PlaybackValidity:
             return result.reason
 
         played = {
-            rate: schedule_problem(rate, found) or impossible(found)
+            rate: impossible(found) or schedule_problem(rate, found)
             for rate, found in samples.iterations.items()
             if found
         }
         probed = {
-            probe.rate_hz: ("" if probe.holds else schedule_problem(probe.rate_hz, found))
-            or impossible(found)
+            probe.rate_hz: impossible(found)
+            or ("" if probe.holds else schedule_problem(probe.rate_hz, found))
             for probe in samples.record.sustained
             if (found := [*filter(None, [samples.sustained.get(probe.rate_hz)])])
         }
