@@ -1,7 +1,7 @@
 """The step that a stamp belongs to, where the messages of one step have different stamps.
 
 An output carries the stamp of one of its inputs, whichever the node copies. Where stamps within a
-step differ (`r2bspec.execute.inputs.nearest_stamps`), the stamp of an output is therefore replaced
+step differ (`r2bspec.plan.nearest_stamps`), the stamp of an output is therefore replaced
 by that of its step before anything is matched or recorded.
 """
 

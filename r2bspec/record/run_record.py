@@ -249,8 +249,9 @@ class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 UNPAIRED_HELP = (
-    "play them with 'mode: timeline', or in specs of their own; 'unpaired: drop' in 'playback' "
-    "agrees to play the rest alone"
+    "allow differences of stamps with 'pairing: {slop: ...}', play an input between the steps with "
+    "'rate: recorded', play them with 'mode: timeline', or in specs of their own; 'unpaired: drop' "
+    "in 'playback' agrees to play the rest alone"
 )
 _WARNING_SHARE = 0.05
 _ERROR_SHARE = 0.5
@@ -267,6 +268,7 @@ class UnplayedMessages(msgspec.Struct, frozen=True, kw_only=True):
             unknown.
         agreed: whether the spec agrees to it (``playback.unpaired: drop``).
         at_least: whether there may be more.
+        slop_ns: the largest difference of stamps within which a partner was looked for.
     """
 
     topic: str
@@ -275,12 +277,15 @@ class UnplayedMessages(msgspec.Struct, frozen=True, kw_only=True):
     cause: Literal["partner", "recording"] = "partner"
     agreed: bool = False
     at_least: bool = False
+    slop_ns: int = 0
 
     @property
     def clause(self) -> str:
         """What they lack, without a full stop."""
         lack = {
-            "partner": "have no partner of the same stamp",
+            "partner": f"have no partner within {self.slop_ns / 1e6:g} ms"
+            if self.slop_ns
+            else "have no partner of the same stamp",
             "recording": "have a stamp that no recorded message has",
         }[self.cause]
         about = "at least " if self.at_least else ""

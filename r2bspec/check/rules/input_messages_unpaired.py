@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from r2bspec.check.message_types import begins_with_header
@@ -14,6 +15,7 @@ from r2bspec.check.rule_api import (
     value_key,
 )
 from r2bspec.check.window_counts import window_message_counts
+from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.plan.topic_plans import direct_bag_topic
 from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages
 
@@ -45,7 +47,7 @@ def _unplayed(context: Context) -> list[UnplayedMessages]:
     """At least so many messages of each input are not played, as far as the bag tells."""
     bag_topics: dict[str, str] = {}
     for name, each in context.spec.playback.inputs.items():
-        if begins_with_header(each.format) is False:
+        if begins_with_header(each.format) is False or each.rate == "recorded":
             continue
         source = context.harness_topic(each.source)
         bag_topic = direct_bag_topic(source, context.spec, context.wiring)
@@ -58,13 +60,23 @@ def _unplayed(context: Context) -> list[UnplayedMessages]:
     stamps = _read_stamps(context, set(bag_topics.values()))
     if stamps is None:
         return _by_counts(context, bag_topics)
-    common = set.intersection(*(set(stamps[each]) for each in bag_topics.values()))
+    slops_ns = _slops(context, bag_topics)
+    steps = pair_nearest([stamps[each] for each in bag_topics.values()], slops_ns)
     return [
-        UnplayedMessages(topic=topic, count=total - len(common), total=total)
+        UnplayedMessages(topic=topic, count=total - len(steps), total=total, slop_ns=max(slops_ns))
         for topic, bag_topic in bag_topics.items()
-        # The run refuses inputs without any common stamp (R2B644).
-        if common and (total := len(stamps[bag_topic])) > len(common)
+        if (total := len(stamps[bag_topic])) > len(steps)
     ]
+
+
+def _slops(context: Context, topics: Iterable[str]) -> list[int]:
+    """The slop of each of these inputs, in ns."""
+    playback = context.spec.playback
+    slops = {
+        context.harness_topic(name): (each.pairing or playback.pairing).slop.ns
+        for name, each in playback.inputs.items()
+    }
+    return [slops[topic] for topic in topics]
 
 
 def _by_counts(context: Context, bag_topics: dict[str, str]) -> list[UnplayedMessages]:
@@ -73,8 +85,11 @@ def _by_counts(context: Context, bag_topics: dict[str, str]) -> list[UnplayedMes
     if not all(each in counts and counts[each].exact for each in bag_topics.values()):
         return []
     fewest = min(counts[each].messages for each in bag_topics.values())
+    slop_ns = max(_slops(context, bag_topics))
     return [
-        UnplayedMessages(topic=topic, count=total - fewest, total=total, at_least=True)
+        UnplayedMessages(
+            topic=topic, count=total - fewest, total=total, at_least=True, slop_ns=slop_ns
+        )
         for topic, bag_topic in bag_topics.items()
         if (total := counts[bag_topic].messages) > fewest > 0
     ]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.inputs.nearest_stamps import pair_nearest
+from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.ipc.buffers import BufferIndex
 
 

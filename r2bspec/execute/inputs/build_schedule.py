@@ -79,6 +79,7 @@ def _unplayed(
             total=len(index.sizes),
             cause=cause,
             agreed=agreed,
+            slop_ns=max(other.slop_ns for other, _ in pairs) if cause == "partner" else 0,
         )
         for each, index in pairs
         if index.topic in left_out

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.inputs.nearest_stamps import pair_nearest
+from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.ipc.buffers import BufferIndex
 from r2bspec.ipc.schedule import (
     NO_STEP,

@@ -71,6 +71,21 @@ def test_above_5_percent_it_is_a_warning_and_above_50_an_error(
     assert [each.severity.value for each in findings(text, file=file)] == severities
 
 
+def test_within_a_slop_only_what_has_no_partner_is_missing(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(3, 56), "pairing: {slop: 5 ms}")
+    (left,) = findings(text, file=file)
+    assert left.message == "4 of 60 messages of /r2b/left have no partner within 5 ms"
+    text, file = stereo(tmp_path / "narrow", shifted(0, 60), "pairing: {slop: 2 ms}")
+    assert [each.severity.value for each in findings(text, file=file)] == ["error"] * 2
+
+
+def test_cameras_without_any_equal_stamp_are_named_with_the_way_out(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, shifted(0, 60))
+    left, _ = findings(text, file=file)
+    assert left.message == "60 of 60 messages of /r2b/left have no partner of the same stamp"
+    assert "pairing: {slop: ...}" in left.help
+
+
 def test_only_the_window_counts(tmp_path: Path) -> None:
     text, file = stereo(tmp_path, shifted(30, 60), window="{end: 900 ms}")
     assert codes(text, file=file) == []

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.execute.inputs.align_by_stamp import align
-from r2bspec.execute.inputs.nearest_stamps import pair_nearest
+from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.ipc.buffers import BufferIndex
 
 MS = 1_000_000
