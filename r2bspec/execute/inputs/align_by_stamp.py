@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from r2bspec.execute.errors import RunError
-from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.ipc.buffers import BufferIndex
+from r2bspec.plan.nearest_stamps import pair_nearest
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from r2bspec.execute.errors import RunError
-from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.ipc.buffers import BufferIndex
 from r2bspec.ipc.schedule import (
     NO_STEP,
@@ -24,6 +23,7 @@ from r2bspec.ipc.schedule import (
     TimelineStep,
     round_length_ns,
 )
+from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.plan.plan import InputPlan, TimelinePlan
 
 _MAX_TF_AGE_NS = 1_000_000_000

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.execute.inputs.align_by_stamp import align
-from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.ipc.buffers import BufferIndex
+from r2bspec.plan.nearest_stamps import pair_nearest
 
 MS = 1_000_000
 
