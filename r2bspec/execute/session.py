@@ -177,6 +177,7 @@ class Session:
                 PLAYBACK_ROWS,
                 overhead_rate_hz(plan),
                 self._schedule,
+                self._reporter.host.between,
             )
         return player, monitor
 

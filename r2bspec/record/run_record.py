@@ -116,6 +116,15 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
 
     `holds` is None if undecided. `confidence` is one-sided; 0 in records of versions that did not
     state it.
+
+    Attributes:
+        disturbed: the host interference during the probe, in words; empty for none.
+        explained: whether that can explain why the rate was not sustained: then the probe says
+            nothing about the graph.
+        taken: the largest share of the time that others can have taken from the run; 0 without
+            interference.
+        rerun_of: the segment of the probe in whose place, because of interference, it was played.
+        by_player: whether the rate was not sustained because the player could not offer it.
     """
 
     segment: str
@@ -124,6 +133,11 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
     holds: bool | None
     reason: str
     confidence: float = 0.0
+    disturbed: tuple[str, ...] = ()
+    explained: bool = False
+    taken: float = 0.0
+    rerun_of: str = ""
+    by_player: bool = False
 
 
 class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -131,14 +145,16 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     The peak is between `holds_hz`, the highest sustained rate (None if there is none), and
     `fails_hz`, the lowest rate that was not sustained (None if there is none: the peak is at least
-    `holds_hz`). `limited_by` is what limits it. The bracket is as narrow as `precision`, a relative
+    `holds_hz`). `limited_by` is what limits it: with ``interference``, the lowest rate that was not
+    sustained failed during host interference that can explain it, and `fails_hz` is the lowest one
+    that failed otherwise. The bracket is as narrow as `precision`, a relative
     width, unless probes in it were undecided; `confidence` is that of the bracket (0: not stated).
     """
 
     probes: tuple[Probe, ...]
     holds_hz: float | None
     fails_hz: float | None
-    limited_by: Literal["graph", "player", "range", "interrupted"]
+    limited_by: Literal["graph", "player", "range", "interrupted", "interference"]
     precision: float = 0.0
     confidence: float = 0.0
 
@@ -149,6 +165,12 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
         A rate that the player could not offer is not a bound for the graph.
         """
         return None if self.limited_by == "player" else self.fails_hz
+
+    @property
+    def disturbed(self) -> tuple[str, ...]:
+        """The host interference in the last probe that it explains; empty for none."""
+        found = [probe.disturbed for probe in self.probes if probe.explained]
+        return found[-1] if found else ()
 
     @property
     def open_hz(self) -> tuple[float, ...]:
@@ -174,7 +196,7 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
     It is measured before the nodes are started, from the player to a subscription on the input
     `topic`; `received` of `sent` messages of at most `bytes` bytes arrived. Latency is from
     publication to the arrival in the middleware, lateness from the due time to publication; None
-    without samples.
+    without samples. `disturbed` is the host interference meanwhile, in words.
     """
 
     topic: str
@@ -186,6 +208,7 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
     latency_p99_ns: int | None
     lateness_p50_ns: int | None
     lateness_p99_ns: int | None
+    disturbed: tuple[str, ...] = ()
 
 
 class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):

@@ -27,7 +27,7 @@ from r2bspec.measure.metric_values import metric_value
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import Probe
 
-_DEFAULT_PRECISION = 0.02
+DEFAULT_PRECISION = 0.02
 _STATE_TEXTS = {True: "is sustained", False: "is not sustained", None: "is undecided"}
 
 
@@ -35,16 +35,29 @@ class RateProber:
     """Probes rates; of several monitors, the worst one decides."""
 
     def __init__(
-        self, plan: Plan, segment_player: SegmentPlayer, note: Callable[[str], None]
+        self,
+        plan: Plan,
+        segment_player: SegmentPlayer,
+        note: Callable[[str], None],
+        disturbed: Callable[[Callable[[], ProbeOutcome]], ProbeOutcome] = lambda probe: probe(),
     ) -> None:
+        """Prepare to probe.
+
+        Args:
+            plan: of the run.
+            segment_player: plays the probes.
+            note: receives a note about each outcome.
+            disturbed: plays a probe, again if need be; see `DisturbedProbes.play`.
+        """
         search = plan.search
+        self._disturbed = disturbed
         self._plan = plan
         self._segment_player = segment_player
         self._note = note
         self._limit_s = search.probe_ns / 1e9 if search else PROBE.seconds
         self._conditions = search.holds if search else ()
         self._criterion = Criterion(
-            precision=search.precision if search else _DEFAULT_PRECISION,
+            precision=search.precision if search else DEFAULT_PRECISION,
             loss=max((_allowed_loss(each) for each in self._conditions), default=0.0),
             confidence=search.confidence if search else CONFIDENCE,
         )
@@ -52,11 +65,11 @@ class RateProber:
 
     def probe(self, rate_hz: float) -> ProbeOutcome:
         """Probe one rate for the search."""
-        return self._play("probe", rate_hz)
+        return self._disturbed(lambda: self._play("probe", rate_hz))
 
     def probe_sustained(self, rate_hz: float) -> ProbeOutcome:
         """Probe one rate for an objective that requires it to be sustained."""
-        return self._play("sustained", rate_hz)
+        return self._disturbed(lambda: self._play("sustained", rate_hz))
 
     def _play(self, kind: Literal["probe", "sustained"], rate_hz: float) -> ProbeOutcome:
         number = next(self._numbers)
