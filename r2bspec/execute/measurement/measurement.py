@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import msgspec
 
-from r2bspec.execute.measurement.disturbed_probes import (
-    DisturbedProbes,
+from r2bspec.execute.measurement.affected_probes import (
+    AffectedProbes,
     without_explained_bound,
 )
 from r2bspec.execute.measurement.iterations import IterationRunner
@@ -45,7 +45,7 @@ class Measurement:
         self._plan = plan
         self._segment_player = segment_player
         self._reporter = reporter
-        disturbed = DisturbedProbes(
+        disturbed = AffectedProbes(
             plan.gate.interference,
             plan.search.precision if plan.search else DEFAULT_PRECISION,
             lambda: segment_player.segments[-1],

@@ -47,7 +47,7 @@ class RateProber:
             plan: of the run.
             segment_player: plays the probes.
             note: receives a note about each outcome.
-            disturbed: plays a probe, again if need be; see `DisturbedProbes.play`.
+            disturbed: plays a probe, again if need be; see `AffectedProbes.play`.
         """
         search = plan.search
         self._disturbed = disturbed

@@ -29,7 +29,7 @@ from r2bspec.record.run_record import SearchRecord, Segment
 MAX_FUTILE_REPLAYS: Final = 2
 
 
-class DisturbedProbes:
+class AffectedProbes:
     """Plays probes, and again what others disturbed."""
 
     def __init__(

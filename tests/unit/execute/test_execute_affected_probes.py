@@ -9,9 +9,9 @@ import msgspec
 import pytest
 
 from r2bspec.execute.host.host_watch import Interference, interference_of
-from r2bspec.execute.measurement.disturbed_probes import (
+from r2bspec.execute.measurement.affected_probes import (
     MAX_FUTILE_REPLAYS,
-    DisturbedProbes,
+    AffectedProbes,
     without_explained_bound,
 )
 from r2bspec.execute.measurement.harness_overhead import _quietest
@@ -45,7 +45,7 @@ class Machine:
         self.played: list[float] = []
         budget = TimeBudget(budget_ns, self.notes.append)
         budget.begin()
-        self._probes = DisturbedProbes(
+        self._probes = AffectedProbes(
             policy, 0.02, self._segment, self._between, budget, self.notes.append
         )
 
