@@ -92,7 +92,7 @@ def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteratio
 def largest_taken_share(known: Surroundings | None) -> float:
     """The largest share of the time that others can have taken from the run."""
     taken = taken_share(known)
-    return waiting_share(known) if taken is None else min(taken, waiting_share(known))
+    return waiting_share(known) if taken is None else taken
 
 
 def median_pressure(surroundings: Sequence[Surroundings | None]) -> float:

@@ -19,7 +19,8 @@ From w follows, for n messages offered at a rate r, of which c come out per seco
                 come before the graph is idle again. So messages were delayed by at most w T m in
                 total, with T the length of the iteration, and m the largest number of messages in
                 one busy period. This is distributed in the most favourable way: the latency of
-                rank k is at least the u for which the k fastest exceed u by w T m in total.
+                rank k is at least the u for which the k fastest exceed u by w T m in total. No
+                message was delayed by more than w T.
 
 A graph that is overloaded anyway, because c + w r < r, is never idle, and one busy period would
 explain everything. There the backlog grows at the rate r - c - w r instead of r - c, and is served
@@ -92,9 +93,10 @@ def shortest_latencies(
             latency * growth * (answered_hz / possible_hz),
             _level(latency, lasting_ns * at_once),
         )
-        latency = np.maximum(0.0, shorter - 1e9 / offered_hz)
+        latency = np.maximum(0.0, np.maximum(shorter, latency - lasting_ns) - 1e9 / offered_hz)
     else:
-        latency = _level(latency, lasting_ns * _longest_busy_period(published, received))
+        longest = _longest_busy_period(published, received)
+        latency = np.maximum(_level(latency, lasting_ns * longest), latency - lasting_ns)
     explained = min(lost, int(np.ceil(taken * steps.answered.size)) + 1)
     return np.concatenate((np.zeros(explained), latency, np.full(lost - explained, np.inf)))
 

@@ -26,7 +26,7 @@ BUSY = Surroundings(
 RANDOM = np.random.default_rng(7)
 FAST = RANDOM.uniform(0.010, 0.030, 300)
 SLOW = RANDOM.uniform(0.055, 0.075, 300)
-HOPELESS = RANDOM.uniform(0.7, 0.9, 300)
+HOPELESS = RANDOM.uniform(5.0, 6.0, 300)
 ASKED = "latency.p90 < 50 ms"
 
 
