@@ -288,7 +288,7 @@ def disturbances() -> None:
 
 def waiting() -> None:
     def cell(load: float, share: float, stricter: float) -> str:
-        found = fails(load, share, stricter=stricter, runs=100)
+        found = fails(load, share, stricter=stricter, runs=50)
         return " / ".join(
             f"{100 * each:.0f}" for each in (found.measured, found.pressure, found.waits)
         )
