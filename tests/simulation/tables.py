@@ -288,17 +288,17 @@ def disturbances() -> None:
 
 def waiting() -> None:
     def cell(load: float, share: float, stricter: float) -> str:
-        found = fails(load, share, stricter=stricter, runs=50)
+        found = fails(load, share, stricter=stricter, runs=100)
         return " / ".join(
             f"{100 * each:.0f}" for each in (found.measured, found.pressure, found.waits)
         )
 
     show(
         "Fails as measured / as judged by the pressure / by the run-queue waits, in % of runs",
-        ["graph", *(f"{share:.0%} taken: {what}" for share in (0.1, 0.2) for what in _ASKED)],
+        ["server", *(f"{share:.0%} taken: {what}" for share in (0.1, 0.2) for what in _ASKED)],
         (
             [
-                f"{load:g} of what it can do",
+                f"offered {load:g} x what it can do",
                 *(cell(load, share, each) for share in (0.1, 0.2) for each in _ASKED.values()),
             ]
             for load in (0.5, 0.9, 1.05, 1.5, 2.0, 3.0)
