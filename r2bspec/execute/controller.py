@@ -30,6 +30,7 @@ from r2bspec.execute.errors import (
     UnwritableRunError,
 )
 from r2bspec.execute.host.full_disk import unwritable_log
+from r2bspec.execute.host.host_watch import HostWatch
 from r2bspec.execute.host.machine import describe_machine, describe_versions
 from r2bspec.execute.host.resource_sampler import ResourceSampler
 from r2bspec.execute.inputs.buffer_bags import buffer_bags
@@ -322,7 +323,16 @@ class _Controller:
     def _measure(self, domain: int) -> None:
         """Measure in the starts of the plan and, if the run fails, in as many that confirm it."""
         reporter = RunReporter(
-            self._phase, self._note, self._write_partial_record, self._progress, self._resources
+            self._phase,
+            self._note,
+            self._write_partial_record,
+            self._progress,
+            self._resources,
+            HostWatch(
+                self._resources,
+                lambda: len(self._supervisor.records()),
+                self._machine.get("cores"),
+            ),
         )
         starts = self._starts = StartSequence(
             self._plan,
@@ -409,7 +419,7 @@ class _Controller:
         """The verdict on the confirmation run if it ended now, given that on the run."""
         fresh = self._samples_so_far().confirmation
         assert fresh is not None  # noqa: S101 - it is being played
-        return judge_confirmation(self._plan.objectives, fresh, first)
+        return judge_confirmation(self._plan.objectives, fresh, first, self._plan.gate.interference)
 
     def _samples_so_far(self) -> RunSamples:
         """The samples of everything that has been played, as if the run had ended now."""

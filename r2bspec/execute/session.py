@@ -280,6 +280,7 @@ class Session:
             PLAYBACK_ROWS,
             overhead_rate_hz(self._plan),
             self.schedule,
+            self._reporter.host.between,
         )
         self.overhead_ns = time.monotonic_ns() - began_ns
 

@@ -43,10 +43,12 @@ from dataclasses import replace
 
 import msgspec
 
-from r2bspec.judge.best_case import best_case_iteration
+from r2bspec.judge.best_case import best_case_iteration, waiting_share
+from r2bspec.judge.interference_policy import SETTLE
 from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.playback_validity import schedule_problem
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
+from r2bspec.judge.waiting_bound import taken_share
 from r2bspec.measure.interference import Surroundings
 from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
@@ -58,8 +60,6 @@ _MAX_PRESSURE = 0.1
 _MAX_PRESSURE_RATIO = 2.0
 _MAX_THROTTLED_SHARE = 0.01
 _MAX_SLOWDOWN = 1.5
-
-_SETTLE = "Run again on an otherwise idle machine."
 
 
 def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteration]:
@@ -83,8 +83,16 @@ def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteratio
                         reasons=reasons,
                         rerun=again.segment.id if again is not None and each is one else "",
                         rerun_of=each.segment.rerun_of,
+                        start=each.segment.start,
+                        taken=largest_taken_share(each.surroundings),
                     )
     return found
+
+
+def largest_taken_share(known: Surroundings | None) -> float:
+    """The largest share of the time that others can have taken from the run."""
+    taken = taken_share(known)
+    return waiting_share(known) if taken is None else taken
 
 
 def median_pressure(surroundings: Sequence[Surroundings | None]) -> float:
@@ -106,17 +114,33 @@ def interference_reasons(one: Surroundings | None, usual: float) -> tuple[str, .
     if one.steal is not None and one.steal > _MAX_STEAL_SHARE:
         found.append(
             f"{show(one.steal, 'share')} of the processor time was stolen by other virtual machines"
+            f" (limit {show(_MAX_STEAL_SHARE, 'share')})"
         )
     if one.foreign_cores is not None:
         least = max(_MAX_FOREIGN_CORES, _MAX_FOREIGN_SHARE * (one.cores or 0))
         if one.foreign_cores > least:
-            found.append(f"other processes used {one.foreign_cores:.2g} cores")
-    if one.pressure is not None and one.pressure > max(_MAX_PRESSURE, _MAX_PRESSURE_RATIO * usual):
-        found.append(f"tasks waited for a processor {show(one.pressure, 'share')} of the time")
+            used = (
+                f"{one.foreign_cores:.2g} of {one.cores}"
+                if one.cores
+                else f"{one.foreign_cores:.2g}"
+            )
+            found.append(f"other processes used {used} cores (limit {least:.2g})")
+    most = max(_MAX_PRESSURE, _MAX_PRESSURE_RATIO * usual)
+    if one.pressure is not None and one.pressure > most:
+        found.append(
+            f"tasks waited for a processor {show(one.pressure, 'share')} of the time "
+            f"(limit {show(most, 'share')})"
+        )
     if one.throttled_s is not None and one.throttled_s > _MAX_THROTTLED_SHARE * one.seconds:
-        found.append(f"processors were throttled for {show(one.throttled_s, 's')}")
+        found.append(
+            f"processors were throttled for {show(one.throttled_s, 's')} "
+            f"(limit {show(_MAX_THROTTLED_SHARE * one.seconds, 's')})"
+        )
     if one.calibration is not None and one.calibration > _MAX_SLOWDOWN:
-        found.append(f"the harness alone took {one.calibration:.2g} times as long as before")
+        found.append(
+            f"the harness alone took {one.calibration:.2g} times as long as before "
+            f"(limit {_MAX_SLOWDOWN:g})"
+        )
     return tuple(found)
 
 
@@ -192,7 +216,7 @@ def weaken_failure(
         return msgspec.structs.replace(
             played,
             outcome="inconclusive",
-            settle=_SETTLE,
+            settle=SETTLE,
             notes=(*played.notes, note),
             weakened=True,
         )
@@ -222,4 +246,5 @@ def affected_iterations_text(
     text = f"Host interference in {number}"
     if again:
         text += f"; {again} of them played again, {unaffected} without interference"
-    return text
+    taken = max(one.taken for one in first)
+    return f"{text}; others took at most {show(taken, 'share')} of the time from the run"

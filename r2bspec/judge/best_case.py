@@ -16,9 +16,9 @@ The effect of host interference on single messages is unknown. Its effect is at 
       throttled, is added. If the harness alone took c times as long, w is at least 1 - 1/c.
     - w is at most 3/4. A machine on which everything takes over four times as long does not keep
       the playback's schedule either, and makes the run INVALID.
-    - Where the kernel counts how long the run's own processes waited for a processor, their waiting
-      explains no more than `r2bspec.judge.waiting_bound` says. Each of the bounds holds by itself,
-      so what remains is the larger of both.
+
+Where the kernel counts how long the run's own processes waited for a processor, what that explains
+is known better: `r2bspec.judge.waiting_bound` replaces these assumptions.
 
 Further lost or late messages are caused by the graph itself. Processor time and memory of the
 run's processes are unchanged: waiting uses neither. Of the machine's, the part of others is
@@ -81,15 +81,16 @@ def _best_case_samples(
     seen: MonitorSamples,
     known: Surroundings | None,
 ) -> MonitorSamples:
-    waited = waiting_share(known)
     most_hz = playback.rate_hz * seen.per_step
-    latency = best_case_latencies(seen, waited)
     taken = taken_share(known)
-    if taken is not None and known is not None:
-        least = shortest_latencies(seen, taken, known.seconds, most_hz)
+    if taken is None or known is None:
+        waited = waiting_share(known)
+        latency = best_case_latencies(seen, waited)
+    else:
+        waited = taken
+        latency = _measured_latencies(seen)
         order = np.argsort(latency, kind="stable")
-        latency[order] = np.maximum(latency[order], least)
-        waited = min(waited, taken)
+        latency[order] = shortest_latencies(seen, taken, known.seconds, most_hz)
     played = np.zeros(latency.size, PLAYBACK_DTYPE)
     played["stamp_ns"] = np.arange(1, latency.size + 1)
     played["due_ns"], played["published_ns"] = seen.steps.due_ns, seen.steps.published_ns
@@ -122,14 +123,19 @@ def best_case_latencies(seen: MonitorSamples, waited: float) -> NDArray[np.float
         seen: what a monitor received.
         waited: the share w of the time.
     """
-    steps = seen.steps
-    latency = np.where(
-        steps.answered, (steps.received_ns - steps.published_ns).astype(np.float64), math.inf
-    )
+    latency = _measured_latencies(seen)
     order = np.argsort(latency, kind="stable")
     better = -(-latency.size // 2)
     latency[order[better:]] = latency[order[: latency.size - better]]
     return np.asarray(latency * (1 - waited))
+
+
+def _measured_latencies(seen: MonitorSamples) -> NDArray[np.float64]:
+    """The latency of each step, in ns; infinite where it was lost."""
+    steps = seen.steps
+    return np.where(
+        steps.answered, (steps.received_ns - steps.published_ns).astype(np.float64), math.inf
+    )
 
 
 def _use_by_run(one: SegmentSamples) -> ResourceUse | None:

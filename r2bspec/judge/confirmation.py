@@ -27,6 +27,7 @@ from collections.abc import Iterable, Mapping
 import msgspec
 
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.outcome import InconclusivePolicy, outcome_of
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
@@ -66,7 +67,7 @@ def judge_with_confirmation(
         return first
     if samples.confirmation is None:
         return msgspec.structs.replace(first, reason=f"{first.reason} {_NOT_PLAYED_AGAIN}")
-    second = judge_confirmation(objectives, samples.confirmation, first)
+    second = judge_confirmation(objectives, samples.confirmation, first, policy.interference)
     found = confirm_run(first, second, policy.inconclusive)
     sentence = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
     return msgspec.structs.replace(
@@ -77,7 +78,10 @@ def judge_with_confirmation(
 
 
 def judge_confirmation(
-    objectives: Mapping[str, Objective], confirmation: RunSamples, first: Verdict
+    objectives: Mapping[str, Objective],
+    confirmation: RunSamples,
+    first: Verdict,
+    interference: InterferencePolicy = "note",
 ) -> Verdict:
     """Judge the confirmation session on its own, at `CONFIRMATION_CONFIDENCE`.
 
@@ -85,13 +89,15 @@ def judge_confirmation(
         objectives: by name.
         confirmation: the confirmation session.
         first: the verdict on the first session; only what failed there is judged again.
+        interference: what host interference does to a verdict.
     """
     failed = {_key(one) for one in first.requirements if one.outcome == "fail"}
     again = {
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()
     }
-    found = judge(again, confirmation, DecisionPolicy(confidence=CONFIRMATION_CONFIDENCE))
+    policy = DecisionPolicy(confidence=CONFIRMATION_CONFIDENCE, interference=interference)
+    found = judge(again, confirmation, policy)
     judged_again = tuple(one for one in found.requirements if _key(one) in failed)
     return msgspec.structs.replace(found, requirements=judged_again)
 

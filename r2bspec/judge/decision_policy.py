@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.language.confidence import CONFIDENCE
@@ -19,11 +20,13 @@ class DecisionPolicy:
             own.
         looks: the planned interim looks; None for a run of a fixed length.
         inconclusive: what an inconclusive requirement does to the run.
+        interference: what host interference does to a requirement.
     """
 
     confidence: float = CONFIDENCE
     looks: InterimLooks | None = None
     inconclusive: InconclusivePolicy = "report"
+    interference: InterferencePolicy = "note"
 
 
 def decision_policy(plan: Plan) -> DecisionPolicy:
@@ -37,4 +40,5 @@ def decision_policy(plan: Plan) -> DecisionPolicy:
         confidence=plan.gate.confidence,
         looks=looks,
         inconclusive=plan.gate.inconclusive,
+        interference=plan.gate.interference,
     )

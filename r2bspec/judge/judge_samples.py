@@ -15,6 +15,7 @@ from r2bspec.judge.affected_iterations import (
     without_affected,
 )
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.interference_policy import judge_probes, strict_pass
 from r2bspec.judge.interim_looks import InterimLooks, combine_looks
 from r2bspec.judge.judge_requirement import iterations_at, judge_requirement, objective_rate
 from r2bspec.judge.outcome import outcome_of
@@ -63,10 +64,11 @@ def judge(
     }
     disturbed = find_affected_iterations(samples)
     requirements = _judge_looks(judged_objectives, samples, policy, playback_validity)
-    if disturbed and any(one.outcome == "fail" for one in requirements):
+    if disturbed and policy.interference != "tolerate":
         requirements = _weaken_affected(
             disturbed, requirements, judged_objectives, samples, policy, playback_validity
         )
+    requirements = judge_probes(requirements, samples.record, policy.interference)
     unusable = tuple(
         Unusable(offered_hz=rate, reason=reason)
         for rate, reason in sorted(
@@ -97,15 +99,28 @@ def _weaken_affected(
     playback_validity: PlaybackValidity,
 ) -> tuple[RequirementVerdict, ...]:
     """Verdicts on all iterations as they were played, with regard to host interference."""
+    strict = policy.interference == "strict"
+    outcomes = {one.outcome for one in requirements}
+    if "fail" not in outcomes and not (strict and "pass" in outcomes):
+        return requirements
     unaffected = _judge_looks(
         objectives, without_affected(samples, disturbed), policy, playback_validity
     )
     best_case = _judge_looks(
         objectives, best_case_run(samples, disturbed), policy, playback_validity
     )
+    texts = [affected_iterations_text(one, disturbed) for one in requirements]
+    found = tuple(
+        weaken_failure(one, without, text, best_case_one)
+        for one, without, text, best_case_one in zip(
+            requirements, unaffected, texts, best_case, strict=True
+        )
+    )
+    if not strict:
+        return found
     return tuple(
-        weaken_failure(one, without, affected_iterations_text(one, disturbed), best_case_one)
-        for one, without, best_case_one in zip(requirements, unaffected, best_case, strict=True)
+        strict_pass(one, without, disturbed, text)
+        for one, without, text in zip(found, unaffected, texts, strict=True)
     )
 
 

@@ -36,6 +36,7 @@ from r2bspec.judge.baseline_requirements import (
 )
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.interference_policy import strict_refusal
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.playback_validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict
@@ -117,12 +118,15 @@ def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPo
     """
     policy = replace(policy, looks=None)
     verdict = _judge(objectives, pair_set.played, policy)
-    if pair_set.unaffected is not None and pair_set.best_case is not None:
+    examined = policy.interference != "tolerate"
+    if examined and pair_set.unaffected is not None and pair_set.best_case is not None:
         unaffected = _judge(objectives, pair_set.unaffected, policy).requirements
         best_case = _judge(objectives, pair_set.best_case, policy).requirements
         requirements = tuple(
             # All others are based on the iterations of the head, which `judge` has treated alike.
-            weaken_failure(one, other, pair_set.disturbance_text, most)
+            _strict_pairs(
+                weaken_failure(one, other, pair_set.disturbance_text, most), other, pair_set, policy
+            )
             if one.method == "paired t on logs"
             else one
             for one, other, most in zip(verdict.requirements, unaffected, best_case, strict=True)
@@ -140,6 +144,21 @@ def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPo
             reason=f"Only {usable} of {pair_set.planned} pairs can be judged.",
         )
     return verdict
+
+
+def _strict_pairs(
+    judged: RequirementVerdict,
+    unaffected: RequirementVerdict,
+    pair_set: PairSet,
+    policy: DecisionPolicy,
+) -> RequirementVerdict:
+    """A verdict on pairs under ``strict``: a PASS needs an unaffected pair in place of each."""
+    if policy.interference != "strict" or judged.outcome != "pass" or pair_set.unaffected is None:
+        return judged
+    whole = len(pair_set.unaffected.head) == len(pair_set.played.head)
+    if whole and unaffected.outcome == "pass":
+        return judged
+    return strict_refusal(judged, pair_set.disturbance_text)
 
 
 def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolicy) -> Verdict:

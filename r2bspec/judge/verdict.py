@@ -103,7 +103,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         notes: further facts behind the decision, one sentence each: an earlier look, a
             confirmation that succeeded or failed, host interference.
         compared: base and head, where the requirement is on their ratio.
-        weakened: whether it failed, and is inconclusive only because of host interference.
+        weakened: whether it was decided, and is inconclusive only because of host interference.
     """
 
     objective: str
@@ -151,6 +151,8 @@ class DisturbedIteration(msgspec.Struct, frozen=True, kw_only=True):
         reasons: the interference, in words; at least one.
         rerun: the id of the iteration that was played in its place, or empty.
         rerun_of: the id of the iteration in whose place it was played itself, or empty.
+        start: the start of the graph's processes that it was played in.
+        taken: the largest share of the time that others can have taken from the run.
     """
 
     segment: str
@@ -158,6 +160,8 @@ class DisturbedIteration(msgspec.Struct, frozen=True, kw_only=True):
     reasons: tuple[str, ...]
     rerun: str = ""
     rerun_of: str = ""
+    start: int = 1
+    taken: float = 0.0
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):

@@ -19,7 +19,8 @@ From w follows, for n messages offered at a rate r, of which c come out per seco
                 come before the graph is idle again. So messages were delayed by at most w T m in
                 total, with T the length of the iteration, and m the largest number of messages in
                 one busy period. This is distributed in the most favourable way: the latency of
-                rank k is at least the u for which the k fastest exceed u by w T m in total.
+                rank k is at least the u for which the k fastest exceed u by w T m in total. No
+                message was delayed by more than w T.
 
 A graph that is overloaded anyway, because c + w r < r, is never idle, and one busy period would
 explain everything. There the backlog grows at the rate r - c - w r instead of r - c, and is served
@@ -28,6 +29,7 @@ at the rate c + w r instead of c. Latencies are proportional to the backlog:
     latency     at least the latency x (r - c - w r) / (r - c) x c / (c + w r)
 
 or the bound above, with m the largest number of messages in the graph at once, if that is less.
+Both less 1 / r: when a message finds the graph ready depends on where in a period that is.
 """
 
 from __future__ import annotations
@@ -79,19 +81,23 @@ def shortest_latencies(
     published, received = steps.published_ns[steps.answered], steps.received_ns[steps.answered]
     latency = np.sort((received - published).astype(np.float64))
     lost = int(steps.answered.size) - int(latency.size)
+    if not taken:
+        return np.concatenate((latency, np.full(lost, np.inf)))
     lasting_ns = taken * seconds * 1e9
     answered_hz = latency.size / seconds if seconds else 0.0
     possible_hz = answered_hz + taken * offered_hz
     if answered_hz > 0 and possible_hz < offered_hz:
         growth = (offered_hz - possible_hz) / (offered_hz - answered_hz)
         at_once = _most_at_once(published, received)
-        latency = np.minimum(
+        shorter = np.minimum(
             latency * growth * (answered_hz / possible_hz),
             _level(latency, lasting_ns * at_once),
         )
+        latency = np.maximum(0.0, np.maximum(shorter, latency - lasting_ns) - 1e9 / offered_hz)
     else:
-        latency = _level(latency, lasting_ns * _longest_busy_period(published, received))
-    explained = min(lost, int(np.ceil(taken * steps.answered.size)) + 1) if taken else 0
+        longest = _longest_busy_period(published, received)
+        latency = np.maximum(_level(latency, lasting_ns * longest), latency - lasting_ns)
+    explained = min(lost, int(np.ceil(taken * steps.answered.size)) + 1)
     return np.concatenate((np.zeros(explained), latency, np.full(lost - explained, np.inf)))
 
 

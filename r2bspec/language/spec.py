@@ -366,12 +366,14 @@ class Gate(_SpecStruct, frozen=True, kw_only=True):
         inconclusive: the effect of an inconclusive verdict on the exit status.
         confirm: whether a FAIL counts only if a second run in new processes confirms it.
         time_budget: the maximum duration of measuring, including everything that is optional.
+        interference: what other load on the machine does to a verdict.
     """
 
     confidence: Share = Share(CONFIDENCE)
     inconclusive: Literal["report", "pass", "fail"] = "report"
     confirm: bool = True
     time_budget: Duration | None = None
+    interference: Literal["tolerate", "note", "strict"] = "note"
 
 
 class Benchmark(_SpecStruct, frozen=True, kw_only=True):

@@ -214,6 +214,7 @@ def _gate(spec: Spec) -> GatePlan:
         inconclusive=gate.inconclusive,
         confirm=gate.confirm,
         time_budget_ns=0 if gate.time_budget is None else gate.time_budget.ns,
+        interference=gate.interference,
     )
 
 

@@ -308,6 +308,7 @@ class GatePlan(_Value, frozen=True, kw_only=True):
     inconclusive: Literal["report", "pass", "fail"] = "report"
     confirm: bool = True
     time_budget_ns: int = 0
+    interference: Literal["tolerate", "note", "strict"] = "note"
 
 
 class Plan(_Value, frozen=True, kw_only=True):

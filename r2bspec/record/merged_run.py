@@ -19,7 +19,7 @@ from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord, SearchRecord, Segment
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 
-Limit = Literal["graph", "player", "range", "interrupted"]
+Limit = Literal["graph", "player", "range", "interrupted", "interference"]
 
 _SEPARATOR = "."
 
@@ -139,7 +139,7 @@ def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
     fails = [each.fails_hz for each in found if each.fails_hz is not None]
     limits = {each.limited_by for each in found}
     proofs = {each.proof for each in found}
-    order: tuple[Limit, ...] = ("interrupted", "player", "range", "graph")
+    order: tuple[Limit, ...] = ("interrupted", "player", "interference", "range", "graph")
     return SearchRecord(
         probes=tuple(
             msgspec.structs.replace(each, segment=_prefixed_id(number, each.segment))

@@ -117,10 +117,19 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
 
     `holds` is None if undecided. `confidence` is one-sided; 0 in records of versions that did not
     state it. `purpose` is why it was played: to test a rate, to measure an overloaded graph, or
-    to confirm the lower end of the bracket. `keeps_up` tells
-    whether the backlog does not grow, whatever is lost: a rate that keeps up is undecided if too
-    few messages were played to show that few enough are lost (`lost_at_most`). `played_s` is 0 in
-    records of versions that did not state it.
+    to confirm the lower end of the bracket. `keeps_up` tells whether the backlog does not grow,
+    whatever is lost: a rate that keeps up is undecided if too few messages were played to show that
+    few enough are lost (`lost_at_most`). `played_s` is 0 in records of versions that did not state
+    it.
+
+    Attributes:
+        disturbed: the host interference during the probe, in words; empty for none.
+        explained: whether that can explain why the rate was not sustained: then the probe says
+            nothing about the graph.
+        taken: the largest share of the time that others can have taken from the run; 0 without
+            interference.
+        rerun_of: the segment of the probe in whose place, because of interference, it was played.
+        by_player: whether the rate was not sustained because the player could not offer it.
     """
 
     segment: str
@@ -133,6 +142,11 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True):
     keeps_up: bool | None = None
     lost_at_most: float | None = None
     played_s: float = 0.0
+    disturbed: tuple[str, ...] = ()
+    explained: bool = False
+    taken: float = 0.0
+    rerun_of: str = ""
+    by_player: bool = False
 
 
 class CapacityRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -153,8 +167,10 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     The peak is between `holds_hz`, the highest sustained rate (None if there is none), and
     `fails_hz`, the upper end: the lowest rate that was not sustained, or the upper bound of the
     capacity of the overloaded graph (None if there is none: the peak is at least `holds_hz`).
-    `limited_by` is what limits it. The bracket is as narrow as `precision`, a relative width,
-    unless probes in it were undecided; `confidence` is that of the bracket (0: not stated).
+    `limited_by` is what limits it: with ``interference``, the lowest rate that was not sustained
+    failed during host interference that can explain it, and `fails_hz` is the lowest one that
+    failed otherwise. The bracket is as narrow as `precision`, a relative width, unless probes in it were
+    undecided; `confidence` is that of the bracket (0: not stated).
 
     `proof` says how the lower end was shown: it was played whole for `proof_s` seconds
     (`confirmed`); only in probes, of which the one at the lower end lasted `proof_s` seconds
@@ -167,7 +183,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     probes: tuple[Probe, ...]
     holds_hz: float | None
     fails_hz: float | None
-    limited_by: Literal["graph", "player", "range", "interrupted"]
+    limited_by: Literal["graph", "player", "range", "interrupted", "interference"]
     precision: float = 0.0
     confidence: float = 0.0
     proof: Literal["", "confirmed", "probes", "open"] = ""
@@ -191,6 +207,12 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     def shown(self) -> bool:
         """Whether the bracket has the stated confidence."""
         return self.proof in {"", "confirmed"} and not self.unsteady and not self.refuted
+
+    @property
+    def disturbed(self) -> tuple[str, ...]:
+        """The host interference in the last probe that it explains; empty for none."""
+        found = [probe.disturbed for probe in self.probes if probe.explained]
+        return found[-1] if found else ()
 
     @property
     def open_hz(self) -> tuple[float, ...]:
@@ -218,7 +240,7 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
     It is measured before the nodes are started, from the player to a subscription on the input
     `topic`; `received` of `sent` messages of at most `bytes` bytes arrived. Latency is from
     publication to the arrival in the middleware, lateness from the due time to publication; None
-    without samples.
+    without samples. `disturbed` is the host interference meanwhile, in words.
     """
 
     topic: str
@@ -230,6 +252,7 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
     latency_p99_ns: int | None
     lateness_p50_ns: int | None
     lateness_p99_ns: int | None
+    disturbed: tuple[str, ...] = ()
 
 
 class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):

@@ -89,13 +89,17 @@ PROBE_PURPOSES = {"saturation": "overload", "confirmation": "played whole"}
 def peak_text(search: SearchRecord) -> str:
     """The peak as a bracket, its confidence, what limited it, and the number of probes.
 
-    A peak that is limited only by the player or by the range of the search is a lower bound.
+    A peak that is limited only by the player, by the range of the search, or by host interference
+    during all probes above it, is a lower bound.
     """
     limits = {
         "graph": "limited by the graph",
         "player": "limited by the player, not by the graph",
         "range": "limited by the search range",
         "interrupted": "the search was interrupted",
+        "interference": "the upper end is unknown"
+        if search.upper_hz is None
+        else "the upper end is rough",
     }
     lower, upper = search.holds_hz, search.upper_hz
     if lower is None:
@@ -105,6 +109,8 @@ def peak_text(search: SearchRecord) -> str:
     else:
         found = f"between {show(lower, 'Hz')} and {show(upper, 'Hz')}"
     parts = [found, limits[search.limited_by]]
+    if search.limited_by == "interference":
+        parts.append(f"during the probes above, {'; '.join(search.disturbed)}")
     if search.open_hz:
         parts.insert(1, undecided_rates_text(search))
     if search.shown and search.confidence:
@@ -208,6 +214,8 @@ def notes(result: Result) -> Iterator[str]:
     yield from (f"{each[:1].upper()}{each[1:]}" for each in _of_pairs(result))
     yield from affected_iteration_notes(result.verdict.disturbed)
     yield from unplayed_notes(result)
+    yield from _disturbed_probe_notes(result.metrics)
+    yield from _disturbed_overhead_notes(result)
     yield from result.left_out
     yield from _live_notes(result)
     yield from _reception_notes(result)
@@ -244,6 +252,38 @@ def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterato
         )
         at = f" {at_rate(rate_hz)}" if rate_hz else ""
         yield f"Host interference{at}: {'; '.join(listed)}{more}"
+
+
+def _disturbed_probe_notes(metrics: RunMetrics) -> Iterator[str]:
+    """The probes that other programs disturbed, and what became of them."""
+    searched = metrics.search.probes if metrics.search is not None else ()
+    found = [one for one in (*searched, *metrics.sustained) if one.disturbed]
+    if not found:
+        return
+    listed = [_disturbed_probe_text(one) for one in found[:_MAX_LISTED_ITERATIONS]]
+    more = len(found) - _MAX_LISTED_ITERATIONS
+    rest = f"; and {more} more, in result.json" if more > 0 else ""
+    total = len(searched) + len(metrics.sustained)
+    yield (f"Host interference during {len(found)} of {total} probes: {'; '.join(listed)}{rest}")
+
+
+def _disturbed_probe_text(one: Probe) -> str:
+    """Such as ``95 Hz (other processes used 1.7 of 2 cores; can explain the failure)``."""
+    texts = list(one.disturbed)
+    if one.rerun_of:
+        texts.append(f"played in place of {one.rerun_of}")
+    if one.holds:
+        texts.append("sustained all the same")
+    elif one.explained:
+        texts.append("which can explain that it was not sustained")
+    return f"{show(one.rate_hz, 'Hz')} ({', '.join(texts)})"
+
+
+def _disturbed_overhead_notes(result: Result) -> Iterator[str]:
+    """What disturbed the measurement of the harness overhead."""
+    reasons = dict.fromkeys(each for one in result.floor for each in one.disturbed)
+    if reasons:
+        yield f"Host interference while the harness overhead was measured: {', '.join(reasons)}"
 
 
 def _affected_iteration_text(one: DisturbedIteration) -> str:

@@ -1,4 +1,4 @@
-"""The tables of docs/verdicts.md and docs/peak_throughput.md, printed anew by
+"""The tables of docs/verdicts.md, docs/peak_throughput.md and docs/host_interference.md:
 
     PYTHONPATH=tests/support python tests/simulation/tables.py [NAME ...]
 
@@ -27,6 +27,7 @@ from simulated_gates import (
     stored_gate,
 )
 from simulated_runs import judged
+from simulated_waiting import fails
 from simulated_worlds import WORLDS
 from start_tables import START_TABLES
 
@@ -396,6 +397,29 @@ def disturbances() -> None:
     )
 
 
+def waiting() -> None:
+    def cell(load: float, share: float, stricter: float) -> str:
+        found = fails(load, share, stricter=stricter, runs=100)
+        return " / ".join(
+            f"{100 * each:.0f}" for each in (found.measured, found.pressure, found.waits)
+        )
+
+    show(
+        "Fails as measured / as judged by the pressure / by the run-queue waits, in % of runs",
+        ["server", *(f"{share:.0%} taken: {what}" for share in (0.1, 0.2) for what in _ASKED)],
+        (
+            [
+                f"offered {load:g} x what it can do",
+                *(cell(load, share, each) for share in (0.1, 0.2) for each in _ASKED.values()),
+            ]
+            for load in (0.5, 0.9, 1.05, 1.5, 2.0, 3.0)
+        ),
+    )
+
+
+_ASKED = {"just met alone": 1.0, "missed by 3 x": 1 / 3}
+
+
 TABLES = (
     *START_TABLES,
     messages,
@@ -412,6 +436,7 @@ TABLES = (
     peak_losses,
     peak_edges,
     disturbances,
+    waiting,
 )
 
 if __name__ == "__main__":

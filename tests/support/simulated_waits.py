@@ -26,11 +26,13 @@ class Disturbed:
 
     Attributes:
         seen: what a monitor recorded with the other load.
+        measured: the latency of each message with the other load, in seconds; NaN if it was lost.
         latency: ascending, in seconds, alone; infinite for lost messages.
         surroundings: what was sampled meanwhile.
     """
 
     seen: MonitorSamples
+    measured: Times
     latency: Times
     surroundings: Surroundings
 
@@ -54,6 +56,7 @@ def disturbed(
     alone, _ = _serve(arrive, service, depth, [])
     return Disturbed(
         seen=_samples(arrive, left),
+        measured=np.where(np.isfinite(left), left - arrive, np.nan),
         latency=np.sort(np.where(np.isfinite(alone), alone - arrive, np.inf)),
         surroundings=Surroundings(
             seconds=seconds, cores=2, foreign_cores=1.0, pressure=1.0, own_waited=waited / seconds

@@ -9,10 +9,12 @@ more than once, and the cost of a transfer depends on rate and load.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 
+from r2bspec.execute.host.host_watch import Interference
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import RowReader
@@ -47,8 +49,11 @@ def measure_harness_overhead(
     playback: str,
     rate_hz: float,
     schedule: Schedule,
+    interference: Callable[[int, int], Interference] = lambda _, __: Interference(),
 ) -> tuple[FloorRecord, ...]:
     """Measure the overhead on each input; takes about `DURATION_S`, and longer below 20 Hz.
+
+    If other programs disturbed it, it is measured once more, and the quieter measurement counts.
 
     The result is empty if the measurement would affect the graph: if an input already has a
     subscription, or if an input is transient local, so that late subscriptions would receive the
@@ -63,6 +68,7 @@ def measure_harness_overhead(
         playback: the name of the player's file in this folder.
         rate_hz: steps per second; 0 for the rate of the recording.
         schedule: of the player.
+        interference: what others did between two times; see `HostWatch.between`.
 
     Raises:
         RunError: a process does not respond, or exited.
@@ -95,23 +101,43 @@ def measure_harness_overhead(
     if _wait_for_matches(supervisor, player, topics, wanted=True):
         usual = schedule.steps_within(rate_hz, round(DURATION_S * 1e9))
         _play(supervisor, player, files, rate_hz, min(_WARM_UP_STEPS, max(1, usual)), schedule)
-        first, before = played.count(), [each.count() for each in files]
         steps = min(max(_MIN_STEPS, usual), _MAX_STEPS)
-        _play(supervisor, player, files, rate_hz, steps, schedule)
-        sent = played.read(first)
-        records = tuple(
-            overhead_record(
-                watch.topic,
-                rate_hz,
-                select_expected_steps(sent, inputs, watch),
-                step_stamps.replace(file.read(start), sent, first),
+
+        def measure() -> tuple[Interference, tuple[FloorRecord, ...]]:
+            began_ns = time.monotonic_ns()
+            first, before = played.count(), [each.count() for each in files]
+            _play(supervisor, player, files, rate_hz, steps, schedule)
+            sent = played.read(first)
+            found = interference(began_ns, time.monotonic_ns())
+            return found, tuple(
+                msgspec.structs.replace(
+                    overhead_record(
+                        watch.topic,
+                        rate_hz,
+                        select_expected_steps(sent, inputs, watch),
+                        step_stamps.replace(file.read(start), sent, first),
+                    ),
+                    disturbed=found.reasons,
+                )
+                for watch, file, start in zip(watches, files, before, strict=True)
             )
-            for watch, file, start in zip(watches, files, before, strict=True)
-        )
+
+        records = _quietest(measure)
     supervisor.request(monitor, protocol.Unwatch(), protocol.Matched, _REPLY_TIMEOUT_S)
     # The start waits for nodes by counting subscriptions, which must not include these.
     _wait_for_matches(supervisor, player, topics, wanted=False)
     return records
+
+
+def _quietest(
+    measure: Callable[[], tuple[Interference, tuple[FloorRecord, ...]]],
+) -> tuple[FloorRecord, ...]:
+    """Measure, and once more if others disturbed that; the one from which they took less."""
+    found, records = measure()
+    if not found.reasons:
+        return records
+    again, other = measure()
+    return other if not again.reasons or again.taken < found.taken else records
 
 
 def overhead_rate_hz(plan: Plan) -> float:

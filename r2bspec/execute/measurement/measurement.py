@@ -10,9 +10,13 @@ from collections.abc import Callable, Mapping
 
 import msgspec
 
+from r2bspec.execute.measurement.affected_probes import (
+    AffectedProbes,
+    without_explained_bound,
+)
 from r2bspec.execute.measurement.iterations import IterationRunner
 from r2bspec.execute.measurement.peak_search import PeakSearch
-from r2bspec.execute.measurement.rate_probe import RateProber
+from r2bspec.execute.measurement.rate_probe import DEFAULT_PRECISION, RateProber
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.measurement.time_budget import TimeBudget
@@ -49,7 +53,15 @@ class Measurement:
         self._plan = plan
         self._segment_player = segment_player
         self._reporter = reporter
-        self._prober = RateProber(plan, segment_player, reporter.note)
+        disturbed = AffectedProbes(
+            plan.gate.interference,
+            plan.search.precision if plan.search else DEFAULT_PRECISION,
+            lambda: segment_player.segments[-1],
+            reporter.host.between,
+            budget,
+            reporter.note,
+        )
+        self._prober = RateProber(plan, segment_player, reporter.note, disturbed.play)
         self._judge_so_far = judge_so_far
         self._budget = budget
         self._next_start = next_start
@@ -60,7 +72,7 @@ class Measurement:
     @property
     def search(self) -> SearchRecord | None:
         """The result of the search so far; None if there was none."""
-        return self._search.record() if self._search else None
+        return without_explained_bound(self._search.record()) if self._search else None
 
     @property
     def peak_hz(self) -> float | None:

@@ -223,7 +223,10 @@ class PeakSearch:
             return None
         outcome = self._long.overload(rate_hz)
         self._probes.append(outcome.probe)
-        return None if outcome.limited_by_player else outcome.departures
+        if outcome.limited_by_player or outcome.probe.explained:
+            # Others took a part of the time: what came out is no bound of the capacity.
+            return None
+        return outcome.departures
 
     def _prove(self, plays: LongPlays) -> None:
         """Play the lower end whole, and lower ones if that refutes it."""
@@ -240,7 +243,7 @@ class PeakSearch:
                 break
             outcome = plays.confirm(rate_hz, self._overload.proven_hz)
             self._probes.append(outcome.probe)
-            if outcome.departures is not None:
+            if outcome.departures is not None and outcome.probe.taken <= self._precision:
                 self._others.append(outcome.departures)
             if outcome.probe.holds:
                 self._lower, self._proof = outcome.probe, "confirmed"
@@ -259,7 +262,9 @@ class PeakSearch:
         self._fails_hz = min(outcome.probe.rate_hz, self._fails_hz or math.inf)
         self._fails_by_player = outcome.limited_by_player
         play = outcome.departures
-        if play is None or outcome.limited_by_player or not play.saturated_later:
+        if play is None or outcome.limited_by_player or outcome.probe.explained:
+            return
+        if not play.saturated_later:
             return
         if outcome.drop_share > self._overload.loss + self._precision / 2 and not find_start(
             [play], self._precision

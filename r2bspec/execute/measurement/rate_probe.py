@@ -29,7 +29,7 @@ from r2bspec.measure.metric_values import metric_value
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import Probe
 
-_DEFAULT_PRECISION = 0.02
+DEFAULT_PRECISION = 0.02
 _TITLES = {
     "probe": "probing",
     "saturation": "overloading with",
@@ -66,16 +66,29 @@ class RateProber:
     """Probes rates; of several monitors, the worst one decides."""
 
     def __init__(
-        self, plan: Plan, segment_player: SegmentPlayer, note: Callable[[str], None]
+        self,
+        plan: Plan,
+        segment_player: SegmentPlayer,
+        note: Callable[[str], None],
+        disturbed: Callable[[Callable[[], ProbeOutcome]], ProbeOutcome] = lambda probe: probe(),
     ) -> None:
+        """Prepare to probe.
+
+        Args:
+            plan: of the run.
+            segment_player: plays the probes.
+            note: receives a note about each outcome.
+            disturbed: plays a probe, again if need be; see `AffectedProbes.play`.
+        """
         search = plan.search
+        self._disturbed = disturbed
         self._plan = plan
         self._segment_player = segment_player
         self._note = note
         self._limit_s = search.probe_ns / 1e9 if search else PROBE.seconds
         self._conditions = search.holds if search else ()
         self._criterion = Criterion(
-            precision=search.precision if search else _DEFAULT_PRECISION,
+            precision=search.precision if search else DEFAULT_PRECISION,
             loss=max((_allowed_loss(each) for each in self._conditions), default=0.0),
             confidence=search.confidence if search else CONFIDENCE,
         )
@@ -84,7 +97,8 @@ class RateProber:
     def probe(self, rate_hz: float) -> ProbeOutcome:
         """Probe one rate for the search, until it is clear whether the graph keeps up."""
         ends_on = frozenset({True, False})
-        return self._play(_Play("probe", "probe", "probe", self._limit_s, ends_on), rate_hz)
+        play = _Play("probe", "probe", "probe", self._limit_s, ends_on)
+        return self._disturbed(lambda: self._play(play, rate_hz))
 
     def probe_sustained(self, rate_hz: float) -> ProbeOutcome:
         """Probe one rate for an objective that requires it to be sustained."""
@@ -92,7 +106,7 @@ class RateProber:
         play = _Play(
             "sustained", "sustained", "probe", self._limit_s, ends_on, whole=True, enough=True
         )
-        return self._play(play, rate_hz)
+        return self._disturbed(lambda: self._play(play, rate_hz))
 
     def long_plays(self, allows: Callable[[float], bool]) -> LongPlays | None:
         """What the search plays besides short probes; None without a search.
@@ -106,14 +120,15 @@ class RateProber:
         confirm_s = search.confirm_ns / 1e9
 
         def overload(rate_hz: float) -> ProbeOutcome:
-            return self._play(_Play("probe", "probe", "saturation", self._limit_s), rate_hz)
+            play = _Play("probe", "probe", "saturation", self._limit_s)
+            return self._disturbed(lambda: self._play(play, rate_hz))
 
         def confirm(rate_hz: float, proven_hz: float) -> ProbeOutcome:
             play = _Play(
                 "probe", "probe", "confirmation", confirm_s, whole=True, enough=True,
                 proven_hz=proven_hz,
             )  # fmt: skip
-            return self._play(play, rate_hz)
+            return self._disturbed(lambda: self._play(play, rate_hz))
 
         return LongPlays(
             overload=overload,

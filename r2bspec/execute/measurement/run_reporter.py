@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from r2bspec.execute.host.host_watch import HostWatch
 from r2bspec.execute.host.resource_sampler import ResourceSampler
 from r2bspec.execute.progress import Progress
 
@@ -13,7 +14,7 @@ from r2bspec.execute.progress import Progress
 class RunReporter:
     """Where a session reports phases (name and text), notes and segments.
 
-    `resources` takes samples at requested times.
+    `resources` takes samples at requested times; `host` says what other programs did.
     """
 
     phase: Callable[[str, str], None]
@@ -21,3 +22,4 @@ class RunReporter:
     segment: Callable[[], None]
     progress: Progress
     resources: ResourceSampler
+    host: HostWatch

@@ -12,6 +12,7 @@ leave the bracket wide, and decide nothing within it.
 from __future__ import annotations
 
 from r2bspec.judge.decision import Answer, Decider, Question, decide
+from r2bspec.judge.interference_policy import SETTLE
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
 
@@ -75,7 +76,8 @@ def _bracket_text(search: SearchRecord, lower: float | None, upper: float | None
             f"{_undecided_text(search)}."
         )
     if upper is not None:
-        between = _undecided_text(search)
+        others = _interference_text(search)
+        between = f"{_undecided_text(search)}{f'; {others}' if others else ''}"
         above = "is above the capacity" if _by_capacity(search) else "was not"
         return (
             f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {show(upper, 'Hz')} {above}{between}."
@@ -83,6 +85,7 @@ def _bracket_text(search: SearchRecord, lower: float | None, upper: float | None
     why = {
         "range": "the upper end of the search range",
         "player": "the highest rate that the player reached",
+        "interference": _interference_text(search),
     }.get(search.limited_by, "then the search was interrupted")
     return f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {why}."
 
@@ -122,7 +125,16 @@ def _undecided_text(search: SearchRecord) -> str:
     return f"; {show(rates[0], 'Hz')} to {show(rates[-1], 'Hz')} was undecided"
 
 
+def _interference_text(search: SearchRecord) -> str:
+    """What others did while rates in the bracket, or above it, were probed."""
+    if search.limited_by != "interference":
+        return ""
+    return f"during the probes above it {', '.join(search.disturbed)}"
+
+
 def _settle(search: SearchRecord) -> str:
+    if search.limited_by == "interference":
+        return SETTLE
     if search.refuted or search.proof == "open":
         return "Require a lower rate to be sustained, or search again with longer probes."
     if search.unsteady:

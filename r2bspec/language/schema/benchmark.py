@@ -95,9 +95,17 @@ _GATE = record(
         "time_budget": quantity(
             Duration,
             "The maximum duration of measuring. Additional iterations, repetitions of affected "
-            "iterations and the confirmation of a failure are skipped if they would exceed it.",
+            "iterations and probes, and the confirmation of a failure are skipped if they would "
+            "exceed it.",
             examples=["10 min"],
             positive=True,
+        ),
+        "interference": choice(
+            "The effect of other load on the machine: tolerate judges the run as it was measured; "
+            "note makes a failure inconclusive if the load can explain it; strict also makes a "
+            "pass inconclusive if it was measured under such load.",
+            ["tolerate", "note", "strict"],
+            "note",
         ),
     },
     examples=[{"confidence": "99 %", "inconclusive": "fail"}],

@@ -88,7 +88,7 @@ def found(
     )
 
 
-def busy(number: int, **known: str) -> DisturbedIteration:
+def busy(number: int, **known: Any) -> DisturbedIteration:
     return DisturbedIteration(
         segment=f"rate-30Hz-{number:03d}", rate_hz=30.0, reasons=("stolen",), **known
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from r2bspec.judge.waiting_bound import shortest_latencies, taken_share
@@ -29,7 +29,7 @@ def some_stalls(draw: st.DrawFn) -> Stalls:
     return [(float(each), length) for each in gaps + np.arange(number) * length]
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=300, suppress_health_check=[HealthCheck.too_slow])
 @given(
     load=st.sampled_from([0.1, 0.5, 0.9, 0.97, 1.05, 1.5, 2.0]),
     depth=st.sampled_from([1, 2, 5, 100]),
@@ -56,7 +56,7 @@ def test_an_overloaded_graph_stays_overloaded(depth: int) -> None:
     measured = np.sort(found.seen.in_order("latency", np.inf))
     # 10 % of 300 messages, and one.
     assert np.isinf(shortest).sum() >= np.isinf(measured).sum() - 32
-    assert shortest[90] > 0.3 * measured[90]
+    assert shortest[120] > 0.2 * measured[120]
 
 
 def test_short_waits_do_not_explain_long_latencies() -> None:

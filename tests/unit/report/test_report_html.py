@@ -194,7 +194,7 @@ def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -
     told = {path: value for path, value, _ in page.data if path.endswith("/foreign_cores")}
     assert len(told) == 6
     assert [float(value) for value in told.values()] == pytest.approx([0.8] * 6)
-    assert page.text.count("other processes used 0.8 cores") >= 6
+    assert page.text.count("other processes used 0.8 of 2 cores (limit 0.5)") >= 6
     assert "Host interference at 30 Hz: iteration-004" in page.text
 
 

@@ -1,0 +1,134 @@
+"""Real runs while programs of others use every processor: what fails, what is said, what is not."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+pytest.importorskip("rclpy")
+
+from machine_load import skip_for_load
+from ros_runs import Bench, Finished, relay_node, relay_spec
+
+BUSY = "while True: pass"
+SAID = "other processes used"
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    return Bench(tmp_path_factory.mktemp("busy"))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def strangers() -> Iterator[None]:
+    """A program of somebody else on each processor that the run may use."""
+    found = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in os.sched_getaffinity(0)]
+    try:
+        yield
+    finally:
+        for each in found:
+            each.kill()
+            each.wait()
+
+
+def sleeper(milliseconds: float) -> dict[str, Any]:
+    """A node that needs no processor for most of the time that it takes."""
+    node = relay_node(milliseconds)
+    return node | {"parameters": node["parameters"] | {"spin": False, "queue_depth": 5}}
+
+
+def spec(node: dict[str, Any], interference: str, *require: str) -> dict[str, Any]:
+    return relay_spec(
+        graph={"nodes": {"relay": node}},
+        benchmark={
+            "duration": "2 s",
+            "iterations": 2,
+            "rates": ["30 Hz"],
+            "warm_up": "100 ms",
+            "start_timeout": "120 s",
+            "gate": {"confirm": False, "interference": interference},
+        },
+        slos={"slo": {"at": "30 Hz", "require": list(require)}},
+    )
+
+
+def usable(finished: Finished) -> Finished:
+    assert finished.run().record.status == "complete", finished.stderr
+    if finished.outcome == "invalid":
+        skip_for_load("play 30 messages a second beside busy programs")
+    return finished
+
+
+def words(finished: Finished) -> str:
+    return " ".join(finished.stdout.split())
+
+
+@pytest.mark.skipif(
+    not Path("/proc/self/schedstat").exists(), reason="this kernel does not count run-queue waits"
+)
+def test_a_node_that_sleeps_too_long_fails_on_a_busy_machine(bench: Bench) -> None:
+    asked = "throughput.mean >= 95 % of offered"
+    done = usable(bench.run(spec(sleeper(100.0), "note", asked)))
+    # A tenth of a second for each of 30 messages a second: a third of them at best.
+    assert done.status == 1
+    (one,) = done.result()["verdict"]["requirements"]
+    assert one["outcome"] == "fail"
+    assert SAID in words(done)
+    assert "That does not explain the failure" in words(done)
+
+
+def test_a_strict_gate_accepts_no_pass_from_a_busy_machine(bench: Bench) -> None:
+    done = usable(bench.run(spec(sleeper(1.0), "strict", "latency.p50 < 60 s")))
+    assert (done.status, done.outcome) == (3, "inconclusive")
+    assert "'interference: strict' accepts no such PASS" in words(done)
+    reruns = [each for each in done.run().record.segments if each.rerun_of]
+    assert reruns, "what was affected is played again"
+
+
+def test_a_tolerant_gate_judges_as_measured_and_says_what_was_there(bench: Bench) -> None:
+    done = usable(bench.run(spec(sleeper(1.0), "tolerate", "latency.p50 < 60 s")))
+    assert (done.status, done.outcome) == (0, "pass")
+    assert SAID in words(done)
+    assert not [each for each in done.run().record.segments if each.rerun_of]
+
+
+def test_a_peak_among_strangers_is_at_best_a_lower_bound(bench: Bench) -> None:
+    done = bench.run(
+        relay_spec(
+            graph={"nodes": {"relay": relay_node(10.0)}},
+            benchmark={
+                "duration": "500 ms",
+                "iterations": 1,
+                "warm_up": "100 ms",
+                "start_timeout": "120 s",
+                "search": {"min": "10 Hz", "max": "150 Hz", "precision": "10 %", "probe": "3 s"},
+                "gate": {"confirm": False},
+            },
+            slos={"peak": {"level": "info", "require": ["peak.rate >= 20 Hz"]}},
+        )
+    )
+    search = done.run().record.search
+    assert search is not None
+    assert all(SAID in " ".join(each.disturbed) for each in search.probes)
+    failed = {each.rate_hz: each for each in search.probes if each.holds is False}
+    if search.limited_by == "graph":
+        # Only a failure that the strangers cannot explain bounds it from above.
+        assert search.fails_hz is not None
+        assert not failed[search.fails_hz].explained
+    elif search.limited_by == "interference":
+        assert "during the probes above, other processes used" in words(done)
+    assert "Host interference during" in words(done)
+
+
+def test_nothing_of_the_strangers_is_left_out() -> None:
+    """The fixture's programs do run: otherwise the other tests show nothing."""
+    me = psutil.Process()
+    busy = [each for each in me.children() if BUSY in each.cmdline()]
+    assert len(busy) == len(os.sched_getaffinity(0))
