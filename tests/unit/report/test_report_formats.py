@@ -48,7 +48,7 @@ def test_every_run_gives_every_report(tmp_path: Path, name: str, simulation: Sim
         assert first.decode().endswith("\n")
 
 
-@pytest.mark.parametrize("name", ["trace", "mcap", "ros2_benchmark", "hdrhistogram"])
+@pytest.mark.parametrize("name", ["trace", "mcap", "ros2_benchmark", "hdrhistogram", "samples"])
 def test_formats_that_need_samples_say_so(tmp_path: Path, name: str) -> None:
     source = reported(USUAL, tmp_path)
     with pytest.raises(SamplesMissingError, match="needs the samples"):
