@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.diagnostics.quote import clip
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 USER_HISTORY = "user"
 """The name of the user's own history."""
+
+_MAX_CELL = 300
 
 _file_option = click.option(
     "--history",
@@ -73,12 +76,12 @@ def _table(runs: tuple[HistoryEntry, ...]) -> list[str]:
     rows = [("run", "started", "benchmark", "plan", "machine", "outcome")]
     rows += [
         (
-            one.run_id,
-            one.started_at,
-            one.name,
+            clip(one.run_id, _MAX_CELL),
+            clip(one.started_at, _MAX_CELL),
+            clip(one.name, _MAX_CELL),
             one.plan.removeprefix("sha256:")[:12],
-            f"{one.host} ({one.machine})",
-            f"{one.outcome}, accepted" if one.accepted else one.outcome,
+            clip(f"{one.host} ({one.machine})", _MAX_CELL),
+            clip(f"{one.outcome}, accepted" if one.accepted else one.outcome, _MAX_CELL),
         )
         for one in runs
     ]

@@ -18,6 +18,7 @@ from pathlib import Path
 
 from r2bspec.errors import UsageError
 from r2bspec.language.secret_variables import shown_value
+from r2bspec.untrusted.safe_file import is_folder, is_regular, is_there
 
 _HINT = (
     "Give a spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup file, an installed "
@@ -101,10 +102,10 @@ def _shown(text: str) -> str:
 
 def _existing_spec(text: str) -> Path:
     path = Path(text)
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
+    if not is_regular(path):
+        what = "is a folder" if is_folder(path) else "does not exist"
         hint = _HINT
-        if (path / "record.json").exists() or (path / "pairs.json").exists():
+        if is_there(path / "record.json") or is_there(path / "pairs.json"):
             hint = "A stored run cannot be played again; use --baseline for an advisory comparison."
         raise BadReferenceError(f"{text!r} {what}: it cannot be a base", hint=hint)
     return path

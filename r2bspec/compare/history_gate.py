@@ -29,6 +29,7 @@ from r2bspec.record.baseline_file import BASELINE_FILE, BaselineRecord, Baseline
 from r2bspec.record.machine_fingerprint import describe_machine, fingerprint
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord
+from r2bspec.untrusted.safe_file import is_folder
 
 _MONITOR_METRICS = (
     "throughput.mean",
@@ -172,7 +173,7 @@ def baseline_from_stored_run(
             hint="Use --force to compare them anyway.",
         )
     series = {key: values.values for key, values in stored.series.items()}
-    if path.is_dir() and (run := read_folder(path).run) is not None:
+    if is_folder(path) and (run := read_folder(path).run) is not None:
         series |= _required_values(run, plan)
     return BaselineRecord(
         kind="stored",

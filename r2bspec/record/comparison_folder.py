@@ -29,7 +29,7 @@ from r2bspec.record.errors import RecordError
 from r2bspec.record.merged_run import MergedRun, merge_runs
 from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text
 from r2bspec.record.run_record import RunRecord
-from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.untrusted.safe_file import is_regular, read_bytes
 from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
 
 PAIRS_FILE = "pairs.json"
@@ -201,7 +201,7 @@ class PairedComparison:
 
 def is_comparison(path: Path) -> bool:
     """Whether a folder is the folder of a comparison."""
-    return (path / PAIRS_FILE).is_file()
+    return is_regular(path / PAIRS_FILE)
 
 
 def open_comparison(path: Path) -> PairedComparison:

@@ -35,7 +35,7 @@ from r2bspec.record.sample_arrays import (
     read_rows,
     write_rows,
 )
-from r2bspec.untrusted.safe_file import is_folder, read_bytes, read_text
+from r2bspec.untrusted.safe_file import is_folder, is_there, read_bytes, read_text
 from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
 from r2bspec.untrusted.safe_yaml import RefusedYamlError, check_document
 
@@ -231,7 +231,7 @@ def open_run(path: Path) -> Run:
         raise RecordError(
             f"{path} is not a folder", hint="Give a run folder, which contains record.json."
         )
-    if not (folder / "record.json").exists():
+    if not is_there(folder / "record.json"):
         raise RecordError(
             f"{path} is not a run folder: it has no record.json",
             hint="A run that was killed before its first record leaves only logs and samples.",

@@ -9,6 +9,7 @@ from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
+from r2bspec.untrusted.safe_file import is_regular
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class RequirementLocations:
 
 def read_requirement_locations(spec_file: Path | None) -> RequirementLocations | None:
     """The locations in a file; None if it is unknown, missing, or not a spec."""
-    if spec_file is None or not spec_file.is_file() or spec_file.suffix == ".json":
+    if spec_file is None or not is_regular(spec_file) or spec_file.suffix == ".json":
         return None
     loaded = load_spec(spec_file)
     return RequirementLocations(loaded) if loaded.tree is not None else None

@@ -17,6 +17,7 @@ from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
 from r2bspec.report.errors import ReportError, ReportUsageError
 from r2bspec.report.format_registry import check_installed, find_format, renderer
+from r2bspec.untrusted.safe_file import is_folder, is_regular, is_there
 
 STDOUT = "-"
 
@@ -109,9 +110,9 @@ def write_report(path: str, content: bytes) -> None:
         sys.stdout.flush()
         return
     place = Path(path)
-    if place.is_dir():
+    if is_folder(place):
         raise ReportError(f"{path} is a folder; give the name of a file")
-    if place.exists() and not place.is_file():
+    if is_there(place) and not is_regular(place):
         # Write to a pipe or a device, such as /dev/stderr; a rename would replace it.
         try:
             place.write_bytes(content)

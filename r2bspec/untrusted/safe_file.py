@@ -129,6 +129,15 @@ def is_regular(path: Path) -> bool:
         return False
 
 
+def is_there(path: Path) -> bool:
+    """Whether a path leads to anything; a name that nothing can have does not."""
+    try:
+        path.stat()
+    except (OSError, ValueError):
+        return False
+    return True
+
+
 def is_folder(path: Path) -> bool:
     """Whether a path leads to a folder; a name that no folder can have does not."""
     try:

@@ -20,6 +20,7 @@ from r2bspec.compare.history.schema import (
 )
 from r2bspec.private_files import private_files
 from r2bspec.untrusted.errors import RefusedDataError
+from r2bspec.untrusted.safe_file import is_there
 from r2bspec.untrusted.safe_sqlite import check_schema, end_deadline, restrict
 
 T = TypeVar("T")
@@ -176,7 +177,7 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
         HistoryError: it does not exist, is not a history, is damaged, has another version of the
             format, or is locked by another program for too long.
     """
-    if not path.exists() and not create:
+    if not is_there(path) and not create:
         raise HistoryError(
             f"the history {path} does not exist",
             hint=f"'r2bspec run SPEC --history {path}' creates it.",
@@ -266,6 +267,12 @@ def _translate_errors(path: Path) -> Iterator[None]:
         raise HistoryError(
             f"the history {path} was not written by r2bspec: {error}",
             hint="Put it aside and begin a new one; run folders can be judged without it.",
+        ) from error
+    except UnicodeDecodeError as error:
+        # SQLite does not check that texts are UTF-8, and Python raises this from `execute`.
+        raise HistoryError(
+            f"the history {path} is damaged, or not a history: a text in it is not UTF-8",
+            hint="Move it away and start a new one; run folders can be judged without it.",
         ) from error
     except sqlite3.OperationalError as error:
         busy = "locked" in str(error) or "busy" in str(error)
