@@ -17,12 +17,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from r2bspec.check.installed_packages import find_module
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.bringup.commands import run_setup_step
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import (
     GraphMismatchError,
     MemoryLimitError,
+    NotInstalledError,
     RunError,
     UnsupportedError,
     UnwritableRunError,
@@ -179,6 +181,7 @@ class _Controller:
         return record
 
     def _execute(self) -> None:
+        _require_rclpy()
         self._check_supported()
         check_middleware(self._plan, os.environ)
         SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
@@ -440,6 +443,19 @@ class _Controller:
             differences=self._differences(failure),
             confirmation=again[0].confirmation(self._sessions[1].floor) if again else None,
             left_out=tuple(self._budget.left_out),
+        )
+
+
+def _require_rclpy() -> None:
+    """See that the processes of the harness can be started, before any data is read.
+
+    Raises:
+        NotInstalledError: rclpy is not installed.
+    """
+    if find_module("rclpy") is None:
+        raise NotInstalledError(
+            "rclpy is not installed",
+            hint="Source a ROS 2 installation, or pip install 'r2bspec[ros]'.",
         )
 
 

@@ -35,6 +35,7 @@ class ManagedProcess:
         exit_expected: whether its exit is not an error, because it was told to exit or is a
             command.
         has_replied: whether it has ever sent a reply.
+        signals: those that the run has sent to it.
     """
 
     def __init__(
@@ -55,6 +56,7 @@ class ManagedProcess:
         self.exit_expected = False
         self.has_replied = False
         self.parts: dict[str, ManagedProcess] = {}
+        self.signals: list[int] = []
         self._redact = redact
         self._pending = bytearray()
 
@@ -120,6 +122,7 @@ class ManagedProcess:
             return
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, which)
+            self.signals.append(int(which))
 
     def log_tail(self) -> str:
         """The last lines of its output, with secrets redacted.
