@@ -31,7 +31,7 @@ def check_ros(system: System) -> list[CheckResult]:
     found = probe_imports(system, _MIDDLEWARE)[_MIDDLEWARE]
     checks = [_distributions(system)]
     if "error" in found:
-        advice = _INSTALL if "ModuleNotFoundError" in found["error"] else "see the error above"
+        advice = _advice(system, found["error"])
         checks.append(
             CheckResult(
                 topic=TOPIC, name="rclpy", status="problem", found=found["error"], advice=advice
@@ -44,6 +44,16 @@ def check_ros(system: System) -> list[CheckResult]:
         _middleware(system, found["said"]),
         _messages(system),
     ]
+
+
+def _advice(system: System, error: str) -> str:
+    """What to do about an error of importing rclpy or loading its middleware."""
+    if "ModuleNotFoundError" in error:
+        return _INSTALL
+    selected = system.environ.get(RMW_VARIABLE, "")
+    if selected and "RMW implementation" in error:
+        return f"{selected} is not installed: install it, or unset {RMW_VARIABLE}"
+    return "see the error above"
 
 
 def _distributions(system: System) -> CheckResult:

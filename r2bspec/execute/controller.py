@@ -18,6 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from r2bspec.check.installed_packages import find_module
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.bringup.commands import run_setup_step
 from r2bspec.execute.bringup.launcher import Launcher
@@ -25,6 +26,7 @@ from r2bspec.execute.errors import (
     GraphMismatchError,
     InterruptedRunError,
     MemoryLimitError,
+    NotInstalledError,
     RunError,
     UnsupportedError,
     UnwritableRunError,
@@ -201,6 +203,7 @@ class _Controller:
         return record
 
     def _execute(self) -> None:
+        _require_rclpy()
         self._check_supported()
         check_middleware(self._plan, os.environ)
         SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
@@ -517,6 +520,19 @@ def _without_room(log: Path, error: RunError) -> UnwritableRunError:
         f"{log} cannot be written: {os.strerror(errno.ENOSPC)}",
         hint=f"Free space on this disk, or let the nodes print less. What failed first: {error}",
     )
+
+
+def _require_rclpy() -> None:
+    """See that the processes of the harness can be started, before any data is read.
+
+    Raises:
+        NotInstalledError: rclpy is not installed.
+    """
+    if find_module("rclpy") is None:
+        raise NotInstalledError(
+            "rclpy is not installed",
+            hint="Source a ROS 2 installation, or pip install 'r2bspec[ros]'.",
+        )
 
 
 def _unwritable(error: OSError | RecordError, folder: Path) -> RunError:

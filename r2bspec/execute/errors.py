@@ -9,12 +9,24 @@ from r2bspec.exit_status import ExitStatus
 from r2bspec.record.errors import RUN_UNWRITABLE
 from r2bspec.record.run_record import Difference
 
+_CERTAIN_CODES = frozenset({"R2B633", "R2B644", "R2B658", "R2B681"})
+"""The codes of faults of the input or the installation, which another attempt would not mend: a
+constructor that raises, recordings that do not fit together, missing message types."""
+
 
 class RunError(R2bspecError):
-    """The run failed, not its input; its measurements are kept, and it can be repeated."""
+    """The run failed; its measurements are kept.
+
+    It can be repeated, unless its code says that another attempt would end in the same way.
+    """
 
     code = "R2B630"
     exit_code = ExitStatus.RUN_FAILED
+
+    def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
+        super().__init__(message, hint=hint, code=code)
+        if self.code in _CERTAIN_CODES:
+            self.exit_code = ExitStatus.USAGE
 
 
 class NotInstalledError(RunError):

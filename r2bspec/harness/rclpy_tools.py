@@ -39,6 +39,9 @@ messages were lost on a busy machine."""
 class TypeNotFoundError(Exception):
     """A message type is not installed."""
 
+    code = "R2B681"
+    hint = "Install its package, or source the workspace that contains it."
+
 
 def message_class(type_name: str) -> Any:
     """The class of a message type such as ``sensor_msgs/msg/Image``.

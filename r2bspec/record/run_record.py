@@ -226,12 +226,24 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """A process of the run. `exit_code` is negative for a signal, None if it is unknown."""
+    """A process of the run.
+
+    Attributes:
+        exit_code: negative for a signal, None if it is unknown.
+        signals: those that the run has sent to it, in order.
+    """
 
     name: str
     role: str
     pid: int
     exit_code: int | None
+    signals: tuple[int, ...] = ()
+
+    @property
+    def ended_as_told(self) -> bool:
+        """Whether it exited with 0, or because of a signal that the run has sent to it."""
+        code = self.exit_code
+        return code in {0, None} or any(code in {-each, 128 + each} for each in self.signals)
 
 
 class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):

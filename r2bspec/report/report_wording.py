@@ -226,7 +226,7 @@ def notes(result: Result) -> Iterator[str]:
 
 def _exit_notes(result: Result) -> Iterator[str]:
     for process in result.processes:
-        if process.exit_code not in {0, None}:
+        if not process.ended_as_told:
             ended = f"exit code {process.exit_code}"
             if process.exit_code is not None and process.exit_code < 0:
                 ended = f"signal {-process.exit_code}"

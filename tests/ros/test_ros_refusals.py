@@ -178,9 +178,9 @@ def test_a_program_that_is_missing_is_missed_before_any_is_started(bench: Bench)
 # While the graph comes up
 
 
-def failed(done: Finished) -> str:
+def failed(done: Finished, status: int = 4) -> str:
     """The words of a failure, after which the run folder can be judged, as incomplete."""
-    assert done.status == 4
+    assert done.status == status
     record = done.run().record
     assert record.status == "incomplete"
     code, _, words = record.reason.partition("\n")[0].partition(": ")
@@ -223,7 +223,7 @@ def test_a_plan_from_a_file_has_no_places_but_the_same_code(bench: Bench) -> Non
 
 def test_a_constructor_that_raises(bench: Bench) -> None:
     done = bench.run(graph_of({"python": "./nodes.py:Raises"}))
-    said = failed(done)
+    said = failed(done, 2)
     assert "/r2b/relay cannot be created: ValueError: the calibration file is missing" in said
     # The log has what a developer of the node needs.
     assert 'raise ValueError("the calibration file is missing")' in done.log("relay")

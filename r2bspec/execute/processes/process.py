@@ -37,6 +37,7 @@ class ManagedProcess:
         has_replied: whether it has ever sent a reply.
         log_start: the size of its log, in bytes, when it was started: what an earlier process of
             this name has written.
+        signals: those that the run has sent to it.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class ManagedProcess:
         self.has_replied = False
         self.log_start = 0
         self.parts: dict[str, ManagedProcess] = {}
+        self.signals: list[int] = []
         self._redact = redact
         self._pending = bytearray()
 
@@ -123,6 +125,7 @@ class ManagedProcess:
             return
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, which)
+            self.signals.append(int(which))
 
     def log_tail(self) -> str:
         """The last lines of its output, with secrets redacted.

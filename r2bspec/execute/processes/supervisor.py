@@ -36,6 +36,10 @@ _POLL_S = 0.05
 _NOT_INSTALLED_PREFIX = "R2B62"
 """The codes for missing software: another attempt would not help."""
 
+_WRONG_RMW_STATUS = 102
+_WRONG_RMW = "Expected RMW implementation identifier"
+"""How rcl ends a process in which another middleware is loaded than RMW_IMPLEMENTATION says."""
+
 _ROLES_WITHOUT_CHANNEL = frozenset({"command", "container"})
 """Roles of programs that are not part of r2bspec."""
 
@@ -206,6 +210,12 @@ class ProcessSupervisor:
                 self._raise_failure(endpoint)
         tail = child.log_tail()
         output = f"; its last output:\n{tail}" if tail else "; it printed nothing"
+        if child.process.returncode == _WRONG_RMW_STATUS and _WRONG_RMW in tail:
+            raise NotInstalledError(
+                f"process {child.name}: the selected middleware (RMW) is not installed{output}",
+                hint="Install it, or unset RMW_IMPLEMENTATION; 'r2bspec doctor' lists what is "
+                "installed.",
+            )
         raise ProcessDiedError(
             f"process {child.name} {describe_exit(child.process.returncode)}{output}",
             hint=f"Its complete output is in {child.log}",
@@ -295,7 +305,11 @@ class ProcessSupervisor:
         """Every process that was started, with its exit status."""
         return tuple(
             ProcessRecord(
-                name=child.name, role=child.role, pid=child.pid, exit_code=child.process.poll()
+                name=child.name,
+                role=child.role,
+                pid=child.pid,
+                exit_code=child.process.poll(),
+                signals=tuple(child.signals),
             )
             for child in self._all
         )

@@ -82,7 +82,7 @@ def test_an_input_that_got_no_message_is_named() -> None:
 def test_inputs_with_no_stamp_in_common_are_refused_with_their_counts() -> None:
     with pytest.raises(RunError, match="/left: 2, /right: 1") as raised:
         align([recorded("/left", 10, 20), recorded("/right", 11)], 0)
-    assert raised.value.code == "R2B644"
+    assert (raised.value.code, raised.value.exit_code) == ("R2B644", 2)
     assert "stamps" in raised.value.hint
 
 

@@ -223,8 +223,32 @@ def test_what_a_child_says_before_it_dies_is_the_reason(stage: Stage) -> None:
     )
     with pytest.raises(ProcessFailedError, match="^node: bad node$") as raised:
         stage.pump_for_ever()
-    assert raised.value.code == "R2B633"
+    assert (raised.value.code, raised.value.exit_code) == ("R2B633", 2)
     assert raised.value.hint == "fix it"
+
+
+def test_a_middleware_that_is_not_installed_is_no_failure_of_the_run(stage: Stage) -> None:
+    said = "[rcl]: Expected RMW implementation identifier of 'a' but instead found 'b'"
+    stage.start(f"print({said!r}, flush=True)\nsys.exit(102)")
+    with pytest.raises(NotInstalledError, match=r"middleware \(RMW\) is not installed") as raised:
+        stage.pump_for_ever()
+    assert raised.value.exit_code == 2
+
+
+def test_another_program_may_use_its_exit_status(stage: Stage) -> None:
+    stage.start("sys.exit(102)")
+    with pytest.raises(ProcessDiedError):
+        stage.pump_for_ever()
+
+
+def test_a_signal_that_the_run_has_sent_is_recorded(stage: Stage) -> None:
+    child = stage.start(SLEEPS)
+    child.exit_expected = True
+    child.signal(signal.SIGINT)
+    stage.children.end([child])
+    [record] = stage.children.records()
+    assert signal.SIGINT in record.signals
+    assert record.ended_as_told
 
 
 def test_what_a_child_misses_is_no_failure_of_the_run(stage: Stage) -> None:
