@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from r2bspec.judge.statistics.binomial import lower_bound
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.statistics.trend import trend
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.samples import MonitorSamples, RunSamples
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
@@ -54,7 +55,7 @@ def _refutation(samples: RunSamples, search: SearchRecord, peak_hz: float) -> st
         if math.isclose(rate_hz, peak_hz)
         for each in iterations
     ]
-    confidence = 1 - (1 - (search.confidence or 0.95)) / 2
+    confidence = 1 - (1 - (search.confidence or CONFIDENCE)) / 2
     for name in samples.monitors:
         seen = [each.monitors[name] for each in played if name in each.monitors]
         reason = _grows(seen, search, confidence, peak_hz) or _loses(seen, search, confidence)

@@ -271,7 +271,7 @@ def peaks() -> None:
     show(
         "peaks: highest rate that held and lowest that did not, in shares of the capacity",
         ["servers", "held: 5 %, 50 %, 95 %", "did not", "holds the capacity", "probes", "played"],
-        (row(world, about_hz, 300) for world in SERVERS for about_hz in (20.0, 100.0, 400.0)),
+        (row(world, about_hz, 100) for world in SERVERS for about_hz in (20.0, 100.0, 400.0)),
     )
 
 

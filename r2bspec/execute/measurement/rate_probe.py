@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -143,8 +144,13 @@ class RateProber:
     def _steps(self, play: _Play, rate_hz: float) -> int:
         steps = max(MIN_PROBE_STEPS, round(play.limit_s * rate_hz))
         if play.enough:
-            longest = MAX_LONGER * steps
-            steps = max(steps, min(self._criterion.messages_without_loss, longest))
+            # Of several inputs that have one output, each output takes as many steps.
+            steps_per_output = max(
+                (each.ratio_inputs / each.ratio_outputs for each in self._plan.monitors),
+                default=1.0,
+            )
+            needed = math.ceil(self._criterion.messages_without_loss * max(steps_per_output, 1.0))
+            steps = max(steps, min(needed, MAX_LONGER * steps))
         return steps
 
     def _play(self, play: _Play, rate_hz: float) -> ProbeOutcome:

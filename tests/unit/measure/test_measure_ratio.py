@@ -117,7 +117,10 @@ def test_a_probe_holds_if_the_graph_keeps_up_whatever_the_ratio(
     assert found.completed_hz == pytest.approx(100.0 * share, rel=0.01)
     assert found.delivered_hz == pytest.approx(100.0 * share, rel=0.01)
     judged = judge_final(seen, Criterion(precision=0.05), plan_interim_looks(6.0)[-1], None)
-    assert judged.holds is (share == 1.0)
+    assert judged.keeps_up is (share == 1.0)
+    # 134 outputs without a loss do not show that at most 2.5 % are lost; 400 do.
+    shown = True if seen.dropped.size > 200 else None
+    assert judged.holds is (shown if share == 1.0 else False)
 
 
 class _Ratioed(Simulation):
