@@ -85,7 +85,7 @@ def judge(
         requirements=requirements,
         unusable=unusable,
         disturbed=tuple(disturbed.values()),
-        starts=samples.starts,
+        starts=0 if outcome in {"invalid", "incomplete"} else samples.starts,
         unseen_starts=zero_failure_bound(samples.starts, CONFIDENCE),
     )
 

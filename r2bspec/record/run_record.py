@@ -169,8 +169,8 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     capacity of the overloaded graph (None if there is none: the peak is at least `holds_hz`).
     `limited_by` is what limits it: with ``interference``, the lowest rate that was not sustained
     failed during host interference that can explain it, and `fails_hz` is the lowest one that
-    failed otherwise. The bracket is as narrow as `precision`, a relative width, unless probes in it were
-    undecided; `confidence` is that of the bracket (0: not stated).
+    failed otherwise. The bracket is as narrow as `precision`, a relative width, unless probes in it
+    were undecided; `confidence` is that of the bracket (0: not stated).
 
     `proof` says how the lower end was shown: it was played whole for `proof_s` seconds
     (`confirmed`); only in probes, of which the one at the lower end lasted `proof_s` seconds

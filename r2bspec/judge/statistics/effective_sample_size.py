@@ -53,6 +53,7 @@ from numpy.typing import NDArray
 
 from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom, serial_inflation
 from r2bspec.judge.statistics.variance_inflation import inflation, lagged_products
+from r2bspec.language.confidence import CONFIDENCE
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
@@ -85,7 +86,7 @@ class SampleDesign:
 
     starts: tuple[int, ...] = ()
     allowed: float | None = None
-    confidence: float = 0.95
+    confidence: float = CONFIDENCE
     serial: bool = True
 
 
