@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -207,7 +208,7 @@ def test_a_graph_below_the_range_is_not_overloaded() -> None:
     assert {what for what, _ in graph.played} == {"probe"}
 
 
-def overload(play: Callable[[float], Departures | None], **changes: float) -> Overload:
+def overload(play: Callable[[float], Departures | None], **changes: Any) -> Overload:
     return Overload(
         play=play, max_hz=1000.0, precision=0.02, confidence=0.95, budget_s=60.0, **changes
     )
