@@ -83,7 +83,8 @@ SAME_ON_THE_REAL_GRAPH = {
 
 
 def test_no_error_class_has_the_code_of_an_unrelated_rule() -> None:
-    shared = re.compile(r"R2B(30\d|62[1-5])")
+    # What is missing on a machine is found by a rule, or by the run that needs it.
+    shared = re.compile(r"R2B(30\d|62[1-5]|681)")
     rule_codes = {rule.code for rule in all_rules() if not shared.match(rule.code)}
     for file in (ROOT / "r2bspec").rglob("*.py"):
         module = file.relative_to(ROOT / "r2bspec")
