@@ -19,6 +19,7 @@ _HARNESS_OVERHEAD_S = 2.5
 _GRAPH_START_S = 2.0
 _PROCESS_START_S = 0.5
 _COLLECT_S = 2.5
+_LATER_START_S = 1.5
 _SEGMENT_END_S = 0.2
 _TYPICAL_PROBE_S = 4.0
 """Typical times; a probe ends as soon as it is decided."""
@@ -31,7 +32,7 @@ class TimeEstimate:
     """The expected time of a run.
 
     Attributes:
-        phases: seconds by phase, in the order of the run.
+        phases: seconds by phase, in the order of the run; later starts are a part of ``play``.
         at_most_s: with all additional iterations and the confirmation run that the plan allows.
     """
 
@@ -52,6 +53,10 @@ class TimeEstimate:
 def estimate_time(plan: Plan) -> TimeEstimate:
     """The time that a run of the plan will take."""
     play_s = sum(_play_s(each, each.iterations) for each in _plays(plan))
+    # Data and schedule are ready, and the harness overhead is known.
+    later_starts_s = (plan.starts - 1) * (
+        _LATER_START_S + _PROCESS_START_S * len(plan.processes) + plan.warm_up_ns / 1e9
+    )
     # Rates up to the peak are unknown before the search, but their number is not.
     phases = {
         "load": _LOAD_S if "load" in plan.phases else 0.0,
@@ -62,7 +67,7 @@ def estimate_time(plan: Plan) -> TimeEstimate:
         "warm_up": plan.warm_up_ns / 1e9,
         "search": _search_s(plan),
         "sustained": len(plan.sustained_hz) * _TYPICAL_PROBE_S,
-        "play": play_s,
+        "play": play_s + later_starts_s,
         "collect": _COLLECT_S,
     }
     phases = {name: seconds for name, seconds in phases.items() if seconds}
@@ -72,7 +77,8 @@ def estimate_time(plan: Plan) -> TimeEstimate:
     longest = sum(phases.values()) + longest_play_s - play_s
     if plan.gate.confirm and plan.objectives and not plan.external:
         measured = longest_play_s + phases.get("search", 0.0) + phases.get("sustained", 0.0)
-        longest += measured + sum(phases.get(each, 0.0) for each in _SESSION_PHASES)
+        session_s = sum(phases.get(each, 0.0) for each in _SESSION_PHASES)
+        longest += measured + session_s + later_starts_s
     if plan.gate.time_budget_ns:
         declared = sum(phases.values())
         longest = max(declared, min(longest, declared - play_s + plan.gate.time_budget_ns / 1e9))

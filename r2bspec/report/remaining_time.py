@@ -36,12 +36,23 @@ class RemainingTime:
         self._began_s = clock()
 
     def begin(self, name: str) -> None:
-        """A phase begins; one that is earlier than the last belongs to the next run."""
+        """A phase begins.
+
+        One that is earlier than the last belongs to the next run, or to a later start of this one,
+        of which the time is a part of the estimate of ``play``.
+        """
+        if name == "confirm":
+            # What was played is played once more.
+            self._phase = -1
         if name not in self._names:
             return
         number = self._names.index(name)
-        if number < self._phase and self._runs_left > 1:
+        if number < self._phase:
+            if self._runs_left <= 1:
+                return
             self._runs_left -= 1
+        elif number == self._phase:
+            return
         self._phase, self._began_s = number, self._clock()
 
     def seconds(self) -> float:

@@ -44,6 +44,15 @@ def test_a_confirmation_and_a_budget_bound_the_longest_time() -> None:
     assert once.at_most_s < limited.at_most_s < twice.at_most_s
 
 
+def test_every_start_takes_time() -> None:
+    base = msgspec.structs.replace(plan(), play=plays(1, 10, 2), search=None)
+    one, five = (estimate_time(msgspec.structs.replace(base, starts=starts)) for starts in (1, 5))
+    later_s = (five.seconds - one.seconds) / 4
+    assert later_s > base.warm_up_ns / 1e9
+    assert later_s < one.seconds - one.phases["play"]
+    assert five.at_most_s - one.at_most_s == pytest.approx(2 * 4 * later_s)
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [(0.2, "1 s"), (8.1, "9 s"), (41, "45 s"), (89, "90 s"), (91, "2 min"), (4800, "1 h 20 min")],
