@@ -48,8 +48,9 @@ types: install-dev
 imports: install-dev
 	$(BIN)/lint-imports
 
+# On all processors. Tests on real ROS 2 run one by one: they would disturb each other.
 unit: install-dev
-	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault
+	$(BIN)/pytest -n logical tests --ignore=tests/ros --ignore=tests/fault
 
 # Apart from `unit`, which it would make half as long again.
 coverage: install-dev

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -151,4 +152,5 @@ def _is_collection(path: str) -> bool:
     """Whether a path is a folder, or a pattern that is no file."""
     import glob
 
-    return Path(path).is_dir() or (glob.has_magic(path) and not Path(path).exists())
+    # Not those of Path: a name may be too long.
+    return os.path.isdir(path) or (glob.has_magic(path) and not os.path.exists(path))  # noqa: PTH110, PTH112
