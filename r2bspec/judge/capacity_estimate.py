@@ -7,7 +7,9 @@ mean x and the standard deviation s of m batches of all plays,
     capacity = 1 / x        bounds: 1 / (x +- t s sqrt(F / m))
 
 with Student's t of m / F - 1 degrees of freedom and the inflation F of batches that resemble their
-neighbours (`r2bspec.judge.statistics.autocorrelation`). The start of each play is left out.
+neighbours (`r2bspec.judge.statistics.autocorrelation`), where that is significant: batches of a
+second or longer of a steady graph are independent, and a graph that is not steady is found by
+`r2bspec.judge.steadiness`. The start of each play is left out.
 
 Queues in a row approach the capacity from below: n messages take longer than n / capacity by
 g cv sqrt(n) / capacity, where cv is the coefficient of variation of a service time, and g is the
@@ -24,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.statistics.autocorrelation import serial_inflation
+from r2bspec.judge.statistics.autocorrelation import significant_inflation
 
 _START_SHARE = 0.1
 _START_S = 1.0
@@ -156,7 +158,7 @@ def estimate_capacity(
     if m < _MIN_BATCHES:
         return None
     mean_s = float(seconds.mean())
-    inflation = serial_inflation(seconds.tolist())
+    inflation = significant_inflation(seconds.tolist())
     error = _ERROR_SHARE * (1 - confidence) / 2
     t = float(stdtrit(max(m / inflation - 1, 1.0), 1 - error))
     half_s = t * float(seconds.std(ddof=1)) * math.sqrt(inflation / m)

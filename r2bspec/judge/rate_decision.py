@@ -6,7 +6,8 @@ look these tests are made, the others only if the first does not reject:
 
     not sustained   completed + t x error < (1 - precision / 10) x offered      the backlog grows
                     or the share dropped is clearly above  loss + precision / 2
-    keeps up        the latency climbs by clearly less than  precision / 4  seconds per second
+    keeps up        the latency climbs by clearly less than  precision / 4  seconds per second,
+                    and the share dropped so far is at most  loss + precision / 2
     few lost        the upper bound of the share dropped is at most  loss + precision / 2
     sustained       keeps up, and few lost
 
@@ -19,7 +20,8 @@ level, and the slope of the line through them is known much better than the rate
 "none is lost" means that at most half the precision is. The upper bound is the larger one of that
 by batch means, which knows of bursts, and that of Clopper and Pearson, which knows that a probe of
 20 messages without a drop shows no more than that at most a fifth is dropped. So a rate that keeps
-up may be undecided, because too few messages were played.
+up may be undecided, because too few messages were played. Short queues that drop do not let the
+latency climb, however large the overload is: a graph that has dropped more so far is undecided.
 
 A graph may start slowly, so a look before `COLD_S` rejects only a gross overload: a graph that
 completes less than a third of what is offered. It may also start fast; a rate that must be shown to
@@ -118,7 +120,8 @@ class ProbeJudgement:
 
     Attributes:
         relative_half_width: the relative half-width within which the rate of the graph is known.
-        keeps_up: whether the backlog does not grow, whatever is lost; None while undecided.
+        keeps_up: whether the backlog does not grow, and no more is lost so far than may be; None
+            while undecided.
         lost_at_most: the upper bound of the share of messages that are lost.
     """
 
@@ -248,11 +251,10 @@ def judge_final(
     estimate: ProbeEstimate,
     criterion: Criterion,
     look: InterimLook,
-    decided: bool | None,
+    decided: ProbeJudgement | None,
     *,
     whole: bool = False,
     proven_hz: float = 0.0,
-    ended_early: bool = False,
 ) -> ProbeJudgement:
     """Judge a probe that is over, from all its samples.
 
@@ -260,19 +262,19 @@ def judge_final(
         estimate: from all samples, after the graph has drained.
         criterion: of a sustained rate.
         look: the last one.
-        decided: the decision of an earlier look; it stays, and only its reason is worked out.
+        decided: the judgement of the look that ended the probe early, None if none did; it stays,
+            and only its reason is worked out.
         whole: whether only this look could find the rate to be sustained.
         proven_hz: the rate with which other plays have shown that the graph keeps up. Then this
             one need not show it again, if its backlog does not seem to grow.
-        ended_early: whether it ended before its time, at this look.
     """
-    cold = ended_early and look.at_s < COLD_S
+    cold = decided is not None and look.at_s < COLD_S
     judgement = _judge(estimate, criterion, look, whole=whole, proven_hz=proven_hz, cold=cold)
-    if decided is not None:
-        reason = "delivered as offered" if decided else _shortfall(estimate.overall)
-        judgement = replace(judgement, holds=decided, reason=reason)
-        if not decided:
-            judgement = replace(judgement, keeps_up=False)
+    if decided is not None and decided.holds is not None:
+        reason = "delivered as offered" if decided.holds else _shortfall(estimate.overall)
+        judgement = replace(judgement, holds=decided.holds, reason=reason, keeps_up=decided.holds)
+    elif decided is not None and decided.keeps_up and judgement.keeps_up is None:
+        judgement = _kept_up(estimate, criterion, judgement)
     overall = estimate.overall
     if judgement.holds is not False and overall.player_hz < _MIN_PLAYER_SHARE * overall.offered_hz:
         reason = f"the player reached only {overall.player_hz:.4g} Hz"
@@ -329,7 +331,7 @@ def _judge(
     ):
         if lost <= criterion.max_lost:
             return replace(undecided, holds=True, reason="delivered as offered", keeps_up=True)
-        return replace(undecided, keeps_up=True, reason=_lost_text(estimate, lost))
+        return _kept_up(estimate, criterion, undecided)
     growth_hz = offered_hz - steady.completed_hz
     reason = (
         f"undecided: the backlog grows by {growth_hz - half_hz:.3g} to "
@@ -338,11 +340,16 @@ def _judge(
     return replace(undecided, reason=reason)
 
 
-def _lost_text(estimate: ProbeEstimate, lost: float) -> str:
-    """What is known of the losses of a graph that keeps up."""
+def _kept_up(
+    estimate: ProbeEstimate, criterion: Criterion, judgement: ProbeJudgement
+) -> ProbeJudgement:
+    """The judgement where the backlog does not grow, but few losses are not shown."""
     number = int(estimate.dropped.size)
     seen = int(np.count_nonzero(estimate.dropped))
-    return f"keeps up; at most {100 * lost:.2g} % lost ({seen} of {number} messages)"
+    known = f"at most {100 * judgement.lost_at_most:.2g} % lost ({seen} of {number} messages)"
+    if seen > criterion.max_lost * number:
+        return replace(judgement, reason=f"undecided: {known}")
+    return replace(judgement, keeps_up=True, reason=f"keeps up; {known}")
 
 
 def _fails(

@@ -180,7 +180,8 @@ def probe(
     looks = plan_interim_looks(steps / rate_hz)
     if not play.ends_on:
         looks = (InterimLook(steps / rate_hz, 1.0),)
-    decided, stopped_s, ended_at = None, float(published_s[-1]), None
+    decided: ProbeJudgement | None = None
+    stopped_s, ended_at = float(published_s[-1]), looks[-1]
     for look in looks[:-1]:
         now_ns = _ns(look.at_s)
         played = playback[playback["published_ns"] <= now_ns]
@@ -188,8 +189,7 @@ def probe(
         found = estimate_probe(rate_hz, played, seen, match(played, seen, "stamp"), now_ns)
         judged = judge_interim(found, criterion, look)
         if (True if judged.keeps_up else judged.holds) in play.ends_on:
-            decided = judged.holds
-            stopped_s, ended_at = look.at_s, look
+            decided, stopped_s, ended_at = judged, look.at_s, look
             break
     # Playing stops there, and the graph answers what is still inside.
     played = playback[playback["published_ns"] <= _ns(stopped_s)]
@@ -199,11 +199,10 @@ def probe(
     judgement = judge_final(
         final,
         criterion,
-        ended_at or looks[-1],
+        ended_at,
         decided,
         whole=play.whole,
         proven_hz=play.proven_hz,
-        ended_early=ended_at is not None,
     )
     return Probed(judgement, final.overall, stopped_s, played, rest, final.departures)
 

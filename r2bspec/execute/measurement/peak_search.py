@@ -259,6 +259,9 @@ class PeakSearch:
 
     def _refute(self, outcome: ProbeOutcome) -> None:
         """Take a rate that was not sustained when it was played whole for the upper end."""
+        if outcome.probe.explained and self._fails_hz is not None:
+            # Others took a part of the time: the upper end that is known stays.
+            return
         self._fails_hz = min(outcome.probe.rate_hz, self._fails_hz or math.inf)
         self._fails_by_player = outcome.limited_by_player
         play = outcome.departures

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -271,7 +271,7 @@ class _InterimMonitor:
         self._looks = looks if play.ends_on else (InterimLook(limit_s, 1.0),)
         self._estimate_all = estimate_all
         self._number = 0
-        self._decided: list[bool | None] = []
+        self._decided: list[ProbeJudgement] = []
         self._ended_at: InterimLook | None = None
 
     def watch(self, observation: SegmentObservation, elapsed_s: float) -> bool:
@@ -288,25 +288,22 @@ class _InterimMonitor:
         state = True if worst.keeps_up else worst.holds
         if state not in self._play.ends_on:
             return False
-        self._ended_at = due[-1]
-        if state is False or worst.holds:
-            self._decided = [each.holds for each in judgements]
+        self._ended_at, self._decided = due[-1], judgements
         return True
 
     def conclude(self, estimates: list[ProbeEstimate]) -> ProbeJudgement:
         """The result, after the graph has drained."""
-        decided = self._decided or [None] * len(estimates)
+        decided: Sequence[ProbeJudgement | None] = self._decided or [None] * len(estimates)
         return worst_judgement(
             [
                 judge_final(
                     each,
                     self._criterion,
                     self._ended_at or self._looks[-1],
-                    holds,
+                    judged,
                     whole=self._play.whole,
                     proven_hz=self._play.proven_hz,
-                    ended_early=self._ended_at is not None,
                 )
-                for each, holds in zip(estimates, decided, strict=True)
+                for each, judged in zip(estimates, decided, strict=True)
             ]
         )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 import msgspec
+import numpy as np
 import pytest
 
 from r2bspec.execute.host.host_watch import Interference, interference_of
@@ -15,12 +16,14 @@ from r2bspec.execute.measurement.affected_probes import (
     without_explained_bound,
 )
 from r2bspec.execute.measurement.harness_overhead import _quietest
-from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
+from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
 from r2bspec.execute.measurement.time_budget import TimeBudget
+from r2bspec.judge.capacity_estimate import Departures
 from r2bspec.measure.interference import Surroundings
 from r2bspec.record.run_record import FloorRecord, Probe, SearchRecord, Segment
 
 QUIET = Interference()
+Purpose = Literal["probe", "saturation", "confirmation"]
 BUSY = Interference(("other processes used 1.7 of 2 cores (limit 0.5)",), taken=0.4)
 
 
@@ -43,14 +46,15 @@ class Machine:
         self.around = around
         self.notes: list[str] = []
         self.played: list[float] = []
+        self.purpose: Purpose = "probe"
         budget = TimeBudget(budget_ns, self.notes.append)
         budget.begin()
         self._probes = AffectedProbes(
             policy, 0.02, self._segment, self._between, budget, self.notes.append
         )
 
-    def probe(self, rate_hz: float) -> ProbeOutcome:
-        return self._probes.play(lambda: self._play(rate_hz))
+    def probe(self, rate_hz: float, purpose: Purpose = "probe") -> ProbeOutcome:
+        return self._probes.play(lambda: self._play(rate_hz, purpose))
 
     def search(self) -> SearchRecord:
         return without_explained_bound(PeakSearch(10.0, 400.0, 0.02, self.probe).run())
@@ -58,17 +62,23 @@ class Machine:
     def _now(self) -> Interference:
         return self.around[min(len(self.played), len(self.around)) - 1]
 
-    def _play(self, rate_hz: float) -> ProbeOutcome:
+    def _play(self, rate_hz: float, purpose: Purpose) -> ProbeOutcome:
         self.played.append(rate_hz)
+        self.purpose = purpose
         capacity_hz = self.capacity_hz * (1 - self._now().taken)
+        delivered_hz = min(rate_hz, capacity_hz)
         return ProbeOutcome(
             Probe(
                 segment=f"probe-{len(self.played):03d}",
                 rate_hz=rate_hz,
-                delivered_hz=min(rate_hz, capacity_hz),
+                delivered_hz=delivered_hz,
                 holds=rate_hz <= capacity_hz,
                 reason="",
-            )
+                purpose=purpose,
+            ),
+            departures=Departures(
+                12.0 * len(self.played), np.arange(1, 10 * delivered_hz) / delivered_hz, 10, rate_hz
+            ),
         )
 
     def _segment(self) -> Segment:
@@ -167,14 +177,69 @@ def test_strangers_that_leave_do_not_change_the_bracket() -> None:
     assert disturbed.holds_hz <= 95.0 < disturbed.fails_hz <= disturbed.holds_hz * 1.02
 
 
-def test_an_upper_end_from_disturbed_overload_is_none() -> None:
-    """An upper end that is the rate of no failed probe was computed from several."""
+def test_an_upper_end_from_the_capacity_of_clean_plays_stays() -> None:
+    """An upper end at which no probe was played is a bound of the capacity.
+
+    `test_a_disturbed_overload_shows_no_capacity`: of that, no explained play is a part.
+    """
     probe = Probe(segment="p", rate_hz=120.0, delivered_hz=60.0, holds=False, reason="")
-    overloaded = msgspec.structs.replace(probe, disturbed=BUSY.reasons, explained=True)
-    record = SearchRecord(probes=(overloaded,), holds_hz=50.0, fails_hz=61.0, limited_by="graph")
-    assert without_explained_bound(record).fails_hz is None
-    quiet = msgspec.structs.replace(record, probes=(probe,))
-    assert without_explained_bound(quiet) == quiet
+    explained = msgspec.structs.replace(probe, disturbed=BUSY.reasons, explained=True)
+    record = SearchRecord(probes=(explained,), holds_hz=50.0, fails_hz=61.0, limited_by="graph")
+    assert without_explained_bound(record) == record
+    probed = msgspec.structs.replace(record, fails_hz=120.0)
+    assert without_explained_bound(probed).fails_hz is None
+
+
+class Overloaded(Machine):
+    """A machine that strangers use while it plays for one purpose; it is overloaded, too."""
+
+    def __init__(self, disturbed: Purpose, by: Interference) -> None:
+        super().__init__(QUIET)
+        self._disturbed, self._by = disturbed, by
+
+    def _now(self) -> Interference:
+        return self._by if self.purpose == self._disturbed else QUIET
+
+    def search(self) -> SearchRecord:
+        plays = LongPlays(
+            overload=lambda rate_hz: self.probe(rate_hz, "saturation"),
+            confirm=lambda rate_hz, _: self.probe(rate_hz, "confirmation"),
+            budget_s=60.0,
+        )
+        found = PeakSearch(10.0, 400.0, 0.02, self.probe, long_plays=plays).run()
+        return without_explained_bound(found)
+
+
+def test_a_disturbed_overload_shows_no_capacity() -> None:
+    found = Overloaded("saturation", BUSY).search()
+    overloads = [each for each in found.probes if each.purpose == "saturation"]
+    assert overloads
+    assert all(each.explained for each in overloads)
+    assert found.capacity is None
+    # Short probes without interference found the upper end.
+    assert found.fails_hz in [each.rate_hz for each in found.probes if not each.explained]
+    assert found.holds_hz is not None
+    assert found.fails_hz is not None
+    assert found.holds_hz <= 95.0 < found.fails_hz
+
+
+def test_an_overload_that_was_hardly_disturbed_shows_the_capacity() -> None:
+    found = Overloaded("saturation", Interference(BUSY.reasons, taken=0.009)).search()
+    assert not any(each.explained for each in found.probes)
+    assert any(each.disturbed for each in found.probes)
+    assert found.capacity is not None
+
+
+@pytest.mark.parametrize("elsewhere", ["probe", "confirmation"])
+def test_a_bound_of_the_capacity_stays_if_others_disturbed_another_probe(
+    elsewhere: Purpose,
+) -> None:
+    found = Overloaded(elsewhere, BUSY).search()
+    assert any(each.disturbed for each in found.probes)
+    assert found.capacity is not None
+    assert found.limited_by == "graph"
+    assert found.fails_hz == pytest.approx(95.0 * 1.01)
+    assert found.fails_hz not in [each.rate_hz for each in found.probes]
 
 
 @pytest.mark.parametrize(

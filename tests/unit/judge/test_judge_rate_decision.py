@@ -15,7 +15,7 @@ from r2bspec.judge.rate_decision import (
     plan_interim_looks,
     worst_judgement,
 )
-from simulated_queues import DEEP, SHALLOW, SUSTAINED, Probed, Server, probe
+from simulated_queues import DEEP, SHALLOW, SUSTAINED, Probed, Searching, Server, probe
 
 
 def sustained(server: Server, rate_hz: float, **how: Any) -> Probed:
@@ -232,3 +232,32 @@ def test_a_cold_graph_is_not_failed_in_its_first_seconds() -> None:
 def test_a_rate_that_must_be_sustained_is_played_whole() -> None:
     assert sustained(Server(1000.0), 100.0).stopped_s == pytest.approx(9.99)
     assert probe(Server(1000.0), 100.0).stopped_s < 2.0
+
+
+@pytest.mark.parametrize("depth", [1, SHALLOW])
+@pytest.mark.parametrize("share", [1.02, 1.1, 1.5, 2.5])
+def test_a_short_queue_that_drops_most_of_an_overload_does_not_keep_up(
+    depth: int, share: float
+) -> None:
+    # Its latency does not climb, and in the first seconds only a gross overload is a failure.
+    for seconds in (1.5, 3.0, 10.0):
+        found = probe(Server(400.0, depth), share * 400.0, seconds=seconds)
+        assert found.judgement.keeps_up is not True
+
+
+@pytest.mark.parametrize("share", [1.1, 1.5])
+def test_the_peak_of_a_graph_that_drops_is_found_in_a_range_just_above_it(share: float) -> None:
+    searching = Searching(Server(100.0, 1), Criterion(precision=0.02))
+    record = searching.run(10.0, share * 100.0)
+    assert record.shown
+    assert record.fails_hz is not None
+    assert record.holds_hz is not None
+    assert record.holds_hz <= 100.0 < record.fails_hz <= record.holds_hz * 1.02 * (1 + 1e-9)
+
+
+def test_what_ended_a_probe_stays_when_the_graph_has_drained() -> None:
+    servers = (Server(100.0, spread=1.0, seed=seed) for seed in range(20))
+    found = [probe(each, 90.0, seconds=30.0) for each in servers]
+    early = [each for each in found if each.stopped_s < 29.0]
+    assert len(early) >= 10
+    assert all(each.judgement.keeps_up for each in early)

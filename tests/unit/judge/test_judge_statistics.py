@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from r2bspec.judge.statistics.autocorrelation import serial_inflation
+from r2bspec.judge.statistics.autocorrelation import serial_inflation, significant_inflation
 from r2bspec.judge.statistics.binomial import (
     burst_tolerance,
     lower_bound,
@@ -283,6 +283,20 @@ class TestSerial:
         for each in noise.tolist():
             values.append(0.5 * values[-1] + each)
         assert serial_inflation(values) == pytest.approx(3.0, rel=0.1)
+
+    def test_of_values_that_are_independent_by_design_only_what_is_significant_counts(self) -> None:
+        random = np.random.default_rng(2)
+        runs = [random.standard_normal(40).tolist() for _ in range(400)]
+        unaffected = sum(significant_inflation(each) == 1.0 for each in runs)
+        # One in six exceeds the standard error; the other estimate always adds to it.
+        assert 0.78 * 400 <= unaffected <= 0.92 * 400
+        assert all(significant_inflation(each) <= serial_inflation(each) for each in runs)
+
+    def test_a_clear_correlation_counts_by_either_estimate(self) -> None:
+        climb = [float(n) for n in range(40)]
+        assert significant_inflation(climb) == pytest.approx(19.0)
+        assert significant_inflation(climb[:4]) == 1.0
+        assert significant_inflation([2.0] * 40) == 1.0
 
     def test_the_interval_is_that_of_so_many_values(self) -> None:
         values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
