@@ -157,7 +157,7 @@ def test_by_order_one_lost_message_makes_the_latency_unknown(tmp_path: Path, met
     bursts, order = drops.notes
     assert bursts.startswith("The run met 3 bursts of steps on the wrong side of the limit")
     assert order == (
-        "Outputs are matched by order: a lost one and another that came twice cancel out.",
+        "Outputs are matched by order: a lost one and another that came twice cancel out."
     )
 
 
