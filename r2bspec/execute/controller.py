@@ -57,6 +57,7 @@ from r2bspec.ipc.clocks import ClockOffsetTracker
 from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
 from r2bspec.judge.curtailment import lost_requirements
 from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.quantities import Size
@@ -64,6 +65,7 @@ from r2bspec.measure.run_samples import HostSamples, run_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.start_groups import starts_of_iterations
 from r2bspec.plan.unsupported import unsupported_features
 from r2bspec.record.errors import RecordError
 from r2bspec.record.run_folder import RunFolder
@@ -407,7 +409,11 @@ class _Controller:
     def _lost_rates(self) -> dict[float, str]:
         """The rates with a requirement that can no longer be met, and which one that is."""
         declared = {
-            each.rate_hz: max(each.iterations, each.max_iterations) for each in self._plan.play
+            each.rate_hz: starts_of_iterations(
+                InterimLooks.planned(each.iterations, each.max_iterations).iterations,
+                self._plan.starts,
+            )
+            for each in self._plan.play
         }
         lost = lost_requirements(
             self._plan.objectives, self._samples_so_far(), decision_policy(self._plan), declared

@@ -1,37 +1,57 @@
 """Whether the rest of a run can still change a failure: curtailed sampling.
 
 A requirement can no longer be met if its verdict is FAIL on the iterations so far, and would also
-be FAIL after all declared ones if the rest were ideal: no output lost, and every output as fast as
-the fastest so far. To end such a rate early changes no verdict and costs no error probability: the
-test of the full length would give the same answer, whatever the rest shows.
+be FAIL after all declared ones, whatever the rest is. The test of the full length would give the
+same answer, so that to end such a rate early changes no verdict and costs no error probability.
 
-Only verdicts on single messages are curtailed: percentiles, shares and observed values. A mean over
-iterations is not monotonic in this sense, because an ideal iteration also widens its interval.
+The rest lies between two extremes: every output arrives, as fast as the fastest so far; or as slow
+as the slowest so far, or not at all. The extremes alone do not show it: where iterations and starts
+differ, the variation between them leaves a verdict open, so that a rest that is far worse than what
+was played can turn a FAIL into INCONCLUSIVE. A lower bound "mean less t standard errors" is concave
+in the values of the remaining iterations. Its minimum is therefore in a corner, where each of them
+is one of the two extremes, and these mixtures are judged, too: some bad iterations at the beginning
+of the rest or at its end, which makes whole starts bad. They are not where even an ideal rest has
+no output on the right side of the limit: no mixture has one either.
+
+What was seen so far bounds the rest only as far as it shows how starts differ. So where several
+starts are declared, the first one alone ends nothing but what was observed for good.
+
+Only verdicts on single messages are curtailed: percentiles, shares and observed values
+(`MethodTraits.curtails`). Of a mean it is not known how far an iteration can be from the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, Literal
 
+import msgspec
 import numpy as np
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.methods.method_registry import Method
+from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.language.spec import Objective
-from r2bspec.measure.samples import MonitorSamples, RunSamples, SegmentSamples
+from r2bspec.measure.matching import NO_MATCH
+from r2bspec.measure.samples import MonitorSamples, RunSamples, SegmentSamples, starts_of
 
-_CURTAILED: Final[frozenset[Method]] = frozenset({"exact binomial", "observation"})
+Extreme = Literal["ideal", "slow", "lost"]
+"""What an iteration of the rest can be: as good, or as bad, as it ever was; or without outputs."""
+
+_Key = tuple[str, str, float | None, str | None]
+
+_MIXTURES: Final = 10
+"""So many numbers of bad iterations are tried, where the rest is longer."""
 
 
 def lost_requirements(
     objectives: Mapping[str, Objective],
     samples: RunSamples,
     policy: DecisionPolicy,
-    declared: Mapping[float, int],
+    declared: Mapping[float, Sequence[int]],
     verdict: Verdict | None = None,
 ) -> Iterator[RequirementVerdict]:
     """The requirements that no rest of the run can meet any more.
@@ -40,67 +60,138 @@ def lost_requirements(
         objectives: by name.
         samples: of the run so far.
         policy: of the plan.
-        declared: the number of iterations by offered rate, with all that may be added.
+        declared: by offered rate, the start in which each iteration is played, with all iterations
+            that may be added.
         verdict: on the run so far, if it is known.
     """
     now = verdict if verdict is not None else judge(objectives, samples, policy)
-    if not any(_is_lost(one) for one in now.requirements):
-        return
-    ideal = judge(objectives, with_ideal_rest(samples, declared), policy)
-    for one, best in zip(now.requirements, ideal.requirements, strict=True):
-        if _is_lost(one) and _is_lost(best):
-            yield one
+    lost = {
+        _key(one): one
+        for one in now.requirements
+        if _is_lost(one) and not _rests_on_first_start(one, samples, declared)
+    }
+    never_met: set[_Key] = set()
+    for number, rest in enumerate(_rests(samples, declared)):
+        if not lost:
+            return
+        asked = {name: objectives[name] for name in {one.objective for one in lost.values()}}
+        found = {_key(one): one for one in judge(asked, rest, policy).requirements if _is_lost(one)}
+        if number == 0:
+            never_met = {key for key, one in found.items() if one.over == one.n}
+        lost = {key: one for key, one in lost.items() if key in found or key in never_met}
+    yield from lost.values()
+
+
+def _key(one: RequirementVerdict) -> _Key:
+    return one.objective, one.text, one.at_hz, one.monitor
 
 
 def _is_lost(one: RequirementVerdict) -> bool:
-    return one.level == "error" and one.outcome == "fail" and one.method in _CURTAILED
+    return one.level == "error" and one.outcome == "fail" and METHODS[one.method].curtails
 
 
-def with_ideal_rest(samples: RunSamples, declared: Mapping[float, int]) -> RunSamples:
-    """The run after all declared iterations, if those that are missing were ideal."""
+def _rests_on_first_start(
+    one: RequirementVerdict, samples: RunSamples, declared: Mapping[float, Sequence[int]]
+) -> bool:
+    """Whether a test has seen only the first of several starts; an observation needs no more."""
+    return METHODS[one.method].grows and any(
+        len(set(starts_of(played))) < 2 <= len(set(declared.get(rate, ())))
+        for rate, played in samples.iterations.items()
+        if one.at_hz is not None and math.isclose(rate, one.at_hz)
+    )
+
+
+def _rests(samples: RunSamples, declared: Mapping[float, Sequence[int]]) -> Iterator[RunSamples]:
+    """The run with each rest that is tried, the ideal one first."""
+    missing = max(
+        (len(declared.get(rate, ())) - len(one) for rate, one in samples.iterations.items()),
+        default=0,
+    )
+    if missing < 1:
+        return
+    yield with_rest(samples, declared, ())
+    numbers = {round(each) for each in np.linspace(1, missing, min(missing, _MIXTURES))}
+    for bad in sorted(numbers, reverse=True):
+        for extreme in ("slow", "lost"):
+            yield with_rest(samples, declared, (extreme,) * bad)
+            if bad < missing:
+                yield with_rest(samples, declared, ("ideal",) * (missing - bad), then=extreme)
+
+
+def with_rest(
+    samples: RunSamples,
+    declared: Mapping[float, Sequence[int]],
+    begins: Sequence[Extreme],
+    then: Extreme = "ideal",
+) -> RunSamples:
+    """The run after all declared iterations.
+
+    Args:
+        samples: of the run so far.
+        declared: as for `lost_requirements`.
+        begins: what the first iterations of the rest are.
+        then: what the others are.
+    """
     iterations = {}
     for rate, played in samples.iterations.items():
-        missing = max(0, declared.get(rate, len(played)) - len(played))
         iterations[rate] = played
-        if played and missing:
-            iterations[rate] += (_ideal(played),) * missing
+        starts = declared.get(rate, ())[len(played) :]
+        if not played or not starts:
+            continue
+        made = {each: _iteration(played, each) for each in {*begins, then}}
+        kinds = (*begins[: len(starts)], *(then,) * (len(starts) - len(begins)))
+        iterations[rate] += tuple(
+            _in_start(made[kind], start, number)
+            for number, (kind, start) in enumerate(zip(kinds, starts, strict=True), start=1)
+        )
     return replace(samples, iterations=iterations)
 
 
-def _ideal(played: tuple[SegmentSamples, ...]) -> SegmentSamples:
-    """An iteration in which everything went as well as it ever did."""
+def _in_start(made: SegmentSamples, start: int, number: int) -> SegmentSamples:
+    """An iteration of the rest, which has an id of its own: no rerun takes its place."""
+    segment = made.segment
+    return replace(
+        made,
+        segment=msgspec.structs.replace(segment, id=f"{segment.id}-rest-{number}", start=start),
+    )
+
+
+def _iteration(played: tuple[SegmentSamples, ...], extreme: Extreme) -> SegmentSamples:
+    """An iteration in which everything went as an extreme says."""
     last = played[-1]
     return replace(
         last,
         monitors={
-            name: _ideal_monitor([one.monitors[name] for one in played]) for name in last.monitors
+            name: _monitor([one.monitors[name] for one in played], extreme)
+            for name in last.monitors
         },
         surroundings=None,
     )
 
 
-def _ideal_monitor(seen: list[MonitorSamples]) -> MonitorSamples:
-    """Every expected output, each with the shortest time of its family."""
+def _monitor(seen: list[MonitorSamples], extreme: Extreme) -> MonitorSamples:
+    """Every expected output, each with the shortest or longest time of its family; or none."""
     last = seen[-1]
-    expected = last.expected
-    shortest = {
-        family: min(
-            (float(one.times[family].min()) for one in seen if one.times[family].size), default=0.0
-        )
-        for family in last.times
-    }
-    latency_ns = round(shortest["latency"] * 1e9)
+    pick = np.min if extreme == "ideal" else np.max
+    known = {family: np.concatenate([one.times[family] for one in seen]) for family in last.times}
+    limits = {family: float(pick(each)) if each.size else 0.0 for family, each in known.items()}
+    arrived = 0 if extreme == "lost" else last.expected
+    received_ns = last.steps.published_ns + round(limits.get("latency", 0.0) * 1e9)
+    rates = [one.throughput_hz for one in seen]
     return replace(
         last,
-        steps=replace(last.steps, received_ns=last.steps.published_ns + latency_ns),
-        times={family: np.full(expected, value) for family, value in shortest.items()},
-        answered=expected,
-        received=expected,
+        steps=replace(
+            last.steps,
+            received_ns=received_ns if arrived else np.full_like(received_ns, NO_MATCH),
+        ),
+        times={family: np.full(arrived, value) for family, value in limits.items()},
+        answered=arrived,
+        received=arrived,
         duplicates=0,
         reordered=0,
         unmatched=0,
         late=0,
         early=0,
         overdue=0,
-        throughput_hz=max(one.throughput_hz for one in seen),
+        throughput_hz=(max(rates) if extreme == "ideal" else min(rates)) if arrived else 0.0,
     )

@@ -47,9 +47,14 @@ _PERCENTILE_RULE = (
 
 DEFINITIONS: dict[str, Definition] = {
     "throughput": Definition(
-        "The rate of the outputs of a monitor, each expected output counted once. A gap at the "
-        "start or the end that is longer than every gap between two outputs counts as time.",
-        "(n − 1) / (t_last − t_first), n outputs received at t_first … t_last",
+        "The outputs of a monitor per window of time, each expected output counted once. The "
+        "window w is the time in which the expected outputs are due: their number times the period "
+        "p, or the played time where outputs have none. Times count from when the first output "
+        "could come: the publication of the first step plus the shortest latency. A graph that "
+        "answers all steps within w has the offered rate; the outputs of a slower one extend the "
+        "time, to that of the most favourable output.",
+        "n / w if t_n ≤ w, or else the maximum over k of k / max(w, t_k + p); "
+        "n outputs, output k of them at t_k",
     ),
     "latency": Definition(
         "The time from the publication of a step to the arrival of its output. Published is when "

@@ -13,6 +13,7 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import harmless
 from r2bspec.diagnostics.quote import printable, printable_lines
 from r2bspec.judge.result import Result
+from r2bspec.measure.distribution_parts import SHORT_PERCENTILES, part_title
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.report_wording import OUTCOME_WORDS
 from r2bspec.report.suite_summary import SuiteRow, SuiteRun, SuiteSummary
@@ -20,7 +21,11 @@ from r2bspec.report.suite_summary import SuiteRow, SuiteRun, SuiteSummary
 Results = Mapping[str, Result]
 """The results of the runs that have one, by run folder."""
 
-_HEADER: Final = ("benchmark", "rate", "monitor", "throughput", "p50", "p99", "peak", "verdict")
+_HEADER: Final = (
+    *("benchmark", "rate", "monitor", "throughput"),
+    *map(part_title, SHORT_PERCENTILES),
+    *("peak", "verdict"),
+)
 _NUMBERS: Final = range(3, 7)
 _WORDS: Final[dict[str, str]] = {
     **dict(OUTCOME_WORDS.items()),
@@ -146,8 +151,7 @@ def _cells(row: SuiteRow) -> tuple[str, ...]:
         "search" if row.pace == "search" else show_rate(row.offered_hz, row.pace),
         row.monitor,
         show(row.throughput_hz, "Hz"),
-        show(row.latency_p50_s, "s"),
-        show(row.latency_p99_s, "s"),
+        *(show(getattr(row, f"latency_{part}_s"), "s") for part in SHORT_PERCENTILES),
         show(row.peak_hz, "Hz"),
     )
 

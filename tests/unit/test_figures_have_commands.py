@@ -87,6 +87,9 @@ def problem(command: str) -> str:
 def _missing(script: Path, words: list[str]) -> str:
     """Which option, or which table of the script, it does not have."""
     text = script.read_text()
+    if script.name == "tables.py":
+        # It also prints those of this module, as `START_TABLES`.
+        text += (script.parent / "start_tables.py").read_text()
     for each in words:
         if each.startswith("--"):
             if f'"{each.partition("=")[0]}"' not in text:
@@ -122,6 +125,7 @@ def test_every_command_that_a_page_names_exists(page: Path) -> None:
         ("make bench BENCH=--never", "harness_floor.py has no --never"),
         ("make nothing", "no target nothing"),
         ("PYTHONPATH=tests/support python tests/simulation/tables.py shares", ""),
+        ("PYTHONPATH=tests/support python tests/simulation/tables.py comparisons", ""),
         ("python tests/simulation/tables.py neither", "tables.py has no table neither"),
         ("python tests/bench/gone.py", "no file tests/bench/gone.py"),
         ("python tests/bench/soak.py --weeks 3", "soak.py has no --weeks"),

@@ -30,20 +30,23 @@ class MethodTraits:
     Attributes:
         grows: whether more iterations can help it to a decision.
         rests_on: what has to be measured again to confirm its FAIL.
+        curtails: whether its FAIL can be final before the whole run was played
+            (`r2bspec.judge.curtailment`).
     """
 
     grows: bool = False
     rests_on: Literal["iterations", "search", "probes"] = "iterations"
+    curtails: bool = False
 
 
 METHODS: Final[dict[Method, MethodTraits]] = {
-    "exact binomial": MethodTraits(grows=True),
+    "exact binomial": MethodTraits(grows=True, curtails=True),
     "binomial over windows": MethodTraits(grows=True),
     "t over iterations": MethodTraits(grows=True),
     "paired t on logs": MethodTraits(grows=True),
     "prediction interval": MethodTraits(),
     "stored baseline": MethodTraits(),
-    "observation": MethodTraits(),
+    "observation": MethodTraits(curtails=True),
     "search bracket": MethodTraits(rests_on="search"),
     "sequential probe": MethodTraits(rests_on="probes"),
     "none": MethodTraits(),

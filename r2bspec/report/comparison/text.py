@@ -41,6 +41,9 @@ def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
         for difference in one.differences:
             page.print(f"  ! {difference}", markup=False, highlight=False)
         made = frame(["", "metric", "base", "head", "ratio", "bounds"])
+        # Where there is little room, these two are folded, and outcomes and values stay whole.
+        for column in (made.columns[1], made.columns[-1]):
+            column.no_wrap, column.overflow = False, "fold"
         for line in one.lines:
             cells = (metric_text(line), *numbers(line))
             made.add_row(Text(OUTCOME_TEXTS[line.outcome]), *map(Text, cells))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -98,6 +99,20 @@ def test_a_result_file_reports_and_a_folder_compares(
     assert "other.r2b.yaml" in capfd.readouterr().out
     assert compare.main([str(pairs.folder), str(pairs.folder)], standalone_mode=False) == 0
     assert "= same" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("columns", [80, 100, 200])
+def test_in_a_narrow_terminal_outcomes_and_values_stay_whole(
+    pairs: PairedComparison,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    columns: int,
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert compare.main([str(pairs.folder), str(pairs.folder)], standalone_mode=False) == 0
+    shown = capfd.readouterr().out
+    assert re.findall(r"\S…", shown) == []
+    assert shown.count("= same") == int(shown.partition(" same, at")[0].split()[-1])
 
 
 _LOOSER = """\

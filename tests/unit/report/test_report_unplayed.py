@@ -72,7 +72,7 @@ def test_above_5_percent_it_is_a_warning_in_the_verdict_unless_agreed(
 def test_nothing_is_said_where_everything_was_played(tmp_path: Path) -> None:
     found = result(tmp_path)
     assert "partner" not in to_text(found, width=200)
-    assert found.verdict.reason == "The requirement is met."
+    assert found.verdict.reason == "Of this start of the processes: the requirement is met."
 
 
 def test_runs_as_one_say_it_once(tmp_path: Path) -> None:
