@@ -48,7 +48,7 @@ types: install-dev
 imports: install-dev
 	$(BIN)/lint-imports
 
-# On all processors. Tests on real ROS 2 run one by one: they would disturb each other.
+# On all processors.
 unit: install-dev
 	$(BIN)/pytest -n logical tests --ignore=tests/ros --ignore=tests/fault
 
@@ -56,8 +56,11 @@ unit: install-dev
 coverage: install-dev
 	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --cov --cov-report=term:skip-covered
 
+# Two files of tests at a time: they assert what is true on a busy machine, too. Faults one by one:
+# they fill disks and shared memory, and end processes.
 ros: install-dev
-	$(BIN)/pytest tests/ros tests/fault
+	$(BIN)/pytest -n 2 --dist loadfile tests/ros
+	$(BIN)/pytest tests/fault
 
 # BENCH=--quick prints a short one and writes nothing; BENCH=--ablate leaves out techniques in turn.
 BENCH ?=

@@ -88,6 +88,8 @@ def judge_requirement(
                 outcome="inconclusive",
                 reason=missed,
                 settle=playback_validity.remedy(missed, at_hz),
+                # They explain a verdict that is none.
+                notes=(),
             )
         yield judged
 

@@ -27,6 +27,10 @@ SPEC = relay_spec(
 )
 
 
+TOLERANT = {"interference": "tolerate"}
+"""What else the machine does is not the subject here."""
+
+
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return Bench(tmp_path_factory.mktemp("gating"))
@@ -34,7 +38,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
 
 def run_that_fails(bench: Bench, **gate: Any) -> Finished:
     """A run whose only requirement cannot hold, on a machine that keeps the schedule."""
-    spec = SPEC | {"slos": IMPOSSIBLE, "benchmark": SPEC["benchmark"] | {"gate": gate}}
+    spec = SPEC | {"slos": IMPOSSIBLE, "benchmark": SPEC["benchmark"] | {"gate": gate | TOLERANT}}
     for _ in range(3):
         done = bench.run(spec)
         if done.outcome != "invalid":

@@ -18,7 +18,7 @@ from r2bspec.execute.host.host_lock import DISABLED_BY
 from ros_runs import Bench, relay_spec
 from ros_runs import nothing_left as nothing_left
 
-NO_CONFIRMATION = {"gate": {"confirm": False}}
+NO_CONFIRMATION = {"gate": {"confirm": False, "interference": "tolerate"}}
 
 
 def short(**changes: object) -> dict[str, object]:

@@ -25,7 +25,7 @@ SPEC = relay_spec(
             "probe": "4 s",
             "confirm": "2 s",
         },
-        "gate": {"confirm": False},
+        "gate": {"confirm": False, "interference": "tolerate"},
     },
     slos={"at_its_limit": {"at": "peak", "level": "info", "require": ["received >= 0"]}},
 )

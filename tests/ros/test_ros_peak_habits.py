@@ -46,7 +46,7 @@ def spec(habit: dict[str, float], search: dict[str, Any], sustained: str) -> dic
             "warm_up": "100 ms",
             "start_timeout": "60 s",
             "search": {"min": "30 Hz"} | search,
-            "gate": {"confirm": False},
+            "gate": {"confirm": False, "interference": "tolerate"},
         },
         slos={
             "at_its_limit": {"at": "peak", "level": "info", "require": ["received >= 0"]},

@@ -48,7 +48,11 @@ def run(
         monitors={"out": {"topic": "output", "format": IMAGE, "match": match}},
         slos={"all": {"at": "20 Hz", "require": list(required)}},
     )
-    spec["benchmark"] |= {"duration": "2 s", "iterations": 2, "gate": {"confirm": False}}
+    spec["benchmark"] |= {
+        "duration": "2 s",
+        "iterations": 2,
+        "gate": {"confirm": False, "interference": "tolerate"},
+    }
     spec["benchmark"] |= benchmark
     done = bench.run(spec)
     assert done.run().record.status == "complete", done.stderr
@@ -115,7 +119,7 @@ def test_by_order_the_latency_of_a_node_that_drops_is_unknown(bench: Bench) -> N
     assert latency["outcome"] == "inconclusive"
     if done.outcome != "invalid":
         assert "Match by stamp" in latency["settle"]
-        assert "cancel out" in requirement(done, "drop_rate")["notes"][0]
+        assert any("cancel out" in each for each in requirement(done, "drop_rate")["notes"])
     assert "the latency is unknown" in " ".join(done.stdout.split())
 
 

@@ -92,7 +92,7 @@ class AffectedProbes:
             one = msgspec.structs.replace(
                 one,
                 disturbed=found.reasons,
-                taken=found.taken,
+                taken=0.0 if self._policy == "tolerate" else found.taken,
                 explained=self._policy != "tolerate"
                 and one.holds is not True
                 and self._can_explain(one, found.taken),
