@@ -117,7 +117,8 @@ def test_two_cameras_that_are_not_in_step_are_played_at_a_rate(bench: Bench, kee
     done = bench.run(stereo_spec({"slop": "10 ms"}, keeps))
     done.assert_complete()
     seen = monitor(done)
-    assert (seen["sent"], seen["answered"], seen["unmatched"]) == (20, 20, 0)
+    assert (seen["sent"], seen["answered"]) == (20, 20)
+    assert seen["unmatched"] == seen["overdue"]
     # The difference of the stamps is as recorded: the node, which allows 5 ms, has paired them.
     assert any("1 of 10 messages of /r2b/left have no partner" in each for each in done.events())
 
@@ -139,7 +140,7 @@ def test_in_a_timeline_a_frame_without_a_partner_is_no_drop(bench: Bench) -> Non
     done.assert_complete()
     seen = monitor(done)
     assert seen["sent"] == seen["answered"] > 0
-    assert seen["unmatched"] == 0
+    assert seen["unmatched"] == seen["overdue"]
 
 
 def test_a_node_of_a_third_of_the_rate_keeps_stamps_and_misses_nothing(bench: Bench) -> None:
@@ -155,7 +156,8 @@ def test_a_node_of_a_third_of_the_rate_keeps_stamps_and_misses_nothing(bench: Be
     assert seen["sent"] == 60
     assert seen["answered"] + seen["missed"] in {19, 20}
     assert seen["missed"] <= 1
-    assert seen["unmatched"] == 0
+    # An output of the warm-up may come late.
+    assert seen["unmatched"] == seen["overdue"]
     # The latency is that of the input whose stamp the output has, not of the group's last one.
     assert seen["latency"]["p50"] > 0
 
