@@ -542,6 +542,10 @@ def test_an_interrupt_is_seen_while_an_answer_is_awaited(stage: Stage) -> None:
         stage.children.request(child, protocol.CountMatches(), protocol.Matched, HANG_S)
 
 
+def children_of_run(run_id: str, controller: int) -> list[psutil.Process]:
+    return [each for each in run_processes(run_id, []) if each.pid != controller]
+
+
 def test_the_run_is_ended_when_the_controller_is_killed(tmp_path: Path) -> None:
     program = (
         "import os, sys, time\nfrom pathlib import Path\n"
@@ -559,10 +563,13 @@ def test_the_run_is_ended_when_the_controller_is_killed(tmp_path: Path) -> None:
         [sys.executable, "-c", program, run_id, str(tmp_path)], stdout=subprocess.PIPE
     ) as controller:
         assert controller.stdout is not None
-        controller.stdout.readline()
-        started = [each for each in run_processes(run_id, []) if each.pid != controller.pid]
-        assert len(started) == 2
-        controller.kill()
+        try:
+            controller.stdout.readline()
+            # A process has the environment of the run as soon as it executes its program.
+            wait_for(lambda: len(children_of_run(run_id, controller.pid)) == 2)
+            started = children_of_run(run_id, controller.pid)
+        finally:
+            controller.kill()
     wait_for(lambda: not any(alive(each.pid) for each in started))
     assert run_processes(run_id, []) == []
 
