@@ -169,6 +169,6 @@ def _open(path: Path, display_path: Path) -> Storage:
 
 
 def import_from_storage(place: str) -> Any:
-    """What ``module:name`` stands for in this package; only what is used is imported."""
+    """Import the object that ``module:name`` names in this package; nothing else is imported."""
     module, name = place.split(":")
     return getattr(importlib.import_module(f"{__package__}.{module}"), name)

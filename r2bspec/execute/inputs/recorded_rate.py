@@ -1,7 +1,7 @@
 """Placing the messages of inputs with a rate of their own between the steps.
 
 Between two steps they are distributed as in the recording: a message that was stamped at a third of
-the interval is played at a third of it, at any rate of the steps. So an IMU of 200 Hz beside a
+the interval is played at a third of it, at any rate of the steps. So an IMU of 200 Hz played with a
 camera of 30 Hz keeps its number of messages for each image.
 """
 

@@ -84,7 +84,7 @@ class OutputRecorder:
         return self._write_bag(watches, self.segment_player.segments[-1], observation.playback)
 
     def _wait_until_matched(self, watches: Sequence[MonitorPlan]) -> None:
-        """Wait for the new subscriptions; a topic that nobody publishes has no messages."""
+        """Wait for the new subscriptions; a topic without a publisher has no messages."""
         deadline = time.monotonic() + _MATCH_TIMEOUT_S
         while time.monotonic() < deadline:
             found = self.supervisor.request(
