@@ -57,10 +57,13 @@ coverage: install-dev
 	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --cov --cov-report=term:skip-covered
 
 # Two files of tests at a time: they assert what is true on a busy machine, too. Faults one by one:
-# they fill disks and shared memory, and end processes.
+# they fill disks and shared memory, and end processes. A shared machine can stop for seconds, so a
+# test that fails is run once more; the summary names it, and it is a defect to look for.
+RERUN := --reruns 1 -rfER
+
 ros: install-dev
-	$(BIN)/pytest -n 2 --dist loadfile tests/ros
-	$(BIN)/pytest tests/fault
+	$(BIN)/pytest $(RERUN) -n 2 --dist loadfile tests/ros
+	$(BIN)/pytest $(RERUN) tests/fault
 
 # BENCH=--quick prints a short one and writes nothing; BENCH=--ablate leaves out techniques in turn.
 BENCH ?=

@@ -47,6 +47,12 @@ def default_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("RMW_IMPLEMENTATION", raising=False)
 
 
+@pytest.fixture(autouse=True)
+def no_ci_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Output is plainer and rarer in a CI job: tests of that set the variable themselves."""
+    monkeypatch.delenv("CI", raising=False)
+
+
 @pytest.fixture(scope="session")
 def storage_room(tmp_path_factory: pytest.TempPathFactory) -> SyntheticDataset:
     """A short stretch of r2b_storage with every topic."""
