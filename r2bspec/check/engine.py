@@ -78,6 +78,18 @@ def check_cases(cases: Sequence[LoadedSpec], *, offline: bool = False) -> list[D
     """
     files = DocumentFiles(cases[0].base_dir) if cases else None
     contexts = [context_of(one, offline=offline, files=files) for one in cases]
+    return check_cases_in_contexts(cases, contexts)
+
+
+def check_cases_in_contexts(
+    cases: Sequence[LoadedSpec], contexts: Sequence[Context | None]
+) -> list[Diagnostic]:
+    """The same as `check_cases`, for a caller that goes on using what the rules have worked out.
+
+    Args:
+        cases: every case, from `load_cases`.
+        contexts: from `context_of`, one for each case; None where there is no spec.
+    """
     return _unwaived_findings(cases, contexts, complete=True)
 
 

@@ -58,3 +58,18 @@ def _resolve_all(context: Context) -> Iterator[KnownMetric | UnknownMetric]:
             yield UnknownMetric(located, error)
         else:
             yield KnownMetric(located, monitor, info)
+
+
+def max_wrong_share(each: KnownMetric) -> float | None:
+    """The share of messages that may violate the bound; None if no share decides."""
+    requirement, info = each.located.requirement, each.info
+    if requirement.bound is None or requirement.windows_share is not None:
+        return None
+    if requirement.bound.of_baseline or requirement.op not in {"<", "<=", ">", ">="}:
+        return None
+    ceiling = requirement.op in {"<", "<="}
+    if info.statistic == "percentile" and info.quantile is not None:
+        return 1 - info.quantile if ceiling else info.quantile
+    if info.statistic == "share":
+        return requirement.bound.value if ceiling else 1 - requirement.bound.value
+    return None

@@ -6,7 +6,7 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.example_spec import example
 from r2bspec.check.finding import Finding, Findings, Pointer
 from r2bspec.check.message_text import MAX_SUGGESTIONS, pluralize, quoted_list, suggestion
-from r2bspec.check.requirement_metrics import KnownMetric, known_metrics
+from r2bspec.check.requirement_metrics import KnownMetric, known_metrics, max_wrong_share
 from r2bspec.check.rule import Rule
 from r2bspec.check.suppression_keys import (
     MEASURE_FLOW,
@@ -38,6 +38,7 @@ __all__ = [
     "example",
     "flow_key",
     "known_metrics",
+    "max_wrong_share",
     "pluralize",
     "quote",
     "quoted_list",

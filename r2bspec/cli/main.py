@@ -40,6 +40,7 @@ _VERBS = {
     "import": "Read a report of ros2_benchmark, for comparisons.",
     "data": "List, create, inspect and verify datasets.",
     "doctor": "Check this machine's fitness for benchmarking.",
+    "lsp": "Start the language server, for editors.",
     "schema": "Print a JSON Schema.",
     "docs": "Show the documentation.",
     "completion": "Print the completion script of a shell.",

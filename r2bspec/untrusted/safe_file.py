@@ -7,6 +7,7 @@ between the check and its use.
 
 from __future__ import annotations
 
+import io
 import os
 import stat
 from collections.abc import Iterable
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from r2bspec.untrusted.errors import OutsideFolderError, RefusedFileError, TooLargeError
+from r2bspec.untrusted.unsaved_files import unsaved_content
 
 KERNEL_FOLDERS: Final = (Path("/proc"), Path("/sys"))
 """Their regular files have no size, may block, and tell about this machine."""
@@ -85,7 +87,9 @@ def read_bytes(
         OSError: the system refuses.
     """
     allowed = max_bytes if budget is None else min(max_bytes, budget.left)
-    with open_regular(path, folders=folders) as file:
+    with open_regular(path, folders=folders) as opened:
+        unsaved = unsaved_content(path)
+        file = opened if unsaved is None else io.BytesIO(unsaved)
         blocks, left = [], allowed + 1
         while left and (block := file.read(min(left, _BLOCK_BYTES))):
             blocks.append(block)

@@ -12,6 +12,7 @@ from r2bspec.check.rule_api import (
     Rule,
     example,
     known_metrics,
+    max_wrong_share,
     quote,
     value_key,
 )
@@ -25,7 +26,7 @@ _LOST_SAMPLES = {"interval": 1, "jitter": 2}
 def _find(context: Context) -> Findings:
     for each in known_metrics(context):
         located = each.located
-        max_share = _max_wrong_share(each)
+        max_share = max_wrong_share(each)
         if located.role != "objective" or located.at is None or max_share is None:
             continue
         needed = min_sample_size(max_share, located.confidence)
@@ -35,21 +36,6 @@ def _find(context: Context) -> Findings:
             finding = _too_few(context, each, located.at, needed)
             if finding is not None:
                 yield finding
-
-
-def _max_wrong_share(each: KnownMetric) -> float | None:
-    """The share of messages that may violate the bound; None if no share decides."""
-    requirement, info = each.located.requirement, each.info
-    if requirement.bound is None or requirement.windows_share is not None:
-        return None
-    if requirement.bound.of_baseline or requirement.op not in {"<", "<=", ">", ">="}:
-        return None
-    ceiling = requirement.op in {"<", "<="}
-    if info.statistic == "percentile" and info.quantile is not None:
-        return 1 - info.quantile if ceiling else info.quantile
-    if info.statistic == "share":
-        return requirement.bound.value if ceiling else 1 - requirement.bound.value
-    return None
 
 
 def _unprovable(each: KnownMetric) -> Finding:

@@ -1,0 +1,24 @@
+"""``r2bspec lsp``: the language server, for editors."""
+
+from __future__ import annotations
+
+import click
+
+from r2bspec.errors import UsageError
+from r2bspec.exit_status import ExitStatus
+
+
+@click.command("lsp")
+def command() -> int:
+    """Start the language server on standard input and output, for an editor.
+
+    Editors start it themselves; see 'r2bspec docs editors'.
+    """
+    try:
+        from r2bspec.language_server.server import create_server
+    except ImportError as error:
+        raise UsageError(
+            "the language server needs pygls", hint="pip install 'r2bspec[editor]'"
+        ) from error
+    create_server().start_io()
+    return ExitStatus.OK

@@ -1,0 +1,5 @@
+"""The language server: `r2bspec lsp`, over the same code as `r2bspec validate`.
+
+The protocol is pygls's; each module here answers one kind of request from an `Analysis` and knows
+nothing of the connection. `server` connects them.
+"""

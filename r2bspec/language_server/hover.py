@@ -1,0 +1,133 @@
+"""What an editor shows of the word under the pointer, as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from lsprotocol import types
+
+from r2bspec.check.requirement_metrics import KnownMetric, known_metrics, max_wrong_share
+from r2bspec.diagnostics import Path, format_path
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
+from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, lookup
+from r2bspec.language.schema_validator import schema_at
+from r2bspec.language.value_trace import UnknownPathError, provenance
+from r2bspec.language_server.analysis import Analysis
+from r2bspec.language_server.places import Place, place_at
+from r2bspec.language_server.symbols import Occurrence, occurrence_at
+from r2bspec.language_server.text_positions import TextPositions
+from r2bspec.measure.metric_reference import definition
+from r2bspec.wiring.wiring import Endpoint
+
+
+def hover(
+    analysis: Analysis, positions: TextPositions, position: types.Position
+) -> types.Hover | None:
+    """The documentation of what is at a position; None if there is nothing to say."""
+    tree = analysis.loaded.tree
+    if tree is None:
+        return None
+    line, column = positions.place_of_offset(positions.offset(position))
+    place = place_at(tree, str(analysis.path), line, column)
+    occurrence = occurrence_at(analysis, line, column)
+    parts: list[str] = []
+    span = occurrence.span if occurrence is not None else place.span if place is not None else None
+    if occurrence is not None:
+        parts += _about_symbol(analysis, occurrence)
+    if place is not None:
+        parts += _about_requirement(analysis, place.path)
+        parts += _about_value(analysis, place)
+        parts += _about_key(place.path)
+    if not parts or span is None:
+        return None
+    content = types.MarkupContent(types.MarkupKind.Markdown, "\n\n".join(parts))
+    return types.Hover(content, positions.range(span))
+
+
+def _about_key(path: Path) -> Iterator[str]:
+    part = schema_at(path)
+    if part is None or not part.get("description"):
+        return
+    yield f"**{format_path(path)}**: {part['description']}"
+    default = part.get("default")
+    if default not in (None, {}, [], ""):
+        yield f"Default: `{default}`"
+
+
+def _about_value(analysis: Analysis, place: Place) -> Iterator[str]:
+    """The value after substitution, where it is not the text that is written."""
+    tree = analysis.loaded.tree
+    node = lookup(tree, place.path) if tree is not None else None
+    elsewhere = node is not None and node.span.file != str(analysis.path)
+    substituted = isinstance(node, ScalarNode) and node.origin is not None
+    if isinstance(node, MapNode | ListNode) or not (substituted or elsewhere):
+        return
+    if isinstance(node, ScalarNode) and node.secret:
+        return
+    try:
+        trace = provenance(analysis.loaded, format_path(place.path))
+    except UnknownPathError:
+        return
+    steps = [
+        f"- {step.message}" + (f" (line {step.span.line})" if step.span is not None else "")
+        for step in trace.steps
+    ]
+    yield "\n".join([f"`{trace.value}`", "", *steps])
+
+
+def _about_symbol(analysis: Analysis, occurrence: Occurrence) -> Iterator[str]:
+    kind, name = occurrence.symbol.kind, occurrence.symbol.name
+    yield f"{kind} `{name}`"
+    context = analysis.context
+    if kind != "topic" or context is None:
+        return
+    for phase in context.wiring.phases:
+        ends = (*phase.publishers(name), *phase.subscriptions(name))
+        if ends:
+            known = ", ".join(sorted({f"`{each.type}`" for each in ends if each.type}))
+            yield f"Type: {known or 'unknown'}"
+            yield "\n".join(f"- {_endpoint(each)}" for each in ends)
+
+
+def _endpoint(end: Endpoint) -> str:
+    verb = "published by" if end.is_publisher else "subscribed to by"
+    text = f"{verb} {end.owner}"
+    if end.own_name and end.is_node:
+        text += f" as `{end.own_name}`"
+    if end.qos is not None:
+        text += f" ({end.qos.reliability}, {end.qos.durability}, depth {end.qos.depth})"
+    return text
+
+
+def _about_requirement(analysis: Analysis, path: Path) -> Iterator[str]:
+    """A requirement in words, with what its metric means and how many messages it needs."""
+    context = analysis.context
+    if context is None:
+        return
+    for each in known_metrics(context):
+        if each.located.path != path:
+            continue
+        requirement = each.located.requirement
+        yield f"`{requirement.text.strip()}`: {each.info.description}"
+        about = definition(each.info)
+        yield f"{about.text}\n\nFormula: {about.formula}"
+        at, benchmark = each.located.at, context.spec.benchmark
+        if at is not None:
+            played = round(at.hz * benchmark.duration.seconds) * benchmark.iterations
+            yield (
+                f"Judged at {at} from {played:,} steps "
+                f"({benchmark.iterations} iterations of {benchmark.duration}), "
+                f"at {each.located.confidence:.0%} confidence."
+            )
+        yield from _about_sample(each)
+
+
+def _about_sample(each: KnownMetric) -> Iterator[str]:
+    share = max_wrong_share(each)
+    if share is None:
+        return
+    needed = min_sample_size(share, each.located.confidence)
+    if needed is None:
+        yield "No number of messages can confirm it."
+    else:
+        yield f"A verdict needs at least {needed:,} messages."

@@ -1,0 +1,418 @@
+"""The server: connects the requests of the protocol with the modules that answer them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from lsprotocol import types
+from pygls.exceptions import JsonRpcInvalidParams
+from pygls.lsp.server import LanguageServer
+from pygls.uris import to_fs_path
+
+from r2bspec._version import __version__
+from r2bspec.diagnostics import Span
+from r2bspec.language_server import commands
+from r2bspec.language_server.analysis import Analysis
+from r2bspec.language_server.code_actions import code_actions
+from r2bspec.language_server.code_lenses import code_lenses
+from r2bspec.language_server.code_page_files import remove_pages
+from r2bspec.language_server.completion import TRIGGERS, complete
+from r2bspec.language_server.hover import hover
+from r2bspec.language_server.inlay_hints import inlay_hints
+from r2bspec.language_server.navigation import (
+    RenameError,
+    definitions,
+    references,
+    renamable,
+    rename,
+)
+from r2bspec.language_server.open_specs import OpenSpecs
+from r2bspec.language_server.outline import document_symbols, folding_ranges, selection_range
+from r2bspec.language_server.publish_diagnostics import diagnostics_by_file, uri
+from r2bspec.language_server.text_positions import TextPositions
+from r2bspec.untrusted.errors import RefusedFileError
+from r2bspec.untrusted.safe_file import read_text
+
+DEBOUNCE_S: Final = 0.02
+"""Time without a change after which a text is analysed: less than between two key presses."""
+
+_MAX_FILE_BYTES: Final = 10_000_000
+
+_T = TypeVar("_T")
+
+
+class SpecLanguageServer(LanguageServer):
+    """The server of one editor."""
+
+    def __init__(self) -> None:
+        super().__init__("r2bspec", __version__)
+        self.specs = OpenSpecs()
+        self._task: asyncio.Task[None] | None = None
+        self._published: dict[str, frozenset[str]] = {}
+        self._running: set[asyncio.Task[None]] = set()
+
+    def positions_of(self, file: str) -> TextPositions:
+        """The positions in a file: of its open text, or of what is on disk."""
+        text = self.specs.text(Path(file))
+        if not text:
+            with contextlib.suppress(OSError, RefusedFileError):
+                text = read_text(Path(file), max_bytes=_MAX_FILE_BYTES)
+        return TextPositions(text, self._encoding())
+
+    def _encoding(self) -> str:
+        encoding = self.workspace.position_encoding
+        return str(getattr(encoding, "value", encoding) or "utf-16")
+
+    def location(self, span: Span) -> types.Location:
+        """The location of a span."""
+        return types.Location(uri(span.file), self.positions_of(span.file).range(span))
+
+    @property
+    def folder(self) -> Path:
+        """The folder in which runs are started: that of the workspace."""
+        folders = self.workspace.folders
+        first = next(iter(folders.values()), None)
+        root = to_fs_path(first.uri) if first is not None else self.workspace.root_path
+        return Path(root) if root else Path.cwd()
+
+    def change(self, path: Path, text: str) -> None:
+        """Analyse a text soon, unless it changes again before."""
+        self.specs.change(path, text)
+        self.analyse_soon()
+
+    def analyse_soon(self) -> None:
+        """Analyse all open specs: one may extend another."""
+        if self._task is not None:
+            self._task.cancel()
+        self._task = asyncio.ensure_future(self._analyse_all())
+
+    async def _analyse_all(self) -> None:
+        await asyncio.sleep(DEBOUNCE_S)
+        for path in self.specs.specs():
+            generation = self.specs.generation
+            analysis = await asyncio.to_thread(self.specs.analyse, path)
+            if generation != self.specs.generation:
+                # Something has changed since: the next task shows what is true then.
+                return
+            self.specs.keep(analysis)
+            self._publish(analysis)
+        self._clear_others()
+
+    def _publish(self, analysis: Analysis) -> None:
+        found = diagnostics_by_file(analysis, self.positions_of)
+        before = self._published.get(str(analysis.path), frozenset())
+        for file in before - found.keys():
+            self._send(file, [])
+        for file, diagnostics in found.items():
+            others = [
+                each
+                for root, files in self._published.items()
+                if root != str(analysis.path) and file in files
+                for each in self._of_other(root, file)
+            ]
+            self._send(file, [*diagnostics, *(each for each in others if each not in diagnostics)])
+        self._published[str(analysis.path)] = frozenset(found)
+
+    def _of_other(self, root: str, file: str) -> list[types.Diagnostic]:
+        """What another open spec that extends the same file says of it."""
+        other = self.specs.latest(Path(root))
+        return diagnostics_by_file(other, self.positions_of).get(file, []) if other else []
+
+    def _clear_others(self) -> None:
+        """Remove the diagnostics of specs that were closed, or are none any more."""
+        open_now = {str(each) for each in self.specs.specs()}
+        for root in self._published.keys() - open_now:
+            for file in self._published.pop(root):
+                if not any(file in files for files in self._published.values()):
+                    self._send(file, [])
+
+    def _send(self, file: str, diagnostics: list[types.Diagnostic]) -> None:
+        self.text_document_publish_diagnostics(
+            types.PublishDiagnosticsParams(uri(file), diagnostics)
+        )
+
+    def start_command(self, name: str, argument: Mapping[str, Any]) -> None:
+        """Start a command; its end is shown in the editor.
+
+        Raises:
+            ValueError: the argument is not that of a command.
+        """
+        about = commands.SpecCommand.from_argument(argument)
+        task = asyncio.ensure_future(self._run_command(name, about))
+        self._running.add(task)
+        task.add_done_callback(self._running.discard)
+
+    async def _run_command(self, name: str, about: commands.SpecCommand) -> None:
+        log = partial(self._log, types.MessageType.Log)
+        status, output = await commands.run_command(about.argv(name), self.folder, log)
+        if name in {commands.PLAN, commands.DRAW_GRAPH} and status == 0:
+            self._show_text(name, output)
+        else:
+            lines = [each for each in output.splitlines() if each.strip()]
+            for line in lines:
+                log(line)
+            kind = types.MessageType.Info if status == 0 else types.MessageType.Warning
+            verdict = lines[0] if lines else f"exit status {status}"
+            self.window_show_message(types.ShowMessageParams(kind, f"r2bspec: {verdict}"))
+        self.specs.touch()
+        self.analyse_soon()
+        if self._can_refresh_lenses():
+            self.workspace_code_lens_refresh(None)
+
+    def _can_refresh_lenses(self) -> bool:
+        workspace = self.client_capabilities.workspace
+        lens = workspace.code_lens if workspace is not None else None
+        return bool(lens is not None and lens.refresh_support)
+
+    def _log(self, kind: types.MessageType, text: str) -> None:
+        self.window_log_message(types.LogMessageParams(kind, text))
+
+    def _show_text(self, name: str, text: str) -> None:
+        """Show a text in the editor, or, without that ability, in its log."""
+        window = self.client_capabilities.window
+        if window is not None and window.show_document is not None:
+            suffix = "json" if name == commands.PLAN else "mmd"
+            file = Path(_text_folder()) / f"plan.{suffix}"
+            file.write_text(text, encoding="utf-8")
+            self.window_show_document(types.ShowDocumentParams(file.as_uri(), take_focus=True))
+        else:
+            self._log(types.MessageType.Info, text)
+
+    def stop_commands(self) -> None:
+        """End the commands that still run."""
+        for task in self._running:
+            task.cancel()
+        remove_pages()
+
+
+def _text_folder() -> str:
+    import tempfile
+
+    return tempfile.mkdtemp(prefix="r2bspec-plan-")
+
+
+def create_server() -> SpecLanguageServer:
+    """A server with all its features; start it with ``start_io``."""
+    server = SpecLanguageServer()
+    _add_documents(server)
+    _add_reading(server)
+    _add_navigation(server)
+    _add_structure(server)
+    _add_commands(server)
+    return server
+
+
+def _path(document_uri: str) -> Path:
+    return Path(to_fs_path(document_uri) or document_uri)
+
+
+def _add_documents(server: SpecLanguageServer) -> None:
+    @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
+    def opened(params: types.DidOpenTextDocumentParams) -> None:
+        server.change(_path(params.text_document.uri), params.text_document.text)
+
+    @server.feature(types.TEXT_DOCUMENT_DID_CHANGE)
+    def changed(params: types.DidChangeTextDocumentParams) -> None:
+        document = server.workspace.get_text_document(params.text_document.uri)
+        server.change(_path(params.text_document.uri), document.source)
+
+    @server.feature(types.TEXT_DOCUMENT_DID_SAVE)
+    def saved(params: types.DidSaveTextDocumentParams) -> None:
+        del params
+        server.specs.touch()
+        server.analyse_soon()
+
+    @server.feature(types.TEXT_DOCUMENT_DID_CLOSE)
+    def closed(params: types.DidCloseTextDocumentParams) -> None:
+        server.specs.close(_path(params.text_document.uri))
+        server.analyse_soon()
+
+    @server.feature(types.WORKSPACE_DID_CHANGE_WATCHED_FILES)
+    def files_changed(params: types.DidChangeWatchedFilesParams) -> None:
+        del params
+        server.specs.touch()
+        server.analyse_soon()
+
+    @server.feature(types.SHUTDOWN)
+    def shut_down(params: None) -> None:
+        del params
+        server.stop_commands()
+
+
+def _current(server: SpecLanguageServer, document_uri: str) -> Analysis | None:
+    """The analysis of the text as it is now; None for a document that is no spec."""
+    path = _path(document_uri)
+    return server.specs.current(path) if path in server.specs.specs() else None
+
+
+def _add_reading(server: SpecLanguageServer) -> None:
+    @server.feature(
+        types.TEXT_DOCUMENT_COMPLETION,
+        types.CompletionOptions(trigger_characters=list(TRIGGERS)),
+    )
+    def completed(params: types.CompletionParams) -> types.CompletionList:
+        path = _path(params.text_document.uri)
+        items = complete(
+            server.specs.latest_valid(path),
+            server.positions_of(str(path)),
+            params.position,
+            snippets=_has_snippets(server),
+        )
+        return types.CompletionList(is_incomplete=False, items=items)
+
+    @server.feature(types.TEXT_DOCUMENT_HOVER)
+    def hovered(params: types.HoverParams) -> types.Hover | None:
+        analysis = _current(server, params.text_document.uri)
+        if analysis is None:
+            return None
+        return hover(analysis, server.positions_of(str(analysis.path)), params.position)
+
+    @server.feature(types.TEXT_DOCUMENT_INLAY_HINT)
+    def hinted(params: types.InlayHintParams) -> list[types.InlayHint]:
+        analysis = _current(server, params.text_document.uri)
+        if analysis is None:
+            return []
+        return list(inlay_hints(analysis, server.positions_of(str(analysis.path))))
+
+
+def _has_snippets(server: SpecLanguageServer) -> bool:
+    document = server.client_capabilities.text_document
+    completion = document.completion if document is not None else None
+    item = completion.completion_item if completion is not None else None
+    return bool(item is not None and item.snippet_support)
+
+
+def _place(
+    server: SpecLanguageServer, document_uri: str, position: types.Position
+) -> tuple[Analysis, int, int] | None:
+    analysis = _current(server, document_uri)
+    if analysis is None:
+        return None
+    positions = server.positions_of(str(analysis.path))
+    return (analysis, *positions.place_of_offset(positions.offset(position)))
+
+
+def _add_navigation(server: SpecLanguageServer) -> None:
+    @server.feature(types.TEXT_DOCUMENT_DEFINITION)
+    def defined(params: types.DefinitionParams) -> list[types.Location]:
+        place = _place(server, params.text_document.uri, params.position)
+        return [server.location(each) for each in definitions(*place)] if place else []
+
+    @server.feature(types.TEXT_DOCUMENT_REFERENCES)
+    def referred(params: types.ReferenceParams) -> list[types.Location]:
+        place = _place(server, params.text_document.uri, params.position)
+        if place is None:
+            return []
+        found = references(*place, with_definition=params.context.include_declaration)
+        return [server.location(each.span) for each in found]
+
+    @server.feature(types.TEXT_DOCUMENT_DOCUMENT_HIGHLIGHT)
+    def highlighted(params: types.DocumentHighlightParams) -> list[types.DocumentHighlight]:
+        place = _place(server, params.text_document.uri, params.position)
+        found = references(*place, with_definition=True) if place else []
+        return [
+            types.DocumentHighlight(server.location(each.span).range)
+            for each in found
+            if uri(each.span.file) == params.text_document.uri
+        ]
+
+    @server.feature(types.TEXT_DOCUMENT_PREPARE_RENAME)
+    def prepared(params: types.PrepareRenameParams) -> types.Range | None:
+        place = _place(server, params.text_document.uri, params.position)
+        if place is None:
+            return None
+        occurrence = _or_invalid(partial(renamable, *place))
+        return server.location(occurrence.span).range
+
+    @server.feature(types.TEXT_DOCUMENT_RENAME, types.RenameOptions(prepare_provider=True))
+    def renamed(params: types.RenameParams) -> types.WorkspaceEdit | None:
+        place = _place(server, params.text_document.uri, params.position)
+        if place is None:
+            return None
+        changes: dict[str, list[types.TextEdit]] = {}
+        for span, text in _or_invalid(partial(rename, *place, params.new_name)).items():
+            location = server.location(span)
+            changes.setdefault(location.uri, []).append(types.TextEdit(location.range, text))
+        return types.WorkspaceEdit(changes=changes)
+
+
+def _or_invalid(call: Callable[[], _T]) -> _T:
+    """The result of a call; what the user did wrong is an error of the request."""
+    try:
+        return call()
+    except RenameError as error:
+        raise JsonRpcInvalidParams(
+            f"{error}; {error.hint}" if error.hint else str(error)
+        ) from error
+
+
+def _add_structure(server: SpecLanguageServer) -> None:
+    def written(document_uri: str) -> Iterator[tuple[Analysis, Any, TextPositions]]:
+        analysis = _current(server, document_uri)
+        tree = analysis.written.get(str(analysis.path)) if analysis is not None else None
+        if analysis is not None and tree is not None:
+            yield analysis, tree, server.positions_of(str(analysis.path))
+
+    @server.feature(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL)
+    def listed(params: types.DocumentSymbolParams) -> list[types.DocumentSymbol]:
+        found = written(params.text_document.uri)
+        return [each for _, tree, where in found for each in document_symbols(tree, where)]
+
+    @server.feature(types.TEXT_DOCUMENT_FOLDING_RANGE)
+    def folded(params: types.FoldingRangeParams) -> list[types.FoldingRange]:
+        found = written(params.text_document.uri)
+        return [each for _, tree, where in found for each in folding_ranges(tree, where)]
+
+    @server.feature(types.TEXT_DOCUMENT_SELECTION_RANGE)
+    def selected(params: types.SelectionRangeParams) -> list[types.SelectionRange]:
+        return [
+            selection_range(tree, str(analysis.path), where, position)
+            for analysis, tree, where in written(params.text_document.uri)
+            for position in params.positions
+        ]
+
+
+def _add_commands(server: SpecLanguageServer) -> None:
+    @server.feature(
+        types.TEXT_DOCUMENT_CODE_ACTION,
+        types.CodeActionOptions(
+            [
+                types.CodeActionKind.QuickFix,
+                types.CodeActionKind.RefactorRewrite,
+                types.CodeActionKind.SourceFixAll,
+            ]
+        ),
+    )
+    def acted(params: types.CodeActionParams) -> list[types.CodeAction]:
+        analysis = _current(server, params.text_document.uri)
+        if analysis is None:
+            return []
+        wanted = params.context.only
+        found = code_actions(analysis, server.positions_of, params.range)
+        return [each for each in found if not wanted or str(each.kind) in map(str, wanted)]
+
+    @server.feature(types.TEXT_DOCUMENT_CODE_LENS)
+    def lensed(params: types.CodeLensParams) -> list[types.CodeLens]:
+        analysis = _current(server, params.text_document.uri)
+        if analysis is None:
+            return []
+        positions = server.positions_of(str(analysis.path))
+        return list(code_lenses(analysis, positions, server.folder))
+
+    for name in commands.COMMANDS:
+        server.command(name)(_starter(server, name))
+
+
+def _starter(server: SpecLanguageServer, name: str) -> Callable[[Mapping[str, Any]], None]:
+    def start(argument: Mapping[str, Any]) -> None:
+        try:
+            server.start_command(name, argument)
+        except ValueError as error:
+            raise JsonRpcInvalidParams(str(error)) from error
+
+    return start
