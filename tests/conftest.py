@@ -21,6 +21,8 @@ def pytest_configure() -> None:
     """
     # Tests make runs at the same time, on purpose; those of the lock have a lock of their own.
     os.environ["R2BSPEC_NO_LOCK"] = "1"
+    # Output is plainer and rarer in a CI job; tests of that set the variable themselves.
+    os.environ.pop("CI", None)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
@@ -45,12 +47,6 @@ def no_real_datasets(monkeypatch: pytest.MonkeyPatch) -> None:
 def default_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nor must the one that the tester uses for other work."""
     monkeypatch.delenv("RMW_IMPLEMENTATION", raising=False)
-
-
-@pytest.fixture(autouse=True)
-def no_ci_system(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Output is plainer and rarer in a CI job: tests of that set the variable themselves."""
-    monkeypatch.delenv("CI", raising=False)
 
 
 @pytest.fixture(scope="session")
